@@ -1,0 +1,50 @@
+# Everything from a bare machine with Python >= 3.11: `make demo` and `make test`.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do command -v $$p >/dev/null && $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+DEV    := $(VENV)/.installed-dev
+
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench clean
+
+setup: $(STAMP)
+setup-dev: $(DEV)
+
+$(STAMP): pyproject.toml
+	@test -n "$(PYTHON)" || { echo "truerate needs Python 3.11 or newer with the venv module (Debian: apt-get install python3-venv)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(DEV): $(STAMP)
+	$(BIN)/python -m pip install --quiet --group dev
+	@touch $@
+
+demo: setup
+	$(BIN)/truerate demo
+
+test: setup-dev
+	$(BIN)/python -m pytest
+
+check: lint types contracts
+
+lint: setup-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup-dev
+	$(BIN)/mypy
+
+contracts: setup-dev
+	$(BIN)/lint-imports
+
+# Regenerates the committed protobuf modules; tests/bridge/test_proto.py holds them to the .proto files.
+proto: setup-dev
+	$(BIN)/python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. bridge/wire/truerate.proto bridge/wire/columns.proto
+
+study: setup
+	$(BIN)/truerate study algorithm1
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

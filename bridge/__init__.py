@@ -1,0 +1,1 @@
+"""Devices in, zenoh out: the bridge reads IMUs and owns the wire language."""

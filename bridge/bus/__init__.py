@@ -1,0 +1,1 @@
+"""The bus: one contract, zenoh behind it, and a twin in memory."""

@@ -1,0 +1,90 @@
+"""What the rest of the program knows of a bus. `zenoh_bus` and `memory_bus` keep this contract, one test suite holds both.
+
+Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of the
+bus; it must be quick and must not raise (what it raises is logged and counted, never lost). Nothing here blocks longer
+than its timeout.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, Self
+
+
+class Message(NamedTuple):
+    """One sample off the bus, not yet parsed or trusted."""
+
+    key: str
+    payload: bytes
+
+
+class BusError(Exception):
+    """The bus could not do it: what was tried, where, and what to do."""
+
+
+class Publisher(Protocol):
+    """A declared literal key."""
+
+    def put(self, payload: bytes) -> None:
+        """Send; never blocks on a slow reader. After close: BusError."""
+
+    def close(self) -> None:
+        """Undeclare; a second close does nothing."""
+
+
+class Subscription(Protocol):
+    """Messages in a bounded queue, in order per publisher, each exactly once."""
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """The next message, or None when none came in time or the subscription is closed."""
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """Wait up to timeout_s for a first message, then take up to limit without waiting."""
+
+    @property
+    def missed(self) -> int:
+        """Messages known to be lost: reported by the bus, or dropped because this queue was full."""
+
+    def close(self) -> None:
+        """Stop; a second close does nothing."""
+
+
+class Declared(Protocol):
+    """Something declared on the bus that can be taken back."""
+
+    def close(self) -> None:
+        """Take it back; a second close does nothing."""
+
+
+class Bus(Protocol):
+    """One session on the bus."""
+
+    def publisher(self, key: str, *, cache: int = 0) -> Publisher:
+        """Declare a publisher. With cache > 0 the last `cache` messages are kept for late and returning subscribers."""
+
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> Subscription:
+        """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
+
+        A full queue drops its oldest message and counts it in `missed`.
+        """
+
+    def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:
+        """Answer queries on matching keys with handler(key, payload)."""
+
+    def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
+        """The first answer to a query; raises BusError when nobody answered (an empty answer is a failure)."""
+
+    def declare_alive(self, key: str) -> Declared:
+        """A token others see for as long as this session lives."""
+
+    def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> Declared:
+        """Call on_change(key, alive) for every token there is now and every change after."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether a router (or the memory broker) is there now."""
+
+    def close(self) -> None:
+        """Close the session and everything declared in it; a second close does nothing."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...

@@ -1,0 +1,79 @@
+"""The contract of a driver: what a device says, as events, whatever carries it.
+
+A driver opens its device, reads, and closes. It knows nothing of the bus, of clocks or of gaps: `intake` does that for all.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import BootCause
+from bridge.wire.refusal import Tally
+
+
+class DeviceUnavailable(Exception):  # noqa: N818 - a state of the world
+    """The device cannot be opened now; the message says what was tried and what to do. Tried again later."""
+
+
+class DeviceLost(Exception):  # noqa: N818 - a state of the world
+    """An open device went away: unplugged, powered off, end of a file. `over` means it will not come back."""
+
+    def __init__(self, message: str, *, over: bool = False) -> None:
+        super().__init__(message)
+        self.over = over
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who the device is, said at boot and again at any time; the same boot may be told again.
+
+    tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
+    """
+
+    boot: int
+    boot_cause: BootCause
+    model: str
+    firmware: str
+    rate_hz: float
+    gyro_range: float
+    tick_period_s: float
+    has_accel: bool
+    has_temperature: bool
+    tick_bits: int = 32
+    sequence_bits: int = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """n consecutive samples as the device sent them: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
+
+    ticks (n,) and sequence are as sent, wrapping at Identity's widths. Not yet validated.
+    """
+
+    boot: int
+    sequence: int
+    receive_time_ns: int
+    ticks: NDArray[np.unsignedinteger]
+    gyro: NDArray[np.floating]
+    accel: NDArray[np.floating] | None
+    temperature_c: NDArray[np.floating] | None
+
+
+Event = Identity | Readings
+
+
+class Driver(Protocol):
+    """One device. `faults` counts what it could not understand, by label; it lives as long as the driver."""
+
+    faults: Tally
+
+    def open(self) -> None:
+        """Open the device; raises DeviceUnavailable."""
+
+    def read(self, timeout_s: float) -> list[Event]:
+        """What came, waiting at most timeout_s for the first of it; raises DeviceLost. Called from one thread."""
+
+    def close(self) -> None:
+        """Close; never raises, a second close does nothing. May be called from another thread to end a read."""

@@ -1,0 +1,116 @@
+"""The packets of the native serial protocol, little-endian, each in one frame.
+
+    HELLO     01 version boot tick_period_s rate_hz gyro_range has model\\0firmware   device -> host, at boot, once a second and when asked
+    DATA      02 n boot sequence ticks[n] (gyro[3] accel[3] temperature)[n]           device -> host
+    IDENTIFY  81                                                                      host -> device: say hello
+
+`boot` is a number drawn at power-up, `sequence` counts samples since then, `ticks` is the device's clock (32 bits, wraps).
+Gyro in rad/s, accelerometer in m/s², temperature in °C, as float32; `has` says which of the last two are real.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERSION = 1
+HELLO, DATA, IDENTIFY = 0x01, 0x02, 0x81
+HAS_ACCEL, HAS_TEMPERATURE = 1, 2
+MAX_SAMPLES = 24  # keeps a DATA packet well under the frame limit
+
+_HELLO = struct.Struct("<BBQdddB")
+_DATA = struct.Struct("<BBQI")
+_SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), ("temperature_c", "<f4")])
+
+
+class BadPacket(Exception):  # noqa: N818 - counted by its label, not an error of ours
+    """A packet whose frame was whole but whose content is not of this protocol; `label` is what to count."""
+
+    def __init__(self, label: str) -> None:
+        super().__init__(label)
+        self.label = label
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Who the device is, and its boot."""
+
+    boot: int
+    tick_period_s: float
+    rate_hz: float
+    gyro_range: float
+    has_accel: bool
+    has_temperature: bool
+    model: str
+    firmware: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Data:
+    """n consecutive samples: ticks (n,) uint32, gyro (n, 3), accel (n, 3), temperature_c (n,) float32."""
+
+    boot: int
+    sequence: int
+    ticks: NDArray[np.uint32]
+    gyro: NDArray[np.float32]
+    accel: NDArray[np.float32]
+    temperature_c: NDArray[np.float32]
+
+
+def encode_hello(hello: Hello) -> bytes:
+    """The payload of a HELLO."""
+    has = HAS_ACCEL * hello.has_accel | HAS_TEMPERATURE * hello.has_temperature
+    head = _HELLO.pack(HELLO, VERSION, hello.boot, hello.tick_period_s, hello.rate_hz, hello.gyro_range, has)
+    return head + hello.model.encode() + b"\0" + hello.firmware.encode()
+
+
+def encode_data(data: Data) -> bytes:
+    """The payload of a DATA of 1 to MAX_SAMPLES samples."""
+    n = len(data.ticks)
+    if not 1 <= n <= MAX_SAMPLES:
+        raise ValueError(f"a DATA packet has 1 to {MAX_SAMPLES} samples, not {n}")
+    samples = np.empty(n, _SAMPLE)
+    for name in ("ticks", "gyro", "accel", "temperature_c"):
+        samples[name] = getattr(data, name)
+    return _DATA.pack(DATA, n, data.boot, data.sequence & 0xFFFFFFFF) + samples.tobytes()
+
+
+def encode_identify() -> bytes:
+    """The payload that asks a device to say HELLO."""
+    return bytes([IDENTIFY])
+
+
+def decode(payload: bytes) -> Hello | Data:
+    """A device's packet; raises BadPacket with the label to count."""
+    if payload[0] == HELLO:
+        return _decode_hello(payload)
+    if payload[0] == DATA:
+        return _decode_data(payload)
+    raise BadPacket("packet_unknown_kind")
+
+
+def _decode_hello(payload: bytes) -> Hello:
+    if len(payload) < _HELLO.size:
+        raise BadPacket("packet_length")
+    _, version, boot, tick_period_s, rate_hz, gyro_range, has = _HELLO.unpack_from(payload)
+    if version != VERSION:
+        raise BadPacket("packet_version")
+    sane = 1e-9 <= tick_period_s <= 1 and 0.1 <= rate_hz <= 100_000 and 0 <= gyro_range <= 1000
+    model, mark, firmware = payload[_HELLO.size :].partition(b"\0")
+    if not (sane and mark and len(model) <= 64 and len(firmware) <= 64):
+        raise BadPacket("packet_content")
+    names = [raw.decode("ascii", "replace") for raw in (model, firmware)]
+    if not all(name.isprintable() for name in names):
+        raise BadPacket("packet_content")
+    return Hello(boot, tick_period_s, rate_hz, gyro_range, bool(has & HAS_ACCEL), bool(has & HAS_TEMPERATURE), *names)
+
+
+def _decode_data(payload: bytes) -> Data:
+    if len(payload) < _DATA.size:
+        raise BadPacket("packet_length")
+    _, n, boot, sequence = _DATA.unpack_from(payload)
+    if not 1 <= n <= MAX_SAMPLES or len(payload) != _DATA.size + n * _SAMPLE.itemsize:
+        raise BadPacket("packet_length")
+    samples = np.frombuffer(payload, _SAMPLE, n, _DATA.size)
+    return Data(boot, sequence, *(samples[name] for name in ("ticks", "gyro", "accel", "temperature_c")))

@@ -1,0 +1,1 @@
+"""Virtual devices with known truth; shares no code with the estimator."""

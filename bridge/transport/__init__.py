@@ -1,0 +1,1 @@
+"""Byte transports: what carries a device's bytes."""

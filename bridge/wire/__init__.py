@@ -1,0 +1,1 @@
+"""The wire language: messages, keys and their one codec."""

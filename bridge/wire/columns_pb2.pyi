@@ -1,0 +1,71 @@
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from typing import ClassVar as _ClassVar, Optional as _Optional
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class SampleBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "receive_time_ns", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "gyro", "accel", "temperature_c", "flags")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    RECEIVE_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    GYRO_FIELD_NUMBER: _ClassVar[int]
+    ACCEL_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    receive_time_ns: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: bytes
+    gyro: bytes
+    accel: bytes
+    temperature_c: bytes
+    flags: bytes
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., gyro: _Optional[bytes] = ..., accel: _Optional[bytes] = ..., temperature_c: _Optional[bytes] = ..., flags: _Optional[bytes] = ...) -> None: ...
+
+class CorrectedBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    RATE_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    NOISE_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_STD_FIELD_NUMBER: _ClassVar[int]
+    SCALE_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: bytes
+    rate: bytes
+    flags: bytes
+    quality: int
+    noise_std: bytes
+    bias_std: bytes
+    scale_std: bytes
+    bias: bytes
+    calibration: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., rate: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ...) -> None: ...

@@ -1,0 +1,91 @@
+"""The only file that builds and parses keys: `truerate/@v1/<ward>/<what>/...`.
+
+Every id is checked here, on the way out and on the way in: the bus itself accepts wildcards, newlines and quotes in a key.
+"""
+
+import re
+from dataclasses import dataclass
+
+from bridge.wire.refusal import Reason, Refusal
+
+ROOT = "truerate/@v1"
+ID = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}\Z")
+VERBS = ("recalibrate", "cancel", "note")
+# what -> the names of the ids that follow it
+SHAPES: dict[str, tuple[str, ...]] = {
+    "raw": ("bridge", "device"),
+    "info": ("bridge", "device"),
+    "corrected": ("device",),
+    "status": ("device",),
+    "calibration": ("device",),
+    "alive/device": ("device", "boot"),
+    "alive/bridge": ("bridge",),
+    "alive/estimator": ("estimator",),
+    "rpc": ("device", "verb"),
+}
+MAX_KEY = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A parsed key: its kind and its ids."""
+
+    ward: str
+    what: str
+    ids: dict[str, str]
+
+    @property
+    def device(self) -> str:
+        """The device id; every kind but alive/bridge and alive/estimator has one."""
+        return self.ids["device"]
+
+
+def check_id(text: str, what: str = "id") -> str:
+    """Return text if it is a valid id, else raise Refusal(BAD_ID) saying what one looks like."""
+    if not isinstance(text, str) or not ID.match(text):
+        raise Refusal(
+            Reason.BAD_ID,
+            f"{what} {text[:64]!r} is not valid: 1 to 32 of a-z, 0-9, '-' and '_', beginning with a letter or digit",
+        )
+    return text
+
+
+def build(ward: str, what: str, **ids: str) -> str:
+    """The key of `what` with exactly the ids its shape names; raises Refusal(BAD_ID) on a bad one."""
+    shape = SHAPES[what]
+    if set(ids) != set(shape):
+        raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
+    return "/".join([ROOT, check_id(ward, "ward"), what, *(check_id(ids[name], name) for name in shape)])
+
+
+def pattern(ward: str, what: str, **ids: str) -> str:
+    """The key expression for subscribing to `what`, with `*` for every id not given."""
+    shape = SHAPES[what]
+    if not set(ids) <= set(shape):
+        raise TypeError(f"{what} takes {shape}, got {tuple(ids)}")
+    return "/".join([ROOT, check_id(ward, "ward"), what, *(check_id(ids[n], n) if n in ids else "*" for n in shape)])
+
+
+def boot_id(boot: int) -> str:
+    """A boot number as it stands in a key."""
+    return f"{boot:016x}"
+
+
+def parse(key: str) -> Key:
+    """The parts of a received key; raises Refusal for a wildcard, a foreign shape or a bad id."""
+    if len(key) > MAX_KEY:
+        raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are taken")
+    if "*" in key or "$" in key:
+        raise Refusal(Reason.WILDCARD_KEY, f"a sample must name one device, not {key!r}")
+    if not key.startswith(ROOT + "/"):
+        raise Refusal(Reason.BAD_KEY, f"{key!r} does not begin with {ROOT}/")
+    ward, *rest = key[len(ROOT) + 1 :].split("/")
+    what = "/".join(rest[:2]) if rest[:1] == ["alive"] else "".join(rest[:1])
+    shape = SHAPES.get(what)
+    ids = rest[what.count("/") + 1 :]
+    if shape is None or len(ids) != len(shape):
+        raise Refusal(Reason.BAD_KEY, f"{key!r} is none of {', '.join(SHAPES)} with its ids")
+    check_id(ward, "ward")
+    for name, value in zip(shape, ids, strict=True):
+        check_id(value, name)
+    return Key(ward, what, dict(zip(shape, ids, strict=True)))

@@ -1,0 +1,235 @@
+"""The messages as the program sees them: frozen, validated by the codec, arrays instead of lists.
+
+All rates are rad/s, accelerations m/s², times seconds unless the name says otherwise; vectors are in the sensor frame.
+Arrays are read-only by convention: nobody writes into a message.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERSION = 1
+Floats = NDArray[np.float64]
+
+
+class SampleFlag(IntFlag):
+    """Bits of `flags`; see the .proto for what each means."""
+
+    OK = 0
+    AFTER_GAP = 1
+    CLIPPED = 2
+
+
+class BootCause(IntEnum):
+    """How the bridge knows of a boot."""
+
+    UNKNOWN = 0
+    POWER_UP = 1
+    PORT_OPENED = 2
+
+
+class Quality(IntEnum):
+    """How far a corrected rate can be trusted."""
+
+    NONE = 0
+    PRIOR = 1
+    BIAS_ONLY = 2
+    GOOD = 3
+    DEGRADED = 4
+
+
+class State(IntEnum):
+    """Where a device is in its life."""
+
+    UNKNOWN = 0
+    WARMING = 1
+    AWAITING_STILL = 2
+    BIAS_ONLY = 3
+    TURNING = 4
+    TRACKING = 5
+    DEGRADED = 6
+    LOST = 7
+
+
+class Verdict(IntEnum):
+    """The outcome of a calibration."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    REPEAT = 2
+    REFUSED = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleBatch:
+    """One run of n consecutive samples of one boot.
+
+    ticks (n,) uint64 device time in ticks; gyro (n, 3) float32; accel (n, 3) float32 or None;
+    temperature_c (n,) float32 or None; flags (n,) uint32.
+    """
+
+    device: str
+    boot: int
+    sequence: int
+    receive_time_ns: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: NDArray[np.uint64]
+    gyro: NDArray[np.float32]
+    accel: NDArray[np.float32] | None
+    temperature_c: NDArray[np.float32] | None
+    flags: NDArray[np.uint32]
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def device_time(self) -> Floats:
+        """(n,) device seconds of each sample, since the device's own zero."""
+        return self.ticks * self.tick_period_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectedBatch:
+    """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, bias (3,) float32."""
+
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: NDArray[np.uint64]
+    rate: NDArray[np.float32]
+    flags: NDArray[np.uint32]
+    quality: Quality
+    noise_std: NDArray[np.float32]
+    bias_std: NDArray[np.float32]
+    scale_std: NDArray[np.float32]
+    bias: NDArray[np.float32]
+    calibration: str
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def device_time(self) -> Floats:
+        """(n,) device seconds of each sample, since the device's own zero."""
+        return self.ticks * self.tick_period_s
+
+    @property
+    def sample_time_ns(self) -> NDArray[np.int64]:
+        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        since_first = (self.ticks - self.ticks[0]) * (self.tick_period_s * self.clock_rate * 1e9)
+        return self.start_time_ns + np.rint(since_first).astype(np.int64)
+
+    @property
+    def rate_std(self) -> Floats:
+        """(n, 3) standard deviation of each corrected rate: noise, bias and scale together."""
+        scaled = self.rate.astype(float) * self.scale_std
+        return np.sqrt(self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2 + scaled**2)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """What a device is and what its bridge saw of it."""
+
+    device: str
+    bridge: str
+    boot: int
+    boot_cause: BootCause
+    model: str
+    firmware: str
+    driver: str
+    port: str
+    rate_hz: float
+    measured_rate_hz: float
+    gyro_range: float
+    has_accel: bool
+    has_temperature: bool
+    time_ns: int
+    samples: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    events: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Where a device is in its life, and why. Vectors are tuples of three."""
+
+    device: str
+    boot: int
+    time_ns: int
+    state: State
+    quality: Quality
+    reason: str
+    progress: float
+    axes_done: tuple[int, ...]
+    bias: tuple[float, ...]
+    bias_std: tuple[float, ...]
+    scale: tuple[float, ...]
+    calibration: str
+    calibrated_time_ns: int
+    evidence_age_s: float
+    temperature_c: float
+    rate_hz: float
+    samples_in: int
+    samples_out: int
+    dropped: dict[str, int] = field(default_factory=dict)
+    refused: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn of a calibration: axis 0 x, 1 y, 2 z; angle and closure error in rad, corrected."""
+
+    axis: int
+    angle: float
+    closure_error: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """corrected = matrix (reading - bias): matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters` (p names)."""
+
+    device: str
+    boot: int
+    id: str
+    time_ns: int
+    method: str
+    verdict: Verdict
+    reason: str
+    matrix: Floats
+    bias: Floats
+    parameters: tuple[str, ...]
+    covariance: Floats
+    turns: tuple[Turn, ...]
+    noise_std: Floats
+    model: str
+    firmware: str
+    gyro_range: float
+    rate_hz: float
+    temperature_c: float
+    who: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A request from a person or a program; the key names the verb."""
+
+    request_id: str
+    who: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class CommandReply:
+    """What became of a command; `message` says why in words."""
+
+    request_id: str
+    accepted: bool
+    message: str

@@ -1,0 +1,329 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class SampleFlag(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    SAMPLE_OK: _ClassVar[SampleFlag]
+    SAMPLE_AFTER_GAP: _ClassVar[SampleFlag]
+    SAMPLE_CLIPPED: _ClassVar[SampleFlag]
+
+class BootCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    BOOT_UNKNOWN: _ClassVar[BootCause]
+    BOOT_POWER_UP: _ClassVar[BootCause]
+    BOOT_PORT_OPENED: _ClassVar[BootCause]
+
+class Quality(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    QUALITY_NONE: _ClassVar[Quality]
+    QUALITY_PRIOR: _ClassVar[Quality]
+    QUALITY_BIAS_ONLY: _ClassVar[Quality]
+    QUALITY_GOOD: _ClassVar[Quality]
+    QUALITY_DEGRADED: _ClassVar[Quality]
+
+class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    STATE_UNKNOWN: _ClassVar[State]
+    STATE_WARMING: _ClassVar[State]
+    STATE_AWAITING_STILL: _ClassVar[State]
+    STATE_BIAS_ONLY: _ClassVar[State]
+    STATE_TURNING: _ClassVar[State]
+    STATE_TRACKING: _ClassVar[State]
+    STATE_DEGRADED: _ClassVar[State]
+    STATE_LOST: _ClassVar[State]
+
+class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    VERDICT_UNKNOWN: _ClassVar[Verdict]
+    VERDICT_ACCEPTED: _ClassVar[Verdict]
+    VERDICT_REPEAT: _ClassVar[Verdict]
+    VERDICT_REFUSED: _ClassVar[Verdict]
+SAMPLE_OK: SampleFlag
+SAMPLE_AFTER_GAP: SampleFlag
+SAMPLE_CLIPPED: SampleFlag
+BOOT_UNKNOWN: BootCause
+BOOT_POWER_UP: BootCause
+BOOT_PORT_OPENED: BootCause
+QUALITY_NONE: Quality
+QUALITY_PRIOR: Quality
+QUALITY_BIAS_ONLY: Quality
+QUALITY_GOOD: Quality
+QUALITY_DEGRADED: Quality
+STATE_UNKNOWN: State
+STATE_WARMING: State
+STATE_AWAITING_STILL: State
+STATE_BIAS_ONLY: State
+STATE_TURNING: State
+STATE_TRACKING: State
+STATE_DEGRADED: State
+STATE_LOST: State
+VERDICT_UNKNOWN: Verdict
+VERDICT_ACCEPTED: Verdict
+VERDICT_REPEAT: Verdict
+VERDICT_REFUSED: Verdict
+
+class SampleBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "receive_time_ns", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "gyro", "accel", "temperature_c", "flags")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    RECEIVE_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    GYRO_FIELD_NUMBER: _ClassVar[int]
+    ACCEL_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    receive_time_ns: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: _containers.RepeatedScalarFieldContainer[int]
+    gyro: _containers.RepeatedScalarFieldContainer[float]
+    accel: _containers.RepeatedScalarFieldContainer[float]
+    temperature_c: _containers.RepeatedScalarFieldContainer[float]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., gyro: _Optional[_Iterable[float]] = ..., accel: _Optional[_Iterable[float]] = ..., temperature_c: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class DeviceInfo(_message.Message):
+    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events")
+    class DroppedEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    class EventsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BRIDGE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    BOOT_CAUSE_FIELD_NUMBER: _ClassVar[int]
+    MODEL_FIELD_NUMBER: _ClassVar[int]
+    FIRMWARE_FIELD_NUMBER: _ClassVar[int]
+    DRIVER_FIELD_NUMBER: _ClassVar[int]
+    PORT_FIELD_NUMBER: _ClassVar[int]
+    RATE_HZ_FIELD_NUMBER: _ClassVar[int]
+    MEASURED_RATE_HZ_FIELD_NUMBER: _ClassVar[int]
+    GYRO_RANGE_FIELD_NUMBER: _ClassVar[int]
+    HAS_ACCEL_FIELD_NUMBER: _ClassVar[int]
+    HAS_TEMPERATURE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_FIELD_NUMBER: _ClassVar[int]
+    EVENTS_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    bridge: str
+    boot: int
+    boot_cause: BootCause
+    model: str
+    firmware: str
+    driver: str
+    port: str
+    rate_hz: float
+    measured_rate_hz: float
+    gyro_range: float
+    has_accel: bool
+    has_temperature: bool
+    time_ns: int
+    samples: int
+    dropped: _containers.ScalarMap[str, int]
+    events: _containers.ScalarMap[str, int]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ...) -> None: ...
+
+class CorrectedBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    START_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    TICK_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_RATE_FIELD_NUMBER: _ClassVar[int]
+    TICKS_FIELD_NUMBER: _ClassVar[int]
+    RATE_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    NOISE_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_STD_FIELD_NUMBER: _ClassVar[int]
+    SCALE_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    sequence: int
+    start_time_ns: int
+    tick_period_s: float
+    clock_rate: float
+    ticks: _containers.RepeatedScalarFieldContainer[int]
+    rate: _containers.RepeatedScalarFieldContainer[float]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    quality: Quality
+    noise_std: _containers.RepeatedScalarFieldContainer[float]
+    bias_std: _containers.RepeatedScalarFieldContainer[float]
+    scale_std: _containers.RepeatedScalarFieldContainer[float]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    calibration: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., rate: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ...) -> None: ...
+
+class Status(_message.Message):
+    __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "refused")
+    class DroppedEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    class RefusedEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    PROGRESS_FIELD_NUMBER: _ClassVar[int]
+    AXES_DONE_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    BIAS_STD_FIELD_NUMBER: _ClassVar[int]
+    SCALE_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATED_TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    EVIDENCE_AGE_S_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
+    RATE_HZ_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_IN_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_OUT_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    time_ns: int
+    state: State
+    quality: Quality
+    reason: str
+    progress: float
+    axes_done: _containers.RepeatedScalarFieldContainer[int]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    bias_std: _containers.RepeatedScalarFieldContainer[float]
+    scale: _containers.RepeatedScalarFieldContainer[float]
+    calibration: str
+    calibrated_time_ns: int
+    evidence_age_s: float
+    temperature_c: float
+    rate_hz: float
+    samples_in: int
+    samples_out: int
+    dropped: _containers.ScalarMap[str, int]
+    refused: _containers.ScalarMap[str, int]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., state: _Optional[_Union[State, str]] = ..., quality: _Optional[_Union[Quality, str]] = ..., reason: _Optional[str] = ..., progress: _Optional[float] = ..., axes_done: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., calibrated_time_ns: _Optional[int] = ..., evidence_age_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., rate_hz: _Optional[float] = ..., samples_in: _Optional[int] = ..., samples_out: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., refused: _Optional[_Mapping[str, int]] = ...) -> None: ...
+
+class Turn(_message.Message):
+    __slots__ = ("axis", "angle", "closure_error", "duration_s")
+    AXIS_FIELD_NUMBER: _ClassVar[int]
+    ANGLE_FIELD_NUMBER: _ClassVar[int]
+    CLOSURE_ERROR_FIELD_NUMBER: _ClassVar[int]
+    DURATION_S_FIELD_NUMBER: _ClassVar[int]
+    axis: int
+    angle: float
+    closure_error: float
+    duration_s: float
+    def __init__(self, axis: _Optional[int] = ..., angle: _Optional[float] = ..., closure_error: _Optional[float] = ..., duration_s: _Optional[float] = ...) -> None: ...
+
+class Calibration(_message.Message):
+    __slots__ = ("version", "device", "boot", "id", "time_ns", "method", "verdict", "reason", "matrix", "bias", "parameters", "covariance", "turns", "noise_std", "model", "firmware", "gyro_range", "rate_hz", "temperature_c", "who")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    ID_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    METHOD_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    MATRIX_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    PARAMETERS_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    TURNS_FIELD_NUMBER: _ClassVar[int]
+    NOISE_STD_FIELD_NUMBER: _ClassVar[int]
+    MODEL_FIELD_NUMBER: _ClassVar[int]
+    FIRMWARE_FIELD_NUMBER: _ClassVar[int]
+    GYRO_RANGE_FIELD_NUMBER: _ClassVar[int]
+    RATE_HZ_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURE_C_FIELD_NUMBER: _ClassVar[int]
+    WHO_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    id: str
+    time_ns: int
+    method: str
+    verdict: Verdict
+    reason: str
+    matrix: _containers.RepeatedScalarFieldContainer[float]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    parameters: _containers.RepeatedScalarFieldContainer[str]
+    covariance: _containers.RepeatedScalarFieldContainer[float]
+    turns: _containers.RepeatedCompositeFieldContainer[Turn]
+    noise_std: _containers.RepeatedScalarFieldContainer[float]
+    model: str
+    firmware: str
+    gyro_range: float
+    rate_hz: float
+    temperature_c: float
+    who: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ...) -> None: ...
+
+class Command(_message.Message):
+    __slots__ = ("version", "request_id", "who", "reason")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    WHO_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    request_id: str
+    who: str
+    reason: str
+    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., who: _Optional[str] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class CommandReply(_message.Message):
+    __slots__ = ("version", "request_id", "accepted", "message")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTED_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    request_id: str
+    accepted: bool
+    message: str
+    def __init__(self, version: _Optional[int] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[str] = ...) -> None: ...

@@ -1,0 +1,1 @@
+"""Calibrates and tracks every gyro of a ward and republishes corrected rates."""

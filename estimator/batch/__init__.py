@@ -1,0 +1,1 @@
+"""Batch calibration: stages of a session in, an estimate with a verdict out."""

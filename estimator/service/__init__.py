@@ -1,0 +1,1 @@
+"""The estimator as a service: the shell around the sessions."""

@@ -1,0 +1,1 @@
+"""Studies: scenario, table, figure."""

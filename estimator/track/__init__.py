@@ -1,0 +1,1 @@
+"""Tracking: the bias filter and the evidence that feeds it."""
