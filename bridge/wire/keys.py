@@ -1,6 +1,6 @@
 """The only file that builds and parses keys: `truerate/@v1/<ward>/<what>/...`.
 
-Every id is checked here, on the way out and on the way in: the bus itself accepts wildcards, newlines and quotes in a key.
+Every id is checked here, on the way out and on the way in: the bus itself accepts wildcards, newlines and quotes.
 """
 
 import re

@@ -194,7 +194,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """corrected = matrix (reading - bias): matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters` (p names)."""
+    """corrected = matrix (reading - bias): matrix (3, 3), bias (3,) rad/s, covariance (p, p) of the p `parameters`."""
 
     device: str
     boot: int

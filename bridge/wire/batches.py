@@ -1,0 +1,165 @@
+"""The two batches, through their twins in columns.proto.
+
+A packed column is a `bytes` field there: the same bytes on the wire, at memory speed.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire import checks
+from bridge.wire import columns_pb2 as columns
+from bridge.wire.checks import clean
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, CorrectedBatch, Quality, SampleBatch, SampleFlag
+from bridge.wire.refusal import Reason, Refusal
+
+MAX_SAMPLES = 1024  # the most that fit the size limit with every column
+MAX_RATE = 1000.0  # rad/s, of a reading or a bias; no gyroscope reaches it
+MAX_CORRECTED = 2000.0  # rad/s: the largest reading times a scale factor of 2
+MAX_ACCEL = 10_000.0  # m/s²
+MAX_CELSIUS = 500.0
+_MAX_STD = 1e6
+_MAX_SEQUENCE = 2**62
+_KNOWN_FLAGS = int(SampleFlag.AFTER_GAP | SampleFlag.CLIPPED)
+
+Float32s = NDArray[np.float32]
+
+
+def encode_samples(batch: SampleBatch) -> bytes:
+    """The payload of raw/<bridge>/<device>."""
+    return columns.SampleBatch(
+        version=VERSION,
+        device=batch.device,
+        boot=batch.boot,
+        sequence=batch.sequence,
+        receive_time_ns=batch.receive_time_ns,
+        start_time_ns=batch.start_time_ns,
+        tick_period_s=batch.tick_period_s,
+        clock_rate=batch.clock_rate,
+        ticks=_packed(batch.ticks, "<u8"),
+        gyro=_packed(batch.gyro, "<f4"),
+        accel=b"" if batch.accel is None else _packed(batch.accel, "<f4"),
+        temperature_c=b"" if batch.temperature_c is None else _packed(batch.temperature_c, "<f4"),
+        flags=_packed_flags(batch.flags),
+    ).SerializeToString()
+
+
+def decode_samples(key: str, payload: bytes) -> SampleBatch:
+    """The batch published under raw/<bridge>/<device>."""
+    place = parse_key(key, "raw")
+    raw = read(columns.SampleBatch, payload)
+    same_id(raw.device, place, "device")
+    ticks = _ticks(raw.ticks)
+    n = len(ticks)
+    return SampleBatch(
+        device=raw.device,
+        boot=raw.boot,
+        sequence=checks.whole(raw.sequence, "sequence", _MAX_SEQUENCE),
+        receive_time_ns=checks.time_ns(raw.receive_time_ns, "receive_time_ns"),
+        start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
+        tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
+        clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
+        ticks=ticks,
+        gyro=_floats(raw.gyro, "gyro", 3 * n, MAX_RATE).reshape(n, 3),
+        accel=_floats(raw.accel, "accel", 3 * n, MAX_ACCEL).reshape(n, 3) if raw.accel else None,
+        temperature_c=_floats(raw.temperature_c, "temperature_c", n, MAX_CELSIUS) if raw.temperature_c else None,
+        flags=_flags(raw.flags, n),
+    )
+
+
+def encode_corrected(batch: CorrectedBatch) -> bytes:
+    """The payload of corrected/<device>."""
+    return columns.CorrectedBatch(
+        version=VERSION,
+        device=batch.device,
+        boot=batch.boot,
+        sequence=batch.sequence,
+        start_time_ns=batch.start_time_ns,
+        tick_period_s=batch.tick_period_s,
+        clock_rate=batch.clock_rate,
+        ticks=_packed(batch.ticks, "<u8"),
+        rate=_packed(batch.rate, "<f4"),
+        flags=_packed_flags(batch.flags),
+        quality=int(batch.quality),
+        noise_std=_packed(batch.noise_std, "<f4"),
+        bias_std=_packed(batch.bias_std, "<f4"),
+        scale_std=_packed(batch.scale_std, "<f4"),
+        bias=_packed(batch.bias, "<f4"),
+        calibration=clean(batch.calibration, checks.MAX_NAME),
+    ).SerializeToString()
+
+
+def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
+    """The batch published under corrected/<device>."""
+    place = parse_key(key, "corrected")
+    raw = read(columns.CorrectedBatch, payload)
+    same_id(raw.device, place, "device")
+    ticks = _ticks(raw.ticks)
+    n = len(ticks)
+    return CorrectedBatch(
+        device=raw.device,
+        boot=raw.boot,
+        sequence=checks.whole(raw.sequence, "sequence", _MAX_SEQUENCE),
+        start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
+        tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
+        clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
+        ticks=ticks,
+        rate=_floats(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3),
+        flags=_flags(raw.flags, n),
+        quality=checks.member(Quality, raw.quality, "quality"),
+        noise_std=_stds(raw.noise_std, "noise_std"),
+        bias_std=_stds(raw.bias_std, "bias_std"),
+        scale_std=_stds(raw.scale_std, "scale_std"),
+        bias=_floats(raw.bias, "bias", 3, MAX_RATE),
+        calibration=checks.text(raw.calibration, "calibration"),
+    )
+
+
+def _packed(column: NDArray[np.generic], dtype: str) -> bytes:
+    return column.astype(dtype, copy=False).tobytes()
+
+
+def _packed_flags(flags: NDArray[np.uint32]) -> bytes:
+    return _packed(flags, "<u4") if flags.any() else b""
+
+
+def _ticks(column: bytes) -> NDArray[np.uint64]:
+    n, odd = divmod(len(column), 8)
+    if odd or not 1 <= n <= MAX_SAMPLES:
+        raise Refusal(Reason.LENGTH, f"ticks has {len(column)} bytes; 8 a sample, 1 to {MAX_SAMPLES} samples are taken")
+    ticks = np.frombuffer(column, "<u8")
+    if not (ticks[1:] > ticks[:-1]).all() or int(ticks[-1]) >= 2**63:
+        raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")
+    return ticks
+
+
+def _floats(column: bytes, name: str, n: int, limit: float) -> Float32s:
+    """A read-only column of n float32 of magnitude up to limit."""
+    if len(column) != 4 * n:
+        raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
+    values = np.frombuffer(column, "<f4")
+    # Without their sign, floats order as their bits do, and infinity and NaN come last: one comparison for all.
+    worst = int(np.maximum.reduce(values.view("<u4") & 0x7FFFFFFF))
+    if worst > np.float32(limit).view(np.uint32):
+        if worst >= 0x7F800000:
+            raise Refusal(Reason.NON_FINITE, f"{name} has a value that is not a number")
+        raise Refusal(Reason.RANGE, f"{name} has a value beyond {limit:g}")
+    return values
+
+
+def _stds(column: bytes, name: str) -> Float32s:
+    stds = _floats(column, name, 3, _MAX_STD)
+    if (stds < 0).any():
+        raise Refusal(Reason.RANGE, f"{name} has a negative value")
+    return stds
+
+
+def _flags(column: bytes, n: int) -> NDArray[np.uint32]:
+    if not column:
+        return np.zeros(n, np.uint32)
+    if len(column) != 4 * n:
+        raise Refusal(Reason.LENGTH, f"flags has {len(column)} bytes; {4 * n} are expected")
+    flags = np.frombuffer(column, "<u4")
+    if (flags & ~np.uint32(_KNOWN_FLAGS)).any():
+        raise Refusal(Reason.RANGE, "flags has a bit that version 1 does not know")
+    return flags

@@ -1,0 +1,51 @@
+"""The one door between messages and bytes.
+
+Encoding trusts the program and makes its texts printable. Decoding trusts nothing: `decode_*(key, payload)` returns a
+whole, valid message or raises Refusal, and nothing else.
+"""
+
+from bridge.wire.batches import (
+    MAX_ACCEL,
+    MAX_CELSIUS,
+    MAX_RATE,
+    MAX_SAMPLES,
+    decode_corrected,
+    decode_samples,
+    encode_corrected,
+    encode_samples,
+)
+from bridge.wire.envelope import MAX_PAYLOAD
+from bridge.wire.records import (
+    decode_calibration,
+    decode_command,
+    decode_info,
+    decode_reply,
+    decode_status,
+    encode_calibration,
+    encode_command,
+    encode_info,
+    encode_reply,
+    encode_status,
+)
+
+__all__ = [
+    "MAX_ACCEL",
+    "MAX_CELSIUS",
+    "MAX_PAYLOAD",
+    "MAX_RATE",
+    "MAX_SAMPLES",
+    "decode_calibration",
+    "decode_command",
+    "decode_corrected",
+    "decode_info",
+    "decode_reply",
+    "decode_samples",
+    "decode_status",
+    "encode_calibration",
+    "encode_command",
+    "encode_corrected",
+    "encode_info",
+    "encode_reply",
+    "encode_samples",
+    "encode_status",
+]

@@ -1,0 +1,253 @@
+"""The messages that are said once a second or less, through truerate.proto itself."""
+
+from bridge.wire import checks, keys
+from bridge.wire import truerate_pb2 as pb
+from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
+from bridge.wire.checks import MAX_PORT, MAX_SENTENCE, clean
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import (
+    VERSION,
+    BootCause,
+    Calibration,
+    Command,
+    CommandReply,
+    DeviceInfo,
+    Quality,
+    State,
+    Status,
+    Turn,
+    Verdict,
+)
+from bridge.wire.refusal import Reason, Refusal
+
+_MAX_STD = 1e6
+_MAX_TURNS = 32
+_MAX_PARAMETERS = 32
+
+
+def encode_info(info: DeviceInfo) -> bytes:
+    """The payload of info/<bridge>/<device>."""
+    return pb.DeviceInfo(
+        version=VERSION,
+        device=info.device,
+        bridge=info.bridge,
+        boot=info.boot,
+        boot_cause=info.boot_cause,  # type: ignore[arg-type] # an int, whatever the stub says
+        model=clean(info.model, checks.MAX_NAME),
+        firmware=clean(info.firmware, checks.MAX_NAME),
+        driver=clean(info.driver, checks.MAX_NAME),
+        port=clean(info.port, MAX_PORT),
+        rate_hz=info.rate_hz,
+        measured_rate_hz=info.measured_rate_hz,
+        gyro_range=info.gyro_range,
+        has_accel=info.has_accel,
+        has_temperature=info.has_temperature,
+        time_ns=info.time_ns,
+        samples=info.samples,
+        dropped=_clean_counts(info.dropped),
+        events=_clean_counts(info.events),
+    ).SerializeToString()
+
+
+def decode_info(key: str, payload: bytes) -> DeviceInfo:
+    """What is published under info/<bridge>/<device>."""
+    place = parse_key(key, "info")
+    raw = read(pb.DeviceInfo, payload)
+    same_id(raw.device, place, "device")
+    same_id(raw.bridge, place, "bridge")
+    return DeviceInfo(
+        device=raw.device,
+        bridge=raw.bridge,
+        boot=raw.boot,
+        boot_cause=checks.member(BootCause, raw.boot_cause, "boot_cause"),
+        model=checks.text(raw.model, "model"),
+        firmware=checks.text(raw.firmware, "firmware"),
+        driver=checks.text(raw.driver, "driver"),
+        port=checks.text(raw.port, "port", MAX_PORT),
+        rate_hz=checks.number(raw.rate_hz, "rate_hz", 0.0, 1e6),
+        measured_rate_hz=checks.number(raw.measured_rate_hz, "measured_rate_hz", 0.0, 1e9),
+        gyro_range=checks.number(raw.gyro_range, "gyro_range", 0.0, MAX_RATE),
+        has_accel=raw.has_accel,
+        has_temperature=raw.has_temperature,
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        samples=raw.samples,
+        dropped=checks.counts(raw.dropped, "dropped"),
+        events=checks.counts(raw.events, "events"),
+    )
+
+
+def encode_status(status: Status) -> bytes:
+    """The payload of status/<device>."""
+    return pb.Status(
+        version=VERSION,
+        device=status.device,
+        boot=status.boot,
+        time_ns=status.time_ns,
+        state=status.state,  # type: ignore[arg-type] # an int, whatever the stub says
+        quality=status.quality,  # type: ignore[arg-type] # an int, whatever the stub says
+        reason=clean(status.reason, MAX_SENTENCE),
+        progress=status.progress,
+        axes_done=status.axes_done,
+        bias=status.bias,
+        bias_std=status.bias_std,
+        scale=status.scale,
+        calibration=clean(status.calibration, checks.MAX_NAME),
+        calibrated_time_ns=status.calibrated_time_ns,
+        evidence_age_s=status.evidence_age_s,
+        temperature_c=status.temperature_c,
+        rate_hz=status.rate_hz,
+        samples_in=status.samples_in,
+        samples_out=status.samples_out,
+        dropped=_clean_counts(status.dropped),
+        refused=_clean_counts(status.refused),
+    ).SerializeToString()
+
+
+def decode_status(key: str, payload: bytes) -> Status:
+    """What is published under status/<device>."""
+    place = parse_key(key, "status")
+    raw = read(pb.Status, payload)
+    same_id(raw.device, place, "device")
+    axes_done = tuple(checks.whole(axis, "axes_done", 2) for axis in raw.axes_done)
+    if len(axes_done) > 3:
+        raise Refusal(Reason.LENGTH, f"axes_done has {len(axes_done)} values; at most 3 are taken")
+    return Status(
+        device=raw.device,
+        boot=raw.boot,
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        state=checks.member(State, raw.state, "state"),
+        quality=checks.member(Quality, raw.quality, "quality"),
+        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        progress=checks.number(raw.progress, "progress", 0.0, 1.0),
+        axes_done=axes_done,
+        bias=tuple(checks.vector(raw.bias, "bias", 3, -MAX_RATE, MAX_RATE).tolist()),
+        bias_std=tuple(checks.vector(raw.bias_std, "bias_std", 3, 0.0, _MAX_STD).tolist()),
+        scale=tuple(checks.vector(raw.scale, "scale", 3, -10.0, 10.0).tolist()),
+        calibration=checks.text(raw.calibration, "calibration"),
+        calibrated_time_ns=checks.time_ns(raw.calibrated_time_ns, "calibrated_time_ns"),
+        evidence_age_s=checks.number(raw.evidence_age_s, "evidence_age_s", 0.0, 1e12),
+        temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
+        rate_hz=checks.number(raw.rate_hz, "rate_hz", 0.0, 1e6),
+        samples_in=raw.samples_in,
+        samples_out=raw.samples_out,
+        dropped=checks.counts(raw.dropped, "dropped"),
+        refused=checks.counts(raw.refused, "refused"),
+    )
+
+
+def encode_calibration(calibration: Calibration) -> bytes:
+    """The payload of calibration/<device>."""
+    return pb.Calibration(
+        version=VERSION,
+        device=calibration.device,
+        boot=calibration.boot,
+        id=clean(calibration.id, checks.MAX_NAME),
+        time_ns=calibration.time_ns,
+        method=clean(calibration.method, checks.MAX_NAME),
+        verdict=calibration.verdict,  # type: ignore[arg-type] # an int, whatever the stub says
+        reason=clean(calibration.reason, MAX_SENTENCE),
+        matrix=calibration.matrix.ravel().tolist(),
+        bias=calibration.bias.tolist(),
+        parameters=[clean(name, checks.MAX_NAME) for name in calibration.parameters],
+        covariance=calibration.covariance.ravel().tolist(),
+        turns=[
+            pb.Turn(axis=t.axis, angle=t.angle, closure_error=t.closure_error, duration_s=t.duration_s)
+            for t in calibration.turns
+        ],
+        noise_std=calibration.noise_std.tolist(),
+        model=clean(calibration.model, checks.MAX_NAME),
+        firmware=clean(calibration.firmware, checks.MAX_NAME),
+        gyro_range=calibration.gyro_range,
+        rate_hz=calibration.rate_hz,
+        temperature_c=calibration.temperature_c,
+        who=clean(calibration.who, checks.MAX_NAME),
+    ).SerializeToString()
+
+
+def decode_calibration(key: str, payload: bytes) -> Calibration:
+    """What is published under calibration/<device>."""
+    place = parse_key(key, "calibration")
+    raw = read(pb.Calibration, payload)
+    same_id(raw.device, place, "device")
+    n = len(raw.parameters)
+    if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
+        raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are taken")
+    return Calibration(
+        device=raw.device,
+        boot=raw.boot,
+        id=checks.text(raw.id, "id"),
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        method=checks.text(raw.method, "method"),
+        verdict=checks.member(Verdict, raw.verdict, "verdict"),
+        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+        matrix=checks.vector(raw.matrix, "matrix", 9, -10.0, 10.0).reshape(3, 3),
+        bias=checks.vector(raw.bias, "bias", 3, -MAX_RATE, MAX_RATE),
+        parameters=tuple(checks.text(name, "a parameter") for name in raw.parameters),
+        covariance=checks.vector(raw.covariance, "covariance", n * n, -_MAX_STD, _MAX_STD).reshape(n, n),
+        turns=tuple(_turn(turn) for turn in raw.turns),
+        noise_std=checks.vector(raw.noise_std, "noise_std", 3, 0.0, _MAX_STD),
+        model=checks.text(raw.model, "model"),
+        firmware=checks.text(raw.firmware, "firmware"),
+        gyro_range=checks.number(raw.gyro_range, "gyro_range", 0.0, MAX_RATE),
+        rate_hz=checks.number(raw.rate_hz, "rate_hz", 0.0, 1e6),
+        temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
+        who=checks.text(raw.who, "who"),
+    )
+
+
+def encode_command(command: Command) -> bytes:
+    """The payload of a query to rpc/<device>/<verb>."""
+    return pb.Command(
+        version=VERSION,
+        request_id=clean(command.request_id, checks.MAX_NAME),
+        who=clean(command.who, checks.MAX_NAME),
+        reason=clean(command.reason, MAX_SENTENCE),
+    ).SerializeToString()
+
+
+def decode_command(key: str, payload: bytes) -> Command:
+    """The request sent to rpc/<device>/<verb>, the verb one of keys.VERBS; a request id is required."""
+    place = parse_key(key, "rpc")
+    if place.ids["verb"] not in keys.VERBS:
+        raise Refusal(Reason.BAD_KEY, f"no command {place.ids['verb']!r}; there are {', '.join(keys.VERBS)}")
+    raw = read(pb.Command, payload)
+    if not raw.request_id:
+        raise Refusal(Reason.LENGTH, "a command needs a request id")
+    return Command(
+        request_id=checks.text(raw.request_id, "request_id"),
+        who=checks.text(raw.who, "who"),
+        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+    )
+
+
+def encode_reply(reply: CommandReply) -> bytes:
+    """The answer to a command; never empty."""
+    return pb.CommandReply(
+        version=VERSION,
+        request_id=clean(reply.request_id, checks.MAX_NAME),
+        accepted=reply.accepted,
+        message=clean(reply.message, MAX_SENTENCE),
+    ).SerializeToString()
+
+
+def decode_reply(payload: bytes) -> CommandReply:
+    """The answer to a command."""
+    raw = read(pb.CommandReply, payload)
+    return CommandReply(
+        request_id=checks.text(raw.request_id, "request_id"),
+        accepted=raw.accepted,
+        message=checks.text(raw.message, "message", MAX_SENTENCE),
+    )
+
+
+def _turn(raw: pb.Turn) -> Turn:
+    return Turn(
+        axis=checks.whole(raw.axis, "axis", 2),
+        angle=checks.number(raw.angle, "angle", -100.0, 100.0),
+        closure_error=checks.number(raw.closure_error, "closure_error", 0.0, 100.0),
+        duration_s=checks.number(raw.duration_s, "duration_s", 0.0, 1e6),
+    )
+
+
+def _clean_counts(counts: dict[str, int]) -> dict[str, int]:
+    return {clean(label, checks.MAX_NAME): n for label, n in counts.items()}
