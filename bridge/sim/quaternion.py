@@ -1,0 +1,62 @@
+"""Quaternions of the simulator, its own: scalar first (w, x, y, z), sensor -> earth, arrays (n, 4).
+
+Rotation vectors are (n, 3) in rad. A rotation that follows another in body axes is multiplied on the right.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def from_rotvec(rotvec: Array) -> Array:
+    """Quaternions (n, 4) of rotation vectors (n, 3), of any length."""
+    half = np.linalg.norm(rotvec, axis=1) / 2
+    # np.sinc(x) is sin(πx)/(πx), exact at zero.
+    return np.column_stack([np.cos(half), 0.5 * np.sinc(half / np.pi)[:, None] * rotvec])
+
+
+def to_rotvec(q: Array) -> Array:
+    """Shortest rotation vectors (n, 3) of unit quaternions (n, 4), to full precision near zero."""
+    q = np.where(q[:, :1] < 0, -q, q)
+    sine = np.linalg.norm(q[:, 1:], axis=1)
+    # angle / sin(angle / 2); towards zero it is 2.
+    ratio = np.divide(2 * np.arctan2(sine, q[:, 0]), sine, out=np.full_like(sine, 2.0), where=sine > 0)
+    return np.asarray(ratio[:, None] * q[:, 1:])
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """The products a b, (n, 4); either may be (1, 4)."""
+    aw, ax, ay, az = a.T
+    bw, bx, by, bz = b.T
+    return np.column_stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ]
+    )
+
+
+def conjugate(q: Array) -> Array:
+    """The inverse rotations, (n, 4)."""
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def up_in_body(q: Array) -> Array:
+    """Earth's up (0, 0, 1) in sensor axes, (n, 3): the third row of each rotation matrix."""
+    w, x, y, z = q.T
+    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+
+
+def integrate(rate: Array, dt: Array, start: Array) -> Array:
+    """Attitudes (n, 4) after each interval dt (n,) s of constant body rate (n, 3) rad/s, from start (4,)."""
+    steps = from_rotvec(rate * dt[:, None])
+    attitude = np.empty_like(steps)
+    q = start[None]
+    for i in range(len(steps)):
+        q = multiply(q, steps[i : i + 1])
+        q /= np.linalg.norm(q)
+        attitude[i] = q[0]
+    return attitude

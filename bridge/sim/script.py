@@ -1,0 +1,141 @@
+"""What a wearer does, drawn from a seed: a calibration session, good or bad, and life on a wearer."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.sim.motion import Motion, Piece, Still, Swing, Turn
+from bridge.sim.quaternion import Array
+
+SESSION_LEVER = (0.02, 0.01, 0.005)  # turned on a table: the sensor sits near the centre
+WORN_LEVER = (0.25, 0.02, 0.03)  # worn on a forearm
+_WOBBLE_HARMONICS = 4
+_SWING_HARMONICS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class TurnPlan:
+    """One hand-made turn about a sensor axis (0, 1, 2); a negative angle is the other direction.
+
+    duration_s None draws it. goes: the pushes it is made in. swing: in place of a turn, pick the device up and put it
+    down in another pose; angle_deg then sets how fast.
+    """
+
+    axis: int
+    angle_deg: float = 360.0
+    duration_s: float | None = None
+    goes: int = 1
+    swing: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPlan:
+    """A calibration session: still, turn, still, turn … still.
+
+    rests_s: one duration for all rests, or one for each (turns + 1).
+    turns None: all three axes, in any order and direction; turn_s: their durations are drawn between these.
+    wobble_deg: the greatest tilt across the path of a turn, which still closes exactly.
+    tilt_deg: how far a turn's axis may lie off the sensor's.
+    replacement_deg: by how much a turn misses its start, standard deviation per axis.
+    """
+
+    rests_s: float | tuple[float, ...] = 3.2
+    turns: tuple[TurnPlan, ...] | None = None
+    turn_s: tuple[float, float] = (3.5, 6.0)
+    wobble_deg: float = 0.0
+    tilt_deg: float = 0.0
+    replacement_deg: float = 0.0
+
+
+def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[Piece]:
+    """The pieces of a session, rests at even positions, turns at odd ones. ValueError when rests do not fit turns."""
+    plan = plan or SessionPlan()
+    turns = any_three_turns(rng) if plan.turns is None else plan.turns
+    rests = plan.rests_s if isinstance(plan.rests_s, tuple) else (plan.rests_s,) * (len(turns) + 1)
+    if len(rests) != len(turns) + 1:
+        raise ValueError(f"{len(turns)} turns need {len(turns) + 1} rests, not {len(rests)}")
+    pieces: list[Piece] = [Still(rests[0])]
+    for turn, rest in zip(turns, rests[1:], strict=True):
+        pieces += [_turn(rng, plan, turn), Still(rest)]
+    return pieces
+
+
+def any_three_turns(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
+    """A full turn about each axis, in any order and direction."""
+    return tuple(TurnPlan(int(axis), 360.0 * rng.choice([-1, 1])) for axis in rng.permutation(3))
+
+
+def worn(
+    rng: np.random.Generator,
+    *,
+    rest_s: tuple[float, float] = (2.0, 6.0),
+    burst_s: tuple[float, float] = (1.0, 5.0),
+    peak_dps: tuple[float, float] = (30.0, 150.0),
+) -> Iterator[Piece]:
+    """Endless life on a wearer: a burst of movement, a rest in the pose it led to, and so on."""
+    while True:
+        yield swing(rng, rng.uniform(*burst_s), np.radians(rng.uniform(*peak_dps)))
+        yield Still(rng.uniform(*rest_s))
+
+
+def swing(rng: np.random.Generator, duration_s: float, peak_rate: float) -> Swing:
+    """A smooth movement about all axes to another pose, never faster than peak_rate rad/s."""
+    fade = 1 / np.arange(1, _SWING_HARMONICS + 1)[:, None]
+    pose, sine, cosine = rng.normal(size=3), *(fade * rng.normal(size=(2, _SWING_HARMONICS, 3)))
+    shape = Swing(duration_s, pose, sine, cosine)
+    grid = np.linspace(0, duration_s, 256)
+    slope = np.linalg.norm(np.diff(shape.rotvec(grid), axis=0), axis=1).max() / grid[1]
+    size = peak_rate / slope
+    return Swing(duration_s, size * pose, size * sine, size * cosine, WORN_LEVER)
+
+
+def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
+    """What a device lives through in the demonstration: put down, calibrated within 30 s, then worn for ever."""
+
+    def pieces() -> Iterator[Piece]:
+        yield Still(warm_up_s)
+        yield from session(rng, SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.05))
+        yield from worn(rng)
+
+    return Motion(pieces(), flat(rng))
+
+
+def flat(rng: np.random.Generator) -> Array:
+    """An attitude (4,) wxyz of a device lying on a table, z up, with any heading."""
+    half = rng.uniform(-np.pi, np.pi) / 2
+    return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+
+
+def _turn(rng: np.random.Generator, plan: SessionPlan, turn: TurnPlan) -> Piece:
+    duration_s = rng.uniform(*plan.turn_s) if turn.duration_s is None else turn.duration_s
+    if turn.swing:
+        # A minimum-jerk way peaks at 15/8 of its mean rate.
+        return swing(rng, duration_s, abs(np.radians(turn.angle_deg)) / duration_s * 15 / 8)
+    axis = np.eye(3)[turn.axis]
+    across = np.delete(np.arange(3), turn.axis)
+    axis[across] = np.radians(rng.uniform(-plan.tilt_deg, plan.tilt_deg, 2)) / np.sqrt(2)
+    offset = np.radians(plan.replacement_deg) * rng.normal(size=3)
+    wobble = _wobble(rng, np.radians(plan.wobble_deg), across)
+    axis /= np.linalg.norm(axis)
+    goes = _goes(rng, duration_s, turn.goes)
+    return Turn(duration_s, axis, float(np.radians(turn.angle_deg)), goes, wobble, offset, SESSION_LEVER)
+
+
+def _wobble(rng: np.random.Generator, size: float, across: NDArray[np.intp]) -> Array:
+    """Harmonics (h, 3) of a tilt about the two axes across the turn whose greatest angle is size rad."""
+    harmonics = np.zeros((_WOBBLE_HARMONICS, 3))
+    harmonics[:, across] = rng.normal(size=(_WOBBLE_HARMONICS, 2))
+    path = np.sin(np.pi * np.linspace(0, 1, 101)[:, None] * np.arange(1, _WOBBLE_HARMONICS + 1)) @ harmonics
+    return np.asarray(harmonics * (size / np.linalg.norm(path, axis=1).max()))
+
+
+def _goes(rng: np.random.Generator, duration_s: float, n: int) -> Array:
+    """N pushes (n, 3) over the duration, of unequal shares, with short pauses of the hand between."""
+    share = rng.uniform(0.7, 1.3, n)
+    share /= share.sum()
+    pause_s = 0.0 if n == 1 else min(0.4, 0.3 * duration_s / n)
+    length = share * (duration_s - pause_s * (n - 1))
+    begin = np.concatenate([[0.0], np.cumsum(length + pause_s)[:-1]])
+    return np.column_stack([begin, begin + length, share])
