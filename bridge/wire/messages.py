@@ -179,7 +179,7 @@ class Status:
     samples_in: int
     samples_out: int
     dropped: dict[str, int] = field(default_factory=dict)
-    refused: dict[str, int] = field(default_factory=dict)
+    events: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

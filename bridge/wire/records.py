@@ -99,7 +99,7 @@ def encode_status(status: Status) -> bytes:
         samples_in=status.samples_in,
         samples_out=status.samples_out,
         dropped=_clean_counts(status.dropped),
-        refused=_clean_counts(status.refused),
+        events=_clean_counts(status.events),
     ).SerializeToString()
 
 
@@ -131,7 +131,7 @@ def decode_status(key: str, payload: bytes) -> Status:
         samples_in=raw.samples_in,
         samples_out=raw.samples_out,
         dropped=checks.counts(raw.dropped, "dropped"),
-        refused=checks.counts(raw.refused, "refused"),
+        events=checks.counts(raw.events, "events"),
     )
 
 
