@@ -1,0 +1,89 @@
+"""What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """n samples: time (n,) s, gyro (n, 3) rad/s as read, accel (n, 3) m/s² or None, clipped (n,) bool."""
+
+    time: Floats
+    gyro: Floats
+    accel: Floats | None
+    clipped: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def between(self, start: float, end: float) -> "Samples":
+        """The samples with start <= time <= end."""
+        part = slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
+        accel = None if self.accel is None else self.accel[part]
+        return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A time of stillness: bias (3,) is the mean reading, std (3,) of one reading, n samples; accel (3,) mean or None."""
+
+    start: float
+    end: float
+    bias: Floats
+    std: Floats
+    n: int
+    accel: Floats | None
+
+    @property
+    def bias_cov(self) -> Floats:
+        """(3, 3) covariance of the mean reading as the bias, white noise."""
+        return np.diag(self.std**2 / self.n)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnCapture:
+    """One full turn about device axis 0, 1 or 2: samples from inside the rest before to inside the rest after."""
+
+    axis: int
+    samples: Samples
+    before: Rest
+    after: Rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z."""
+
+    rest: Rest
+    turns: tuple[TurnCapture, ...]
+
+
+class History:
+    """The latest samples of a stream, at least `keep_s` seconds of them, found again by device time."""
+
+    def __init__(self, keep_s: float = 120.0) -> None:
+        self._keep_s = keep_s
+        self._parts: list[Samples] = []
+
+    def add(self, samples: Samples) -> None:
+        """Take the next samples."""
+        self._parts.append(samples)
+        oldest_needed = samples.time[-1] - self._keep_s
+        while self._parts[0].time[-1] < oldest_needed:
+            self._parts.pop(0)
+
+    def between(self, start: float, end: float) -> Samples:
+        """The samples with start <= time <= end that are still held."""
+        parts = [part for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
+        accels = [part.accel for part in parts if part.accel is not None]
+        joined = Samples(
+            np.concatenate([part.time for part in parts]),
+            np.concatenate([part.gyro for part in parts]),
+            np.concatenate(accels) if len(accels) == len(parts) else None,
+            np.concatenate([part.clipped for part in parts]),
+        )
+        return joined.between(start, end)

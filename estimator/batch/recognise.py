@@ -1,0 +1,81 @@
+"""Is a movement a full turn about one axis of the device? If not, why not, in words for who turned it."""
+
+from dataclasses import dataclass
+from math import degrees, radians
+
+import numpy as np
+
+from estimator import rotation
+from estimator.batch.capture import Floats, TurnCapture
+from estimator.batch.stages import Movement
+from estimator.gyro import AXES
+
+
+@dataclass(frozen=True, slots=True)
+class TurnKnobs:
+    """What a full turn looks like before the scale factors are known. Angles in rad."""
+
+    #: a believable scale factor; a full turn then reads between 360/1.4 and 360/0.7 degrees
+    k_min: float = 0.7
+    k_max: float = 1.4
+    #: least part of the rotation about one device axis
+    axis_share: float = 0.9
+    #: the way turned over the angle gained: 1 for a steady turn, more when it went back and forth
+    detour: float = 1.25
+    #: seconds without samples that integration may bridge
+    gap_s: float = 0.035
+    #: how far gravity before and after may differ
+    tilt: float = radians(4.0)
+    #: below this it was a nudge and no try at a turn
+    nudge: float = radians(30.0)
+
+
+@dataclass(frozen=True, slots=True)
+class NoTurn:
+    """A movement that was not a full turn; `attempt` tells whether somebody probably meant one."""
+
+    reason: str
+    attempt: bool
+
+
+def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | NoTurn:
+    """The turn that a movement was; k (3,) are the scale factors believed so far (ones when nothing is known)."""
+    samples = movement.samples
+    dt = rotation.intervals(samples.time)
+    rate = k * (samples.gyro - movement.before.bias)
+    gained = rotation.attitudes(rate, dt)[1:]
+    total = np.einsum("tij,tj,t->i", gained, rate, dt)
+    angle = float(np.linalg.norm(total))
+    way = float(np.linalg.norm(rate, axis=1) @ dt)
+    axis = int(np.argmax(np.abs(total)))
+    if way < knobs.nudge:
+        return NoTurn("a nudge, not a turn", attempt=False)
+    low, high = 2 * np.pi / knobs.k_max, 2 * np.pi / knobs.k_min
+    share = abs(float(total[axis])) / angle if angle else 0.0
+    reason = None
+    if samples.clipped.any():
+        reason = f"turned faster than the gyro's range for {int(samples.clipped.sum())} samples: turn more slowly"
+    elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
+        reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
+    elif way > knobs.detour * angle:
+        reason = f"went back and forth: {degrees(way):.0f}° of movement gained {degrees(angle):.0f}°"
+    elif angle < low:
+        reason = f"a movement of {degrees(angle):.0f}°, not a full turn of 360°"
+    elif angle > high:
+        reason = f"a movement of {degrees(angle):.0f}°, more than one full turn of 360°"
+    elif share < knobs.axis_share:
+        reason = f"not about one axis of the device: {100 * share:.0f} % about {AXES[axis]}"
+    else:
+        reason = _tilt(movement, knobs)
+    if reason is not None:
+        return NoTurn(reason, attempt=angle > low / 2)
+    return TurnCapture(axis, samples, movement.before, movement.after)
+
+
+def _tilt(movement: Movement, knobs: TurnKnobs) -> str | None:
+    if movement.before.accel is None or movement.after.accel is None:
+        return None
+    tilt = rotation.angle_between(movement.before.accel, movement.after.accel)
+    if tilt <= knobs.tilt:
+        return None
+    return f"ended tilted {degrees(tilt):.1f}° from where it began: put it back against the same edge"

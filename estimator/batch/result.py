@@ -1,0 +1,119 @@
+"""The outcome of a calibration: estimate, covariance, residuals, verdict and the reason for it."""
+
+from dataclasses import dataclass
+from math import degrees, radians
+
+import numpy as np
+
+from bridge.wire.messages import Turn, Verdict
+from estimator import rotation
+from estimator.batch.capture import Capture, Floats, TurnCapture
+from estimator.gyro import AXES
+
+PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictKnobs:
+    """What is accepted."""
+
+    k_min: float = 0.7
+    k_max: float = 1.4
+    #: rad between start and end of a turn, corrected; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
+    closure: float = radians(5.0)
+    #: relative; more than this and the three turns did not determine the scale
+    scale_std: float = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (6, 6) of `parameters`.
+
+    Without an estimate (verdict repeat or refused before a method could run) matrix is the identity, the covariance all
+    infinite.
+    """
+
+    method: str
+    verdict: Verdict
+    reason: str
+    matrix: Floats
+    bias: Floats
+    covariance: Floats
+    noise_std: Floats
+    turns: tuple[Turn, ...] = ()
+    repeat: tuple[int, ...] = ()
+    bias_time: float = 0.0
+    parameters: tuple[str, ...] = PARAMETERS
+
+    @property
+    def scale(self) -> Floats:
+        """(3,) the diagonal of the matrix."""
+        return np.diag(self.matrix).copy()
+
+    @property
+    def scale_std(self) -> Floats:
+        """(3,) relative standard deviation of the scale factors."""
+        std: Floats = np.sqrt(np.diag(self.covariance)[3:]) / np.abs(self.scale)
+        return std
+
+
+def nothing(method: str, verdict: Verdict, reason: str, repeat: tuple[int, ...] = ()) -> Result:
+    """A result without an estimate."""
+    unknown = np.full((6, 6), np.inf)
+    return Result(method, verdict, reason, np.eye(3), np.zeros(3), unknown, np.full(3, np.inf), (), repeat)
+
+
+def turn_report(turn: TurnCapture, matrix: Floats, bias: Floats) -> Turn:
+    """Angle turned about the axis and closure error of one turn under a calibration."""
+    dt = rotation.intervals(turn.samples.time)
+    rate = (turn.samples.gyro - bias) @ matrix.T
+    path = rotation.attitudes(rate, dt)
+    along = np.einsum("tij,tj,t->i", path[1:], rate, dt)
+    angle = float(np.copysign(np.linalg.norm(along), along[turn.axis]))
+    return Turn(turn.axis, angle, float(np.linalg.norm(rotation.log(path[-1]))), turn.after.start - turn.before.end)
+
+
+def judge(
+    method: str, capture: Capture, k: Floats, bias: Floats, covariance: Floats, knobs: VerdictKnobs | None = None
+) -> Result:
+    """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6)."""
+    knobs = knobs or VerdictKnobs()
+    matrix = np.diag(k)
+    turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
+    open_axes = tuple(turn.axis for turn in turns if turn.closure_error > knobs.closure)
+    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
+    if outside:
+        verdict, repeat = Verdict.REFUSED, outside
+        reason = f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+    elif open_axes:
+        verdict, repeat = Verdict.REPEAT, open_axes
+        errors = ", ".join(f"{AXES[t.axis]} by {degrees(t.closure_error):.1f}°" for t in turns if t.axis in open_axes)
+        reason = f"the turn did not end where it began: {errors}. Repeat axis {_axes(open_axes)}"
+    elif loose:
+        verdict, repeat = Verdict.REPEAT, loose
+        reason = f"the turns leave the scale uncertain. Repeat axis {_axes(loose)}"
+    else:
+        verdict, repeat = Verdict.ACCEPTED, ()
+        worst = max(degrees(t.closure_error) for t in turns)
+        reason = f"three turns closed to {worst:.2f}°"
+    return Result(
+        method, verdict, reason, matrix, bias, covariance, capture.rest.std, turns, repeat, bias_time=capture.rest.end
+    )
+
+
+def _likely(k: Floats) -> str:
+    mean = float(np.mean(k))
+    if abs(mean - 2) < 0.2 or abs(mean - 0.5) < 0.05:
+        return "the sample rate is probably off by a factor of two"
+    if np.any(k > 50) or np.any(k < 0.05):
+        return "the rates are probably in degrees per second"
+    return "check the sensor's sensitivity and sample rate, then start over"
+
+
+def _values(k: Floats) -> str:
+    return ", ".join(f"{AXES[i]} {k[i]:.3f}" for i in range(3))
+
+
+def _axes(axes: tuple[int, ...]) -> str:
+    return ", ".join(AXES[axis] for axis in axes)

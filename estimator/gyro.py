@@ -1,0 +1,48 @@
+"""The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+AXES = "xyz"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroModel:
+    """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; scale_std (3,) relative; noise_std (3,) rad/s of a reading."""
+
+    matrix: Floats
+    bias: Floats
+    scale_std: Floats
+    noise_std: Floats
+
+    def correct(self, reading: Floats) -> Floats:
+        """(n, 3) corrected rates of readings (n, 3), rad/s, sensor frame."""
+        return (reading - self.bias) @ self.matrix.T
+
+    def corrected_std(self, reading_std: Floats) -> Floats:
+        """(3,) standard deviation that independent errors of the reading (3,) leave in the corrected rate."""
+        return np.sqrt(self.matrix**2 @ np.square(reading_std))
+
+
+@dataclass(frozen=True, slots=True)
+class PriorKnobs:
+    """What is believed of a gyro before it has been calibrated in this boot."""
+
+    #: a datasheet's sensitivity is trusted this far (relative): known library errors reach 0.17
+    scale_std: float = 0.15
+    #: turn-on bias of a low-cost part, rad/s
+    bias_std: float = radians(5.0)
+    #: how far the scale factor moves from one boot to the next (relative)
+    scale_repeatability: float = 0.02
+    #: how far the bias moves from one boot to the next, rad/s
+    bias_repeatability: float = radians(3.0)
+    noise_std: float = radians(0.15)
+
+
+def uncalibrated(knobs: PriorKnobs) -> GyroModel:
+    """The datasheet's word: scale 1, bias 0, and how little that is worth."""
+    return GyroModel(np.eye(3), np.zeros(3), np.full(3, knobs.scale_std), np.full(3, knobs.noise_std))
