@@ -1,0 +1,149 @@
+"""Puts a virtual device behind a real pseudo-terminal under a stable name, as udev's /dev/serial/by-id does.
+
+To the program that opens it, it is a serial port: it can be locked, set to any speed, unplugged and plugged in again.
+"""
+
+import fcntl
+import os
+import struct
+import termios
+import threading
+import time
+import tty
+from pathlib import Path
+from typing import Self
+
+from bridge.sim.faults import ByteFault
+from bridge.sim.virtual_device import VirtualDevice
+
+_TURN_S = 0.01
+_BLOCKED_S = 0.001
+_READER_HOLDS = 4095  # what a Linux terminal keeps for a reader that does not read
+_LONGEST_TURN_S = 0.25
+
+
+class PtyPort:
+    """A device, living `speed` times as fast as real time, in a thread of its own; plugged in from the start.
+
+    Live, bytes the reader leaves no room for are lost and counted in dropped_bytes, as are those sent while unplugged.
+    lossless: the device waits for the reader instead, and while unplugged: for replays.
+    byte_fault: damages the bytes on their way to the host; may be set and cleared at any time.
+    """
+
+    def __init__(
+        self,
+        device: VirtualDevice,
+        link: Path,
+        *,
+        speed: float = 1.0,
+        lossless: bool = False,
+        byte_fault: ByteFault | None = None,
+    ) -> None:
+        self.device = device
+        self.link = link
+        self.byte_fault = byte_fault
+        self.dropped_bytes = 0
+        self.sent_bytes = 0
+        self._speed = speed
+        self._lossless = lossless
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._master = self._slave = -1
+        self._waiting = b""
+        self._time_s = 0.0
+        self.plug()
+        self._thread = threading.Thread(target=self._run, name=f"pty {device.name}", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *args: object) -> None:
+        self.close()
+
+    @property
+    def device_time_s(self) -> float:
+        """How long the device has lived, in its own time."""
+        return self._time_s
+
+    def plug(self) -> None:
+        """Connect: a new terminal behind the same name. Nothing if plugged in."""
+        with self._lock:
+            if self._master >= 0:
+                return
+            self._master, self._slave = os.openpty()
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
+            self.link.parent.mkdir(parents=True, exist_ok=True)
+            # Renamed into place, so that whoever looks sees the old name, none, or the new one.
+            fresh = self.link.with_name(f".{self.link.name}.new")
+            fresh.unlink(missing_ok=True)
+            fresh.symlink_to(os.ttyname(self._slave))
+            fresh.replace(self.link)
+
+    def unplug(self) -> None:
+        """Disconnect: the name vanishes and a reader gets an error; the device lives on. Nothing if unplugged."""
+        with self._lock:
+            if self._master < 0:
+                return
+            self.link.unlink(missing_ok=True)
+            os.close(self._master)
+            os.close(self._slave)
+            self._master = self._slave = -1
+            if not self._lossless:
+                self._drop(self._waiting)
+
+    def close(self) -> None:
+        """Unplug and end the thread; a second close does nothing."""
+        self._stop.set()
+        self._thread.join()
+        self.unplug()
+
+    def _run(self) -> None:
+        then = time.monotonic()
+        while not self._stop.wait(_BLOCKED_S if self._waiting else _TURN_S):
+            now = time.monotonic()
+            with self._lock:
+                self._turn(now - then)
+            then = now
+
+    def _turn(self, elapsed_s: float) -> None:
+        if self._master >= 0:
+            self.device.receive(self._read())
+        if self._lossless:
+            self._send()
+            if self._master < 0 or self._waiting:
+                return  # its time stands still
+            elapsed_s = min(elapsed_s, _LONGEST_TURN_S)
+        self._time_s += elapsed_s * self._speed
+        data = self.device.advance(self._time_s)
+        self._waiting += data if self.byte_fault is None else self.byte_fault(data)
+        self._send()
+        if not self._lossless:
+            self._drop(self._waiting)
+
+    def _drop(self, data: bytes) -> None:
+        self.dropped_bytes += len(data)
+        self._waiting = b""
+
+    def _read(self) -> bytes:
+        try:
+            return os.read(self._master, 4096)
+        except BlockingIOError:
+            return b""
+
+    def _send(self) -> None:
+        """Write what the reader's end has room for; the rest stays in _waiting."""
+        if self._master < 0 or not self._waiting:
+            return
+        # The kernel would take much more than a serial port does, and hand it out late.
+        held = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4))[0]
+        room = max(0, _READER_HOLDS - held)
+        if not room:
+            return
+        try:
+            sent = os.write(self._master, self._waiting[:room])
+        except BlockingIOError:
+            return
+        self.sent_bytes += sent
+        self._waiting = self._waiting[sent:]

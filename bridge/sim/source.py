@@ -1,0 +1,149 @@
+"""Where a virtual device's samples come from: a simulated body, or a recording. Times are on the device's own clock."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.motion import Motion
+from bridge.sim.quaternion import Array
+
+_BLOCK_S = 1.0
+_TICKS_PER_S = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueSamples:
+    """What is true of n samples: rate (n, 3) rad/s body, attitude (n, 4) wxyz sensor -> earth, bias (n, 3) rad/s."""
+
+    rate: Array
+    attitude: Array
+    bias: Array
+
+    def __getitem__(self, part: slice) -> "TrueSamples":
+        """A stretch of it."""
+        return TrueSamples(self.rate[part], self.attitude[part], self.bias[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Readings at clock_s (n,) since streaming began: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,)."""
+
+    clock_s: Array
+    gyro: Array
+    accel: Array
+    temperature_c: Array
+    truth: TrueSamples | None = None
+
+    def __len__(self) -> int:
+        return len(self.clock_s)
+
+    def __getitem__(self, part: slice) -> "Samples":
+        """A stretch of them."""
+        truth = None if self.truth is None else self.truth[part]
+        return Samples(self.clock_s[part], self.gyro[part], self.accel[part], self.temperature_c[part], truth)
+
+    def joined(self, later: "Samples") -> "Samples":
+        """These and the ones after, without their truth."""
+        return Samples(
+            clock_s=np.concatenate([self.clock_s, later.clock_s]),
+            gyro=np.concatenate([self.gyro, later.gyro]),
+            accel=np.concatenate([self.accel, later.accel]),
+            temperature_c=np.concatenate([self.temperature_c, later.temperature_c]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What a device says of its sensor: rate_hz nominal, gyro_range rad/s, which other sensors it has."""
+
+    rate_hz: float
+    gyro_range: float
+    has_accel: bool = True
+    has_temperature: bool = True
+
+
+class Source(Protocol):
+    """Samples in order, from power-up on."""
+
+    sensor: Sensor
+
+    def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
+        """Begin a boot, drawing what differs at each from rng; what is then true of the sensor, where it is known."""
+
+    def read(self) -> Samples | None:
+        """The next samples, about a second of them; None after the last."""
+
+
+class SimulatedSource:
+    """A body that moves and a sensor that errs. script makes the motion of a boot from rng."""
+
+    def __init__(
+        self, script: Callable[[np.random.Generator], Motion], spec: ImuSpec | None = None, rate_hz: float = 104.0
+    ) -> None:
+        self.spec = spec or ImuSpec()
+        self.sensor = Sensor(rate_hz, float(np.radians(self.spec.range_dps)))
+        self._script = script
+        self._block = max(1, round(rate_hz * _BLOCK_S))
+
+    def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
+        """See Source."""
+        self._motion = self._script(rng)
+        self._imperfection = Imperfection(self.spec, rng)
+        self._true_s_per_clock_s = true_s_per_clock_s
+        self._sent = 0
+        return self._imperfection.truth
+
+    def read(self) -> Samples:
+        """See Source; never ends."""
+        number = np.arange(self._sent + 1, self._sent + self._block + 1)
+        self._sent += self._block
+        # On whole ticks, so that nobody loses anything to the clock's resolution.
+        clock_s: Array = np.asarray(np.round(number * (_TICKS_PER_S / self.sensor.rate_hz)) / _TICKS_PER_S)
+        motion = self._motion.advance(clock_s * self._true_s_per_clock_s)
+        readings = self._imperfection.read(motion)
+        truth = TrueSamples(motion.rate, motion.attitude, readings.bias)
+        return Samples(clock_s, readings.gyro, readings.accel, readings.temperature_c, truth)
+
+
+class RecordedSource:
+    """A recording, played once each boot.
+
+    gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
+    time_s (n,), rising, where the samples are not at a fixed rate; only differences count.
+    """
+
+    def __init__(
+        self,
+        gyro: ArrayLike,
+        accel: ArrayLike | None = None,
+        temperature_c: ArrayLike | None = None,
+        *,
+        rate_hz: float,
+        time_s: ArrayLike | None = None,
+        gyro_range_dps: float = 2000.0,
+    ) -> None:
+        gyro = np.asarray(gyro, dtype=np.float64)
+        n = len(gyro)
+        self.sensor = Sensor(rate_hz, float(np.radians(gyro_range_dps)), accel is not None, temperature_c is not None)
+        time = np.arange(n) / rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
+        self._samples = Samples(
+            clock_s=time - time[:1] + 1 / rate_hz,
+            gyro=gyro,
+            accel=np.zeros((n, 3)) if accel is None else np.asarray(accel, dtype=np.float64),
+            temperature_c=np.zeros(n) if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
+        )
+        self._block = max(1, round(rate_hz * _BLOCK_S))
+
+    def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> None:  # noqa: ARG002
+        """See Source: from the beginning, the same at every boot."""
+        self._sent = 0
+
+    def read(self) -> Samples | None:
+        """See Source."""
+        block = self._samples[self._sent : self._sent + self._block]
+        self._sent += len(block)
+        return block if len(block) else None

@@ -1,0 +1,61 @@
+"""Remembers what was true of the samples a device sent, by boot and sequence number, for as long as memory is given."""
+
+from collections import deque
+from threading import Lock
+
+import numpy as np
+
+from bridge.sim.imperfection import Truth
+from bridge.sim.source import TrueSamples
+
+_BOOTS_KEPT = 64
+
+
+class TruthLog:
+    """Written by a device, read by whoever judges an estimate; from any thread. Keeps the last `limit` samples."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._lock = Lock()
+        self._blocks: deque[tuple[int, int, TrueSamples]] = deque()
+        self._held = 0
+        self._boots: dict[int, Truth] = {}
+
+    def begin(self, boot: int, truth: Truth | None) -> None:
+        """A boot and what is true of its sensor."""
+        with self._lock:
+            if truth is not None:
+                self._boots[boot] = truth
+            while len(self._boots) > _BOOTS_KEPT:
+                del self._boots[next(iter(self._boots))]
+
+    def add(self, boot: int, sequence: int, truth: TrueSamples) -> None:
+        """The truth of the samples from `sequence` on; sequence does not wrap here."""
+        with self._lock:
+            self._blocks.append((boot, sequence, truth))
+            self._held += len(truth.rate)
+            while self._held > self._limit and len(self._blocks) > 1:
+                self._held -= len(self._blocks.popleft()[2].rate)
+
+    def sensor(self, boot: int) -> Truth:
+        """What is true of the sensor in this boot; LookupError for one not known."""
+        with self._lock:
+            return self._boots[boot]
+
+    def between(self, boot: int, first: int, last: int) -> TrueSamples:
+        """The truth of samples first to last, both included; LookupError when any of it is not, or no longer, held."""
+        with self._lock:
+            blocks = [
+                (begin, truth)
+                for of, begin, truth in self._blocks
+                if of == boot and begin <= last and first < begin + len(truth.rate)
+            ]
+        parts = [truth[max(0, first - begin) : last + 1 - begin] for begin, truth in blocks]
+        n = sum(len(part.rate) for part in parts)
+        if n != last + 1 - first or n == 0:
+            raise LookupError(f"truth of samples {first} to {last} of boot {boot:016x} is not held ({n} of them are)")
+        return TrueSamples(
+            rate=np.concatenate([part.rate for part in parts]),
+            attitude=np.concatenate([part.attitude for part in parts]),
+            bias=np.concatenate([part.bias for part in parts]),
+        )

@@ -1,0 +1,220 @@
+"""A device that speaks the native serial protocol, without I/O and without a clock: time is an argument.
+
+Power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked.
+"""
+
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.framing.deframer import Deframer, frame
+from bridge.framing.packets import MAX_SAMPLES, Data, Hello, encode_data, encode_hello, encode_identify
+from bridge.sim.imperfection import DEMO_SPEC, ImuSpec, Truth
+from bridge.sim.script import demo_script
+from bridge.sim.source import Samples, SimulatedSource, Source, TrueSamples
+from bridge.sim.truth_log import TruthLog
+
+TICK_S = 1e-6
+_MASK_32 = 0xFFFFFFFF
+_HELLO_EVERY_S = 1.0
+_PACKET_S = 0.02
+
+SampleFault = Callable[[int, Samples], Samples]  # the first sample's sequence number (not wrapped), and the samples
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """What a device is, apart from its sensor.
+
+    skew_ppm: how much its oscillator, which times both samples and ticks, runs fast.
+    first_tick: its tick counter at power-up.
+    wait_for_host: say HELLO but send no DATA until the first IDENTIFY ever, so that a replay loses nothing.
+    truth_s: how much truth to remember.
+    """
+
+    model: str = "truerate-virtual"
+    firmware: str = "1.0"
+    silence_s: float = 0.3
+    skew_ppm: float = 0.0
+    first_tick: int = 0
+    wait_for_host: bool = False
+    truth_s: float = 300.0
+
+
+@dataclass(slots=True)
+class _Boot:
+    """The state that is lost with power. Times are on the device's clock, s since power-up."""
+
+    number: int
+    begin_s: float  # true time of power-up
+    next_hello_s: float
+    stream_s: float | None = None  # when streaming began
+    read: int = 0  # samples taken from the source
+    sent: int = 0
+    ended: bool = False
+    ready: Samples | None = None  # taken from the source, not yet sent
+
+
+class VirtualDevice:
+    """One device. advance and receive belong to one thread; the switches and the truth may be used from any.
+
+    The seed and the name decide everything, boot numbers too. sample_fault may be set and cleared while it runs.
+    """
+
+    def __init__(self, name: str, source: Source, seed: int = 0, spec: DeviceSpec | None = None) -> None:
+        self.name = name
+        self.spec = spec or DeviceSpec()
+        self.sample_fault: SampleFault | None = None
+        self._source = source
+        self._rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+        self._truth = TruthLog(round(self.spec.truth_s * source.sensor.rate_hz))
+        self._per_packet = int(np.clip(round(_PACKET_S * source.sensor.rate_hz), 1, MAX_SAMPLES))
+        self._clock_pace = 1 + self.spec.skew_ppm * 1e-6
+        self._deframer = Deframer()
+        self._asked = self._host_seen = False
+        self._switches: deque[bool] = deque()
+        self._time_s = 0.0
+        self._now: _Boot | None = self._power_up()
+
+    @property
+    def boot(self) -> int | None:
+        """The number of this boot; None while off."""
+        return None if self._now is None else self._now.number
+
+    @property
+    def finished(self) -> bool:
+        """All of a recording is sent."""
+        return self._now is not None and self._now.ended and not self._now.ready
+
+    def reboot(self) -> None:
+        """Lose power and get it back, at the next advance."""
+        self._switches.extend([False, True])
+
+    def power_off(self) -> None:
+        """Fall silent at the next advance."""
+        self._switches.append(False)
+
+    def power_on(self) -> None:
+        """Boot at the next advance; nothing if on."""
+        self._switches.append(True)
+
+    def truth_of(self, boot: int) -> Truth:
+        """What is true of the sensor in a boot; LookupError for one not known."""
+        return self._truth.sensor(boot)
+
+    def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
+        """The truth of samples first to last, both included (not wrapped); LookupError when not, or no longer, held."""
+        return self._truth.between(boot, first, last)
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from the host; answered at the next advance."""
+        if encode_identify() in self._deframer.feed(data):
+            self._asked = self._host_seen = True
+
+    def advance(self, time_s: float) -> bytes:
+        """Live until time_s (s, true, since the device was made; never less than before); what it sent meanwhile."""
+        while self._switches:
+            self._switch(on=self._switches.popleft())
+        before_s, self._time_s = self._time_s, time_s
+        now = self._now
+        if now is None:
+            return b""
+        last_clock_s, clock_s = ((at - now.begin_s) * self._clock_pace for at in (before_s, time_s))
+        if clock_s < self.spec.silence_s:
+            return b""
+        if now.stream_s is None and (self._host_seen or not self.spec.wait_for_host):
+            now.stream_s = max(self.spec.silence_s, last_clock_s)
+        out = []
+        if self._asked:
+            self._asked = False
+            out.append(self._hello(now))
+        if now.stream_s is not None:
+            for packet_clock_s, packet in self._packets(now, now.stream_s, clock_s):
+                out += self._hellos(now, packet_clock_s)
+                out.append(packet)
+        out += self._hellos(now, clock_s)
+        return b"".join(out)
+
+    def _switch(self, *, on: bool) -> None:
+        if on and self._now is None:
+            self._now = self._power_up()
+        elif not on:
+            self._now = None
+
+    def _power_up(self) -> _Boot:
+        boot = int(self._rng.integers(2**64, dtype=np.uint64))
+        self._truth.begin(boot, self._source.power_up(self._rng.spawn(1)[0], 1 / self._clock_pace))
+        return _Boot(boot, self._time_s, self.spec.silence_s)
+
+    def _hello(self, now: _Boot) -> bytes:
+        sensor = self._source.sensor
+        hello = Hello(
+            boot=now.number,
+            tick_period_s=TICK_S,
+            rate_hz=sensor.rate_hz,
+            gyro_range=sensor.gyro_range,
+            has_accel=sensor.has_accel,
+            has_temperature=sensor.has_temperature,
+            model=self.spec.model,
+            firmware=self.spec.firmware,
+        )
+        return frame(encode_hello(hello))
+
+    def _hellos(self, now: _Boot, clock_s: float) -> list[bytes]:
+        """The HELLOs due by clock_s."""
+        hellos = []
+        while now.next_hello_s <= clock_s:
+            now.next_hello_s += _HELLO_EVERY_S
+            hellos.append(self._hello(now))
+        return hellos
+
+    def _packets(self, now: _Boot, stream_s: float, clock_s: float) -> Iterator[tuple[float, bytes]]:
+        """The DATA frames complete by clock_s, each with the time of its last sample."""
+        while True:
+            ready = self._ready(now)
+            if ready is None:
+                return
+            samples = ready[: self._per_packet]
+            complete_s = stream_s + float(samples.clock_s[-1])
+            if complete_s > clock_s:
+                return
+            now.ready = ready[len(samples) :]
+            yield complete_s, self._data(now, stream_s, samples)
+
+    def _ready(self, now: _Boot) -> Samples | None:
+        """At least a packet of samples, fewer at the end of a recording, None after it."""
+        while not now.ended and (now.ready is None or len(now.ready) < self._per_packet):
+            more = self._source.read()
+            if more is None:
+                now.ended = True
+                break
+            if more.truth is not None:
+                self._truth.add(now.number, now.read, more.truth)
+            now.read += len(more)
+            now.ready = more if not now.ready else now.ready.joined(more)
+        return now.ready or None
+
+    def _data(self, now: _Boot, stream_s: float, samples: Samples) -> bytes:
+        if self.sample_fault is not None:
+            samples = self.sample_fault(now.sent, samples)
+        ticks = self.spec.first_tick + np.round((stream_s + samples.clock_s) / TICK_S).astype(np.int64)
+        data = Data(
+            boot=now.number,
+            sequence=now.sent & _MASK_32,
+            ticks=(ticks & _MASK_32).astype(np.uint32),
+            gyro=samples.gyro.astype(np.float32),
+            accel=samples.accel.astype(np.float32),
+            temperature_c=samples.temperature_c.astype(np.float32),
+        )
+        now.sent += len(samples)
+        return frame(encode_data(data))
+
+
+def demo_device(
+    name: str, seed: int, *, imu: ImuSpec = DEMO_SPEC, rate_hz: float = 104.0, spec: DeviceSpec | None = None
+) -> VirtualDevice:
+    """A device that at every boot rests 2 s, is calibrated by hand within 30 s, and is then worn for ever."""
+    return VirtualDevice(name, SimulatedSource(demo_script, imu, rate_hz), seed, spec)
