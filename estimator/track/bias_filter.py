@@ -28,12 +28,13 @@ class BiasKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """All that evolves: x (3,), P (3, 3), and the device time and temperature they belong to."""
+    """All that evolves: x (3,), P (3, 3), device time and temperature now, and the temperature of the last evidence."""
 
     x: Floats
     P: Floats
     time: float
     temperature_c: float = np.nan
+    reference_c: float = np.nan
 
     @property
     def std(self) -> Floats:
@@ -67,24 +68,31 @@ class BiasFilter:
         self._kf.P = np.array(state.P, float)
         self._time = state.time
         self._temperature_c = state.temperature_c
+        self._reference_c = state.reference_c if np.isfinite(state.reference_c) else state.temperature_c
 
     @property
     def state(self) -> BiasState:
         """The estimate as it is now."""
-        return BiasState(self._kf.x.copy(), self._kf.P.copy(), self._time, self._temperature_c)
+        return BiasState(self._kf.x.copy(), self._kf.P.copy(), self._time, self._temperature_c, self._reference_c)
 
     def predict(self, time: float, temperature_c: float = np.nan) -> None:
         """Let the bias walk to a device time; time that goes backward is ignored."""
         dt = time - self._time
         if not dt > 0:
             return
-        q = self.knobs.rate_random_walk**2 * dt
-        if np.isfinite(temperature_c):
-            if np.isfinite(self._temperature_c):
-                q += (self.knobs.per_kelvin * (temperature_c - self._temperature_c)) ** 2
-            self._temperature_c = temperature_c
+        q = self.knobs.rate_random_walk**2 * dt + self._warmed(temperature_c)
         self._kf.predict(Q=q * np.eye(3))
         self._time = time
+
+    def _warmed(self, temperature_c: float) -> float:
+        """The variance that the way from the last evidence's temperature adds: it goes one way, so it adds up in full."""
+        if not np.isfinite(temperature_c):
+            return 0.0
+        if not np.isfinite(self._reference_c):
+            self._reference_c = self._temperature_c = temperature_c
+        was, now = self._temperature_c - self._reference_c, temperature_c - self._reference_c
+        self._temperature_c = temperature_c
+        return self.knobs.per_kelvin**2 * max(0.0, now**2 - was**2)
 
     def update(self, kind: str, z: Floats, R: Floats) -> Receipt:
         """Weigh a measured bias z (3,) with covariance R (3, 3) against the estimate; take it if it is believable."""
@@ -97,6 +105,7 @@ class BiasFilter:
         if ratio > 1:
             return Receipt(self._time, kind, innovation, S, ratio, accepted=False, reason="outside the gate")
         self._kf.update(z, R=R)
+        self._reference_c = self._temperature_c
         return Receipt(self._time, kind, innovation, S, ratio, accepted=True)
 
     def restart(self, z: Floats, R: Floats) -> None:

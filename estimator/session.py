@@ -1,0 +1,387 @@
+"""One device from its first sample on: readings in; corrected rates, calibrations and a status out.
+
+A pure core: no clock, no bus, no store. Time is the device's own, in the batches; what was remembered of earlier boots
+is handed in. Any batching of the same samples gives the same corrected rates.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from math import degrees
+
+import numpy as np
+
+from bridge.wire.messages import (
+    Calibration,
+    CorrectedBatch,
+    DeviceInfo,
+    Quality,
+    SampleBatch,
+    SampleFlag,
+    State,
+    Status,
+    Verdict,
+)
+from estimator.batch.capture import Samples
+from estimator.batch.methods import DEFAULT
+from estimator.batch.result import Result
+from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.correction import Correction, choose
+from estimator.gyro import AXES, PriorKnobs
+from estimator.lifecycle import Event, Life
+from estimator.sequence import Sequence
+from estimator.stillness import Stillness, StillnessKnobs, Window
+from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState, Receipt
+from estimator.track.zaru import Zaru, ZaruKnobs
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKnobs:
+    """How a device is treated. Seconds of device time."""
+
+    method: str = DEFAULT
+    #: after power-up, before anything is believed
+    warming_s: float = 1.0
+    #: without an accepted rest for this long, or with a bias less certain than this, the output is degraded
+    evidence_age_s: float = 1800.0
+    bias_std: float = np.radians(0.2)
+    #: refused rests in a row before the bias is doubted
+    contradictions: int = 5
+    prior: PriorKnobs = field(default_factory=PriorKnobs)
+    stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
+    bias: BiasKnobs = field(default_factory=BiasKnobs)
+    zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What the store knows of a device that boots: its last calibration, and, of this very boot, the bias since."""
+
+    calibration: Calibration
+    bias: BiasState | None
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a batch led to. `said` are things to log, most important last."""
+
+    corrected: list[CorrectedBatch] = field(default_factory=list)
+    calibration: Calibration | None = None
+    changed: bool = False
+    said: list[str] = field(default_factory=list)
+
+
+class DeviceSession:
+    """The life of one device across its boots."""
+
+    def __init__(self, device: str, knobs: SessionKnobs | None = None) -> None:
+        self.device = device
+        self.knobs = knobs or SessionKnobs()
+        self.life = Life()
+        self.sequence = Sequence()
+        self.info: DeviceInfo | None = None
+        self.reason = "never seen"
+        self.calibration: Calibration | None = None  # of this boot
+        self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
+        self.filter: BiasFilter | None = None
+        self.last_receipt: Receipt | None = None
+        self.last_heard_ns = 0
+        self._who = ""
+        self._begin(0.0)
+
+    # ---- boots ----------------------------------------------------------------------------------------------------
+
+    def begin_boot(self, boot: int, device_time: float, remembered: Remembered | None) -> Outcome:
+        """The device has started anew (or we have): forget this boot's calibration, then use what is remembered."""
+        first = self.boot is None
+        self.sequence.begin(boot)
+        self._begin(device_time)
+        self.life.on(Event.BOOTED)
+        self.reason = (
+            "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
+        )
+        outcome = Outcome(changed=True, said=[f"boot {boot:016x}" + ("" if first else ", recalibration needed")])
+        if remembered is not None and remembered.calibration.boot == boot:
+            self._restore(remembered)
+            outcome.said.append(f"calibration {self._calibration_id} of this boot restored")
+        elif remembered is not None:
+            self.believe(remembered.calibration)
+        return outcome
+
+    def _begin(self, device_time: float) -> None:
+        self.calibration, self.prior, self.filter, self.last_receipt = None, None, None, None
+        self._stillness = Stillness(self.knobs.stillness)
+        self._zaru = Zaru(self.knobs.zaru)
+        self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
+        self._fed = 0
+        self._now = self._began = device_time
+        self._temperatures: deque[tuple[float, float]] = deque(maxlen=1000)
+        self._contradictions = 0
+        self._evidence_time: float | None = None
+        self._first_time: float | None = None
+        self._done_axes: tuple[int, ...] = ()
+        self._applied = self._correction()
+
+    def _restore(self, remembered: Remembered) -> None:
+        self.calibration = remembered.calibration
+        start = remembered.bias or _bias_of(remembered.calibration, self._now)
+        self.filter = BiasFilter(start, self.knobs.bias)
+        self.filter.predict(self._now)
+        self._evidence_time = start.time
+        self._capture = None
+        self.life.on(Event.RESTORED)
+        self.reason = "calibrated; the calibration of this boot goes on"
+        self._applied = self._correction()
+
+    def believe(self, calibration: Calibration) -> None:
+        """Use the scale factors of an earlier boot until this one is calibrated."""
+        if self.calibration is None:
+            self.prior = calibration
+            self._applied = self._correction()
+
+    # ---- samples --------------------------------------------------------------------------------------------------
+
+    @property
+    def boot(self) -> int | None:
+        """The boot whose samples are taken."""
+        return self.sequence.boot
+
+    def handle(self, batch: SampleBatch) -> Outcome:
+        """Take a batch of the current boot (see Sequence.is_new_boot); late and repeated samples are counted."""
+        outcome = Outcome()
+        first = self.sequence.fresh(batch)
+        if batch.boot == self.boot:
+            self.last_heard_ns = batch.receive_time_ns
+            if self.life.heard():
+                outcome.changed = True
+                outcome.said.append("heard again")
+        if first < len(batch):
+            self._take(batch, first, outcome)
+        return outcome
+
+    def _take(self, batch: SampleBatch, first: int, outcome: Outcome) -> None:
+        time = batch.device_time[first:]
+        gyro = batch.gyro[first:].astype(float)
+        accel = None if batch.accel is None else batch.accel[first:].astype(float)
+        clipped = (batch.flags[first:] & SampleFlag.CLIPPED) != 0
+        if self._first_time is None:
+            self._first_time = float(time[0])
+        if self._capture is not None:
+            self._capture.add(Samples(time, gyro, accel, clipped))
+        base, start = self._fed, 0
+        for window in self._stillness.feed(time, gyro, accel):
+            before = self._applied
+            self._now = window.end_time
+            if batch.temperature_c is not None:
+                self._temperatures.append((self._now, float(batch.temperature_c[first + window.end - base - 1])))
+            self._window(window, outcome)
+            self._applied = self._correction()
+            if not self._applied.same(before):
+                outcome.corrected.append(before.apply(batch, first + start, first + window.end - base))
+                start = window.end - base
+        self._fed = base + len(time)
+        self._now = float(time[-1])
+        if start < len(time):
+            outcome.corrected.append(self._applied.apply(batch, first + start, len(batch)))
+
+    # ---- windows: evidence and calibration ------------------------------------------------------------------------
+
+    def _window(self, window: Window, outcome: Outcome) -> None:
+        state = self.life.state
+        if state is State.WARMING:
+            if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
+                self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+            return
+        if self.filter is not None:
+            receipt = self._zaru.window(window, self.filter, self._temperature())
+            if receipt is not None:
+                self._weigh(receipt, outcome)
+            if state is State.TRACKING and self._evidence_age() > self.knobs.evidence_age_s:
+                self._happens(Event.DOUBTED, f"no rest for {self._evidence_age() / 60:.0f} minutes", outcome)
+        if self._capture is not None:
+            for progress in self._capture.window(window):
+                self._progress(progress, outcome)
+
+    def _weigh(self, receipt: Receipt, outcome: Outcome) -> None:
+        self.last_receipt = receipt
+        if receipt.accepted:
+            self._contradictions = 0
+            self._evidence_time = receipt.time
+            if self.filter is not None and np.all(self.filter.state.std < self.knobs.bias_std):
+                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+            return
+        self.sequence.events.add(f"{receipt.kind} {receipt.reason}")
+        self._contradictions += 1
+        if self._contradictions >= self.knobs.contradictions:
+            by = degrees(float(np.max(np.abs(receipt.innovation))))
+            self._happens(
+                Event.DOUBTED, f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped", outcome
+            )
+
+    def _progress(self, progress: Progress, outcome: Outcome) -> None:
+        match progress:
+            case RestFound(rest):
+                if self.filter is None:
+                    P = rest.bias_cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
+                    self.filter = BiasFilter(BiasState(rest.bias, P, rest.end, self._temperature()), self.knobs.bias)
+                    self._evidence_time = rest.end
+                self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
+            case TurnFound(turn):
+                self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
+                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken; next {self._missing()}", outcome)
+            case Ignored(no_turn):
+                self.sequence.events.add("movement ignored")
+                self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
+                outcome.changed = True
+                outcome.said.append(self.reason)
+            case Finished(result):
+                self._finish(result, outcome)
+
+    def _finish(self, result: Result, outcome: Outcome) -> None:
+        outcome.calibration = self._as_message(result)
+        if result.verdict is not Verdict.ACCEPTED:
+            self._done_axes = tuple(axis for axis in self._done_axes if axis not in result.repeat)
+            self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
+            return
+        self.calibration, self.prior, self._capture = outcome.calibration, None, None
+        self.filter = BiasFilter(
+            BiasState(result.bias, result.covariance[:3, :3], result.bias_time, self._temperature_at(result.bias_time)),
+            self.knobs.bias,
+        )
+        self.filter.predict(self._now, self._temperature())
+        self._evidence_time = self._now
+        self._contradictions = 0
+        self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
+
+    def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
+        before = self.life.state
+        if self.life.on(event):
+            self.reason = reason
+            outcome.changed = True
+            outcome.said.append(f"{before.name} -> {self.life.state.name}: {reason}")
+
+    # ---- people and time ------------------------------------------------------------------------------------------
+
+    def recalibrate(self, who: str, reason: str) -> str | None:
+        """Ask for three new turns; the present calibration stays in use until they are taken. None, or why not."""
+        if not self.life.on(Event.RECALIBRATE):
+            return f"{self.device} is {self.life.state.name.lower()}: nothing to recalibrate until it is heard"
+        self._who = who
+        self._capture = CalibrationSession(self.knobs.method)
+        self._done_axes = ()
+        self.reason = f"recalibration asked for by {who}{': ' + reason if reason else ''}; hold it still for 3 seconds"
+        return None
+
+    def cancel(self, who: str) -> str | None:
+        """Stop a calibration under way; the old one stays. None, or why not."""
+        event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
+        if not self.life.on(event):
+            return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
+        self._done_axes = ()
+        self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
+        self.reason = f"calibration cancelled by {who}"
+        return None
+
+    def silence(self, reason: str) -> bool:
+        """No samples come any more; True when that is news."""
+        if not self.life.on(Event.SILENT):
+            return False
+        self.reason = reason
+        return True
+
+    # ---- what is known --------------------------------------------------------------------------------------------
+
+    def status(self, time_ns: int) -> Status:
+        """All of it, for the bus."""
+        applied = self._applied
+        done = self._done_axes if self._capture is not None else ()
+        share = (0.1 * (self.filter is not None) + 0.3 * len(done)) if self._capture is not None else 1.0
+        return Status(
+            device=self.device,
+            boot=self.boot or 0,
+            time_ns=time_ns,
+            state=self.life.state,
+            quality=applied.quality,
+            reason=self.reason,
+            progress=min(share, 1.0),
+            axes_done=done,
+            bias=tuple(map(float, applied.model.bias)),
+            bias_std=tuple(map(float, applied.bias_std)),
+            scale=tuple(map(float, np.diag(applied.model.matrix))),
+            calibration=applied.calibration,
+            calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
+            evidence_age_s=self._evidence_age(),
+            temperature_c=self._temperature(),
+            rate_hz=self._rate(),
+            samples_in=self.sequence.samples_in,
+            samples_out=self.sequence.samples_out,
+            dropped=self.sequence.dropped.as_dict(),
+            events=self.sequence.events.as_dict(),
+        )
+
+    def count_event(self, name: str) -> int:
+        """Count something that happened to this device outside the core."""
+        return self.sequence.events.add(name)
+
+    def checkpoint(self) -> BiasState | None:
+        """The bias as it would be restored; only of a calibrated boot."""
+        return self.filter.state if self.filter is not None and self.calibration is not None else None
+
+    @property
+    def _calibration_id(self) -> str:
+        return self.calibration.id if self.calibration else ""
+
+    def _correction(self) -> Correction:
+        noise_std = self._stillness.noise_std if self._stillness.noise_known else None
+        bias = self.filter.state if self.filter else None
+        best = choose(self.calibration, self.prior, bias, noise_std, self.knobs.prior)
+        doubtful = self.life.state in (State.DEGRADED, State.LOST) or bool(np.any(best.bias_std >= self.knobs.bias_std))
+        return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
+
+    def _as_message(self, result: Result) -> Calibration:
+        info = self.info
+        boot = self.boot or 0
+        return Calibration(
+            device=self.device,
+            boot=boot,
+            id=f"{self.device}-{boot:016x}-{round(self._now * 1000)}",
+            time_ns=self.last_heard_ns,
+            method=result.method,
+            verdict=result.verdict,
+            reason=result.reason,
+            matrix=result.matrix,
+            bias=result.bias,
+            parameters=result.parameters,
+            covariance=result.covariance,
+            turns=result.turns,
+            noise_std=result.noise_std,
+            model=info.model if info else "",
+            firmware=info.firmware if info else "",
+            gyro_range=info.gyro_range if info else 0.0,
+            rate_hz=info.rate_hz if info else 0.0,
+            temperature_c=self._temperature(),
+            who=self._who,
+        )
+
+    def _missing(self) -> str:
+        return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes) or "nothing"
+
+    def _temperature(self) -> float:
+        return self._temperatures[-1][1] if self._temperatures else float("nan")
+
+    def _temperature_at(self, time: float) -> float:
+        if not self._temperatures:
+            return float("nan")
+        times, values = zip(*self._temperatures, strict=True)
+        return float(np.interp(time, times, values))
+
+    def _evidence_age(self) -> float:
+        return self._now - (self._began if self._evidence_time is None else self._evidence_time)
+
+    def _rate(self) -> float:
+        if self._first_time is None or self._now <= self._first_time:
+            return 0.0
+        return (self.sequence.seen - 1) / (self._now - self._first_time)
+
+
+def _bias_of(calibration: Calibration, time: float) -> BiasState:
+    return BiasState(calibration.bias, calibration.covariance[:3, :3], time, calibration.temperature_c)
