@@ -3,9 +3,11 @@
 A driver opens its device, reads, and closes. It knows nothing of the bus, of clocks or of gaps: `intake` does that for all.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,9 +67,13 @@ Event = Identity | Readings
 
 
 class Driver(Protocol):
-    """One device. `faults` counts what it could not understand, by label; it lives as long as the driver."""
+    """One device. `faults` counts what it could not understand, by label; it lives as long as the driver.
+
+    place: where the device is, for people: a port, a file.
+    """
 
     faults: Tally
+    place: str
 
     def open(self) -> None:
         """Open the device; raises DeviceUnavailable."""
@@ -77,3 +83,18 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Close; never raises, a second close does nothing. May be called from another thread to end a read."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriverKind:
+    """A kind of driver, under the name the configuration calls it by.
+
+    summary: one line for people. options: the Struct of what it takes beside `id` and `driver`; `make` and `state` are
+    given one. state says in a few words whether the device could be opened now, without opening it.
+    """
+
+    name: str
+    summary: str
+    options: type[msgspec.Struct]
+    make: Callable[[Any], Driver]
+    state: Callable[[Any], str]

@@ -1,0 +1,112 @@
+"""What a ward's file says. One file serves the bridge and the estimator; each types its own tables.
+
+The estimator's root is a subclass of `Root` that gives `estimator` a type of its own; here any table passes.
+"""
+
+from typing import Any, Final, Self
+
+from msgspec import Struct
+
+from bridge.drivers import registry
+from bridge.drivers.driver import Driver
+from bridge.toml_file import ConfigError, load, nearest, options
+from bridge.wire.keys import check_id
+from bridge.wire.refusal import Refusal
+
+__all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", "load"]
+
+LOCAL = "tcp/127.0.0.1:7447"
+
+
+def check(text: object, what: str) -> str:
+    """An id of the configuration; ValueError says what one looks like."""
+    try:
+        return check_id(text, what)  # type: ignore[arg-type] # it checks the type too
+    except Refusal as refusal:
+        raise ValueError(refusal.detail) from None
+
+
+def _check_endpoints(endpoints: tuple[str, ...], key: str) -> None:
+    if not endpoints:
+        raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
+    for endpoint in endpoints:
+        protocol, _, address = endpoint.partition("/")
+        if not (protocol.isalnum() and address and endpoint.isprintable()):
+            raise ValueError(f"{key}: {endpoint!r} is no endpoint; one looks like {LOCAL!r}")
+
+
+class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[bus]: the routers to connect to, as zenoh endpoints."""
+
+    connect: tuple[str, ...] = (LOCAL,)
+
+    def __post_init__(self) -> None:
+        _check_endpoints(self.connect, "connect")
+
+
+class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[router]: where `truerate router` listens."""
+
+    listen: tuple[str, ...] = (LOCAL,)
+
+    def __post_init__(self) -> None:
+        _check_endpoints(self.listen, "listen")
+
+
+class Device:
+    """One [[bridge.devices]]: its id, the name of its driver, and the options that driver takes."""
+
+    __slots__ = ("driver", "id", "options")
+
+    def __init__(self, id: str, driver: str, options: Struct) -> None:  # noqa: A002 - as in the file
+        self.id: Final = id
+        self.driver: Final = driver
+        self.options: Final = options
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any]) -> Self:
+        """As the file has it: `id`, `driver`, and beside them what the driver takes."""
+        rest = dict(table)
+        for key in ("id", "driver"):
+            if key not in rest:
+                raise ValueError(f"the key {key!r} is missing")
+        device, name = check(rest.pop("id"), "id"), rest.pop("driver")
+        kinds = registry.kinds()
+        if name not in kinds:
+            raise ValueError(f"unknown driver {name!r}; {nearest(str(name), kinds)}")
+        return cls(device, name, options(rest, kinds[name].options))
+
+    def make(self) -> Driver:
+        """A driver of this device, not yet open."""
+        return registry.kinds()[self.driver].make(self.options)
+
+
+class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[bridge]: its id, how often it publishes, and its devices."""
+
+    id: str
+    batch_ms: float = 50.0
+    devices: tuple[Device, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self.id, "id")
+        if not 5 <= self.batch_ms <= 1000:
+            raise ValueError(f"batch_ms is {self.batch_ms:g}; 5 to 1000 is taken")
+        seen: dict[str, int] = {}
+        for number, device in enumerate(self.devices, 1):
+            if device.id in seen:
+                raise ValueError(f"devices #{seen[device.id]} and #{number} have the same id {device.id!r}")
+            seen[device.id] = number
+
+
+class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file."""
+
+    ward: str
+    bus: Bus = Bus()
+    router: Router = Router()
+    bridge: Bridge | None = None
+    estimator: Any = None
+
+    def __post_init__(self) -> None:
+        check(self.ward, "ward")

@@ -1,0 +1,149 @@
+"""A device that speaks the native serial protocol of bridge/framing: bytes in, events out, and a port around it."""
+
+from collections import deque
+
+from msgspec import Struct
+
+from bridge.drivers.driver import DriverKind, Event, Identity, Readings
+from bridge.framing import packets
+from bridge.framing.deframer import Deframer, frame
+from bridge.transport import serial_port
+from bridge.transport.serial_port import SerialPort
+from bridge.wire.messages import BootCause
+from bridge.wire.refusal import Tally
+
+ASK = frame(packets.encode_identify())
+_MAX_HELD = 64  # packets kept while nobody has said whose they are: over a second at the usual 50 a second
+_ASK_AGAIN = 16  # packets
+
+
+class NativeDecoder:
+    """Any chunking of a device's bytes in, events out; `ask` says when to send ASK. Without I/O and clock.
+
+    Readings come out after the identity of their boot only. Packets of an unknown boot are held back, and the device is
+    asked; what cannot be held, or turns out to be of another boot, is counted in `faults` by samples.
+    """
+
+    def __init__(self, faults: Tally) -> None:
+        self.faults = faults
+        self.ask = True
+        self._deframer = Deframer()
+        self._deframer.faults = faults
+        self._boot: int | None = None
+        self._held: deque[Readings] = deque()
+        self._unknown = 0  # packets of an unknown boot since the last HELLO
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order."""
+        events: list[Event] = []
+        for payload in self._deframer.feed(data):
+            try:
+                packet = packets.decode(payload)
+            except packets.BadPacket as bad:
+                self.faults.add(bad.label)
+                continue
+            if isinstance(packet, packets.Hello):
+                events += self._greeted(packet)
+            else:
+                events += self._read(packet, receive_time_ns)
+        return events
+
+    def asked(self) -> None:
+        """ASK has been sent."""
+        self.ask = False
+
+    def _greeted(self, hello: packets.Hello) -> list[Event]:
+        self._boot = hello.boot
+        self.ask = False
+        self._unknown = 0
+        identity = Identity(
+            boot=hello.boot,
+            boot_cause=BootCause.POWER_UP,
+            model=hello.model,
+            firmware=hello.firmware,
+            rate_hz=hello.rate_hz,
+            gyro_range=hello.gyro_range,
+            tick_period_s=hello.tick_period_s,
+            has_accel=hello.has_accel,
+            has_temperature=hello.has_temperature,
+        )
+        held, self._held = self._held, deque()
+        mine = [self._only(readings, hello) for readings in held if readings.boot == hello.boot]
+        self._forget(sum(len(readings.ticks) for readings in held if readings.boot != hello.boot))
+        self._hello = hello
+        return [identity, *mine]
+
+    def _read(self, data: packets.Data, receive_time_ns: int) -> list[Event]:
+        readings = Readings(
+            data.boot, data.sequence, receive_time_ns, data.ticks, data.gyro, data.accel, data.temperature_c
+        )
+        if data.boot == self._boot:
+            return [self._only(readings, self._hello)]
+        if len(self._held) == _MAX_HELD:
+            self._forget(len(self._held.popleft().ticks))
+        self._held.append(readings)
+        # At the first packet of an unknown boot, and again if no answer comes.
+        if self._unknown % _ASK_AGAIN == 0:
+            self.ask = True
+        self._unknown += 1
+        return []
+
+    def _forget(self, samples: int) -> None:
+        if samples:
+            self.faults.add("samples_of_unknown_boot", samples)
+
+    @staticmethod
+    def _only(readings: Readings, hello: packets.Hello) -> Readings:
+        """The columns that are real."""
+        return Readings(
+            readings.boot,
+            readings.sequence,
+            readings.receive_time_ns,
+            readings.ticks,
+            readings.gyro,
+            readings.accel if hello.has_accel else None,
+            readings.temperature_c if hello.has_temperature else None,
+        )
+
+
+class NativeOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The port, by its stable name, and its speed (which USB devices ignore)."""
+
+    port: str
+    baud: int = 115_200
+
+
+class NativeDriver:
+    """The decoder behind a serial port."""
+
+    def __init__(self, options: NativeOptions) -> None:
+        self.faults = Tally()
+        self.place = options.port
+        self._port = SerialPort(options.port, options.baud)
+        self._decoder = NativeDecoder(self.faults)
+
+    def open(self) -> None:
+        """Open the port and ask the device who it is; raises DeviceUnavailable."""
+        self._port.open()
+        self._decoder = NativeDecoder(self.faults)
+
+    def read(self, timeout_s: float) -> list[Event]:
+        """What came; raises DeviceLost."""
+        if self._decoder.ask:
+            self._port.write(ASK)
+            self._decoder.asked()
+        data, receive_time_ns = self._port.read(timeout_s)
+        return self._decoder.feed(data, receive_time_ns)
+
+    def close(self) -> None:
+        """Close the port, ending a read in another thread."""
+        self._port.close()
+
+
+KIND = DriverKind(
+    name="native",
+    summary="truerate's own serial protocol (COBS frames with a CRC-32): port, baud",
+    options=NativeOptions,
+    make=NativeDriver,
+    state=lambda options: serial_port.state(options.port),
+)

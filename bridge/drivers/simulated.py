@@ -1,0 +1,73 @@
+"""A virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
+
+import threading
+import time
+
+from msgspec import Struct
+
+from bridge.drivers.driver import DeviceLost, DriverKind, Event
+from bridge.drivers.native import ASK, NativeDecoder
+from bridge.sim.virtual_device import VirtualDevice, demo_device
+from bridge.wire.refusal import Tally
+
+_TURN_S = 0.02
+
+
+class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The seed decides everything the device does; speed is how many times faster than life it lives."""
+
+    seed: int = 0
+    rate_hz: float = 104.0
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.rate_hz <= 2000:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; 1 to 2000 is taken")
+        if not 0.01 <= self.speed <= 100:
+            raise ValueError(f"speed is {self.speed:g}; 0.01 to 100 is taken")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed is {self.seed}; 0 to 2**32 - 1 is taken")
+
+
+class SimulatedDriver:
+    """A virtual device and a clock. `device` is made by the first open and lives on through close and open."""
+
+    def __init__(self, options: SimulatedOptions) -> None:
+        self.faults = Tally()
+        self.place = f"simulated, seed {options.seed}"
+        self.device: VirtualDevice | None = None
+        self._options = options
+        self._closed = threading.Event()
+        self._decoder = NativeDecoder(self.faults)
+        self._born_s = 0.0
+
+    def open(self) -> None:
+        """Power the device up, the first time."""
+        if self.device is None:
+            self.device = demo_device("simulated", self._options.seed, rate_hz=self._options.rate_hz)
+            self._born_s = time.monotonic()
+        self._decoder = NativeDecoder(self.faults)
+        self._closed.clear()
+
+    def read(self, timeout_s: float) -> list[Event]:
+        """What the device said meanwhile; DeviceLost after close."""
+        if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
+            raise DeviceLost(f"{self.place}: closed")
+        if self._decoder.ask:
+            self.device.receive(ASK)
+            self._decoder.asked()
+        data = self.device.advance((time.monotonic() - self._born_s) * self._options.speed)
+        return self._decoder.feed(data, time.time_ns())
+
+    def close(self) -> None:
+        """Stop listening, ending a read in another thread."""
+        self._closed.set()
+
+
+KIND = DriverKind(
+    name="simulated",
+    summary="a virtual device that is calibrated and then worn, for trying things out: seed, rate_hz, speed",
+    options=SimulatedOptions,
+    make=SimulatedDriver,
+    state=lambda _: "present",
+)

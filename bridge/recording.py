@@ -1,0 +1,119 @@
+"""A recording of one device: samples at their own times, from NumPy's .npz or from CSV.
+
+npz: `gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`. Other
+arrays are passed over; `arrival_s` is one of them, for bytes arrive in bursts: it is no sample time.
+CSV: a header row, one row a sample. Columns, the unit in the name:
+    t_s | t_ms | t_us                                       time of the sample
+    gyro_x_rad_s ... gyro_z_rad_s | gyro_x_dps ... | gyro_x_mdps ...      also gx_dps and so on
+    accel_x_m_s2 ... accel_z_m_s2 | accel_x_g ... | accel_x_mg ...        also ax_g and so on
+    temperature_c
+One of t and `rate_hz` (an argument where the file has none) is needed: a rate alone means evenly spaced samples.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording_csv import read_csv
+from bridge.recording_error import RecordingError
+
+__all__ = ["Recording", "RecordingError", "load"]
+
+Floats = NDArray[np.float64]
+MAX_BYTES = 1 << 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
+
+    rate_hz: as the file says, or the median of the steps of time.
+    """
+
+    time_s: Floats
+    gyro: Floats
+    accel: Floats | None
+    temperature_c: Floats | None
+    rate_hz: float
+    name: str
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def load(path: Path | str, rate_hz: float | None = None) -> Recording:
+    """Read a recording; rate_hz is used where the file has neither times nor a rate. Raises RecordingError."""
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    if size > MAX_BYTES:
+        raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
+    if path.suffix == ".npz":
+        columns = _read_npz(path)
+    elif path.suffix in {".csv", ".txt"}:
+        columns = read_csv(path)
+    else:
+        raise RecordingError(f"{path}: a recording ends in .npz or .csv, not in {path.suffix!r}")
+    return _checked(path, columns, rate_hz)
+
+
+def _read_npz(path: Path) -> dict[str, Floats]:
+    wanted = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            present = list(file.files)
+            arrays = {name: file[name] for name in wanted if name in present}
+    except Exception as error:  # noqa: BLE001 - a damaged archive fails in many ways
+        raise RecordingError(f"{path}: not a readable .npz of plain numbers: {error}") from None
+    if "gyro_rad_s" not in arrays:
+        raise RecordingError(f"{path}: 'gyro_rad_s' is missing; the file has {', '.join(present) or 'nothing'}")
+    return {name: _numbers(path, name, array) for name, array in arrays.items()}
+
+
+def _numbers(path: Path, name: str, array: NDArray[np.generic]) -> Floats:
+    if array.dtype.kind not in "fiu":
+        raise RecordingError(f"{path}: {name!r} holds {array.dtype}, not numbers")
+    return array.astype(np.float64)
+
+
+def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> Recording:
+    gyro = columns["gyro_rad_s"]
+    n = len(gyro) if gyro.ndim else 0
+    shapes = {"gyro_rad_s": (n, 3), "accel_m_s2": (n, 3), "temperature_c": (n,), "t_s": (n,), "rate_hz": ()}
+    for name, column in columns.items():
+        if column.shape != shapes[name]:
+            raise RecordingError(f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected")
+        bad = np.argwhere(~np.isfinite(column))
+        if len(bad):
+            where = f" at sample {bad[0][0]}" if column.ndim else ""
+            raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({len(bad)} such values)")
+    if n < 2:
+        raise RecordingError(f"{path}: {n} samples; at least 2 are needed")
+    rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
+    if rate is not None and not 0.1 <= rate <= 100_000:
+        raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")
+    time = _time(path, columns.get("t_s"), rate, n)
+    return Recording(
+        time_s=time,
+        gyro=gyro,
+        accel=columns.get("accel_m_s2"),
+        temperature_c=columns.get("temperature_c"),
+        rate_hz=rate or float(1 / np.median(np.diff(time))),
+        name=path.stem,
+    )
+
+
+def _time(path: Path, time: Floats | None, rate: float | None, n: int) -> Floats:
+    if time is None:
+        if rate is None:
+            raise RecordingError(f"{path}: it has neither sample times nor 'rate_hz': say the rate")
+        return np.arange(n) / rate
+    steps = np.diff(time)
+    if not (steps > 0).all():
+        at = int(np.argmin(steps > 0)) + 1
+        raise RecordingError(f"{path}: time does not rise at sample {at}: {time[at - 1]:g} s, then {time[at]:g} s")
+    return np.asarray(time - time[0])

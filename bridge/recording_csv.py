@@ -1,0 +1,92 @@
+"""CSV into the named columns of a recording, in SI units; the unit is in each column's name."""
+
+import csv
+import difflib
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording_error import RecordingError
+
+Floats = NDArray[np.float64]
+
+_G = 9.80665
+_DEGREE = float(np.pi / 180)
+_GYRO = {"rad_s": 1.0, "dps": _DEGREE, "mdps": _DEGREE * 1e-3}
+_ACCEL = {"m_s2": 1.0, "g": _G, "mg": _G * 1e-3}
+_TIME = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
+_VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _ACCEL)}
+
+
+def read_csv(path: Path) -> dict[str, Floats]:
+    """The columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,)."""
+    names, rows = _rows(path)
+    try:
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+    except ValueError:
+        raise _bad_number(path, names, rows) from None
+    at = {name: table[:, i] for i, name in enumerate(names)}
+    columns = {}
+    for column, (long, short, units) in _VECTORS.items():
+        found = _vector(at, long, short, units)
+        if found is not None:
+            columns[column] = found
+    if "gyro_rad_s" not in columns:
+        raise RecordingError(f"{path}: {_no_gyro(names)}")
+    for name, scale in _TIME.items():
+        if name in at:
+            columns["t_s"] = at[name] * scale
+    if "temperature_c" in at:
+        columns["temperature_c"] = at["temperature_c"]
+    return columns
+
+
+def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from None
+    try:
+        header, *rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
+    except (csv.Error, ValueError) as error:
+        raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
+    names = [name.strip().lower() for name in header]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise RecordingError(f"{path}: the header has {', '.join(sorted(twice))} more than once")
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(names):
+            raise RecordingError(f"{path}: row {number} has {len(row)} columns; the header has {len(names)}")
+    return names, rows
+
+
+def _vector(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> Floats | None:
+    for unit, scale in units.items():
+        for prefix in (long, short):
+            axes = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
+            if all(name in at for name in axes):
+                return np.stack([at[name] for name in axes], axis=1) * scale
+    return None
+
+
+def _no_gyro(names: list[str]) -> str:
+    wanted = [f"{prefix}{axis}_{unit}" for unit in _GYRO for prefix in ("gyro_", "g") for axis in "xyz"]
+    missing = "the columns gyro_x_rad_s, gyro_y_rad_s, gyro_z_rad_s (or gx_dps, gy_dps, gz_dps) are needed"
+    hints = [
+        f"{name!r}: did you mean {close[0]!r}?"
+        for name in names
+        if name not in wanted and (close := difflib.get_close_matches(name, wanted, n=1, cutoff=0.6))
+    ]
+    return f"{missing}; the header has {', '.join(names)}. {' '.join(hints[:3])}".strip()
+
+
+def _bad_number(path: Path, names: list[str], rows: list[list[str]]) -> RecordingError:
+    for number, row in enumerate(rows, 1):
+        for name, value in zip(names, row, strict=True):
+            try:
+                float(value)
+            except ValueError:
+                return RecordingError(f"{path}: row {number}, column {name!r}: {value[:32]!r} is not a number")
+    return RecordingError(f"{path}: not a table of numbers")

@@ -1,0 +1,123 @@
+"""One TOML file into one frozen, typed object: what does not fit is refused with its file, table, key and nearest name.
+
+The type is a msgspec Struct of Structs that forbid unknown fields. A class that is no Struct may have `from_table`: it is
+given its table and returns itself, or raises ValueError with a sentence.
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import msgspec.inspect as inspection
+
+T = TypeVar("T")
+
+_PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_MISSING = re.compile(r"Object missing required field `(.*)`")
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used: which file, where in it, and what is taken instead."""
+
+
+def load(path: Path | str, kind: type[T]) -> T:
+    """Read a TOML file as `kind`; raises ConfigError, one line for a person."""
+    try:
+        with Path(path).open("rb") as file:
+            tables = tomllib.load(file)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    try:
+        return msgspec.convert(tables, kind, dec_hook=_from_table)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {_sentence(error, kind)}") from None
+
+
+def options(table: dict[str, Any], kind: type[T]) -> T:
+    """A table as `kind`, within `from_table`; raises ValueError with a sentence that names the key."""
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(_sentence(error, kind)) from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """What to say after an unknown name: the nearest known one, or all of them."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"there are {', '.join(names)}" if names else "there are none"
+
+
+def _from_table(kind: type[Any], table: object) -> Any:
+    build = getattr(kind, "from_table", None)
+    if build is None:
+        raise NotImplementedError(f"{kind.__name__} has no from_table")
+    if not isinstance(table, dict):
+        raise ValueError(f"expected a table, got {type(table).__name__}")  # noqa: TRY004 - msgspec adds the place to it
+    return build(table)
+
+
+def _sentence(error: msgspec.ValidationError, kind: type[Any]) -> str:
+    match = _PATH.match(str(error))
+    said, path = (match["text"], match["path"] or "$") if match else (str(error), "$")
+    steps: list[str | int] = [int(number) if number else name for name, number in _STEP.findall(path)]
+    own = isinstance(error.__cause__, ValueError)
+    if unknown := _UNKNOWN.fullmatch(said):
+        hint = nearest(unknown[1], _names(inspection.type_info(kind), steps))
+        return f"{_table(steps)}unknown key {unknown[1]!r}; {hint}"
+    if missing := _MISSING.fullmatch(said):
+        return f"{_table(steps)}the key {missing[1]!r} is missing"
+    if own or not steps:
+        return f"{_table(steps)}{said}"
+    item = f" #{int(steps.pop()) + 1}" if isinstance(steps[-1], int) else ""
+    *table, key = steps
+    words = re.sub(r"`([^`]*)`", lambda quoted: _words(quoted[1]), said)
+    return f"{_table(table)}key {key!r}{item}: {words[:1].lower()}{words[1:]}"
+
+
+def _words(types: str) -> str:
+    return " or ".join(_WORDS.get(name, name) for name in types.split(" | ") if name != "null")
+
+
+def _table(steps: list[str | int]) -> str:
+    """`[bridge]: `, `[[bridge.devices]] #2: `, or nothing at the top of the file."""
+    if not steps:
+        return ""
+    name = ".".join(step for step in steps if isinstance(step, str))
+    return f"[[{name}]] #{steps[-1] + 1}: " if isinstance(steps[-1], int) else f"[{name}]: "
+
+
+def _names(kind: inspection.Type, steps: list[str | int]) -> list[str]:
+    """The keys that the table at `steps` takes."""
+    if isinstance(kind, inspection.UnionType):
+        return [name for option in kind.types for name in _names(option, steps)]
+    if isinstance(kind, inspection.StructType):
+        if not steps:
+            return [field.encode_name for field in kind.fields]
+        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
+        return _names(inner[0], steps[1:]) if inner else []
+    if isinstance(kind, inspection.VarTupleType | inspection.ListType) and steps:
+        return _names(kind.item_type, steps[1:])
+    if isinstance(kind, inspection.DictType) and steps:
+        return _names(kind.value_type, steps[1:])
+    return []

@@ -1,0 +1,126 @@
+"""A recording is whole, finite and in order, or refused with its file, key and sample."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.recording import Recording, RecordingError, load
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+
+
+def saved(tmp_path: Path, **arrays: Any) -> Path:
+    path = tmp_path / "rec.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+def refusal(path: Path, **kwargs: Any) -> str:
+    with pytest.raises(RecordingError) as refused:
+        load(path, **kwargs)
+    assert str(refused.value).startswith(str(path))
+    return str(refused.value)
+
+
+GYRO = np.arange(12.0).reshape(4, 3)
+
+
+def test_an_npz_with_a_rate_is_evenly_spaced(tmp_path: Path) -> None:
+    recording = load(saved(tmp_path, gyro_rad_s=GYRO, rate_hz=100.0, arrival_s=np.array([0.0, 0, 9, 9])))
+    assert np.allclose(recording.time_s, [0, 0.01, 0.02, 0.03])  # arrival_s is never the time of a sample
+    assert (recording.rate_hz, recording.name, recording.accel) == (100.0, "rec", None)
+    assert np.array_equal(recording.gyro, GYRO)
+
+
+def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
+    recording = load(saved(tmp_path, gyro_rad_s=GYRO, t_s=[5, 5.02, 5.04, 9]))
+    assert np.allclose(recording.time_s, [0, 0.02, 0.04, 4])
+    assert recording.rate_hz == pytest.approx(50)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"rate_hz": 1.0}, "'gyro_rad_s' is missing; the file has rate_hz"),
+        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2); (4, 3) is expected"),
+        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (); (0, 3) is expected"),
+        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO[:3], "rate_hz": 1.0}, "'accel_m_s2' has shape (3, 3); (4, 3)"),
+        ({"gyro_rad_s": GYRO, "t_s": [1, 2]}, "'t_s' has shape (2,); (4,)"),
+        ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,); ()"),
+        ({"gyro_rad_s": np.where(GYRO == 7, np.nan, GYRO), "rate_hz": 1.0}, "not a finite number at sample 2 (1 such"),
+        ({"gyro_rad_s": GYRO, "rate_hz": np.inf}, "'rate_hz' is not a finite number"),
+        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "rate_hz is -5"),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 1, 2]}, "time does not rise at sample 2: 1 s, then 1 s"),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 0.5, 2]}, "time does not rise at sample 2"),
+        ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 samples; at least 2"),
+        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'"),
+        ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "not numbers"),
+        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "not a readable .npz of plain numbers"),
+    ],
+)
+def test_a_bad_npz_is_refused(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
+    assert said in refusal(saved(tmp_path, **arrays))
+
+
+def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.npz").write_bytes(b"PK\x03\x04 no archive")
+    (tmp_path / "y.npz").write_bytes(b"\x80\x04N.")
+    (tmp_path / "z.wav").write_bytes(b"")
+    assert "not a readable" in refusal(tmp_path / "x.npz")
+    assert "not a readable" in refusal(tmp_path / "y.npz")
+    assert "ends in .npz or .csv" in refusal(tmp_path / "z.wav")
+    assert "cannot be read" in refusal(tmp_path / "none.npz")
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "rec.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_csv_says_its_units_in_its_header(tmp_path: Path) -> None:
+    text = "t_ms, gx_dps, gy_dps, gz_dps, ax_g, ay_g, az_g, temperature_c, note\n"
+    path = written(tmp_path, text + "100,180,0,-90,0,0,1,25,7\n110,0,0,0,0,0,-1,25,7\n")
+    recording = load(path)
+    assert np.allclose(recording.gyro[0], [np.pi, 0, -np.pi / 2])
+    assert np.allclose(recording.time_s, [0, 0.01])
+    assert recording.accel is not None
+    assert np.allclose(recording.accel[:, 2], [9.80665, -9.80665])
+    assert recording.temperature_c is not None
+    assert recording.rate_hz == pytest.approx(100)
+
+
+def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
+    path = written(tmp_path, "gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s\n1,2,3\n4,5,6\n")
+    assert "say the rate" in refusal(path)
+    recording = load(path, rate_hz=50)
+    assert np.array_equal(recording.gyro, [[1, 2, 3], [4, 5, 6]])
+    assert recording.time_s[1] == 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "not a CSV with a header row"),
+        ("t_s,gyro_x_rads,gyro_y_rad_s,gyro_z_rad_s\n0,1,2,3\n", "'gyro_x_rads': did you mean 'gyro_x_rad_s'?"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,3\n", "row 2 has 3 columns; the header has 4"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,x,3\n", "row 2, column 'gy_dps': 'x' is not a number"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,nan,3\n", "not a finite number at sample 1"),
+        ("t_s,gx_dps,gx_dps,gz_dps\n0,1,2,3\n", "gx_dps more than once"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n", "0 samples; at least 2"),
+    ],
+)
+def test_a_bad_csv_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    assert said in refusal(written(tmp_path, text))
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"the real recordings are not in {DATA}")
+def test_every_real_recording_loads() -> None:
+    for path in sorted(DATA.glob("*/*.npz")):
+        recording = load(path)
+        assert isinstance(recording, Recording)
+        assert 50 < recording.rate_hz < 400
+        assert len(recording) > 500
