@@ -4,7 +4,7 @@ All rates are rad/s, accelerations m/s², times seconds unless the name says oth
 Arrays are read-only by convention: nobody writes into a message.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
 
 import numpy as np
@@ -125,6 +125,17 @@ class CorrectedBatch:
         """(n,) host time of each sample, nanoseconds since the Unix epoch."""
         since_first = (self.ticks - self.ticks[0]) * (self.tick_period_s * self.clock_rate * 1e9)
         return self.start_time_ns + np.rint(since_first).astype(np.int64)
+
+    def after(self, n: int) -> "CorrectedBatch":
+        """The batch without its first n samples."""
+        return replace(
+            self,
+            sequence=self.sequence + n,
+            start_time_ns=int(self.sample_time_ns[n]),
+            ticks=self.ticks[n:],
+            rate=self.rate[n:],
+            flags=self.flags[n:],
+        )
 
     @property
     def rate_std(self) -> Floats:

@@ -1,0 +1,156 @@
+"""The Python way to subscribe: corrected rates, status and calibrations of a ward, and commands to its estimator.
+
+from estimator.client import Client
+
+with Client(ward="demo") as ward:
+for batch in ward.corrected():
+print(batch.device, batch.quality.name, batch.rate[-1], "±", batch.rate_std[-1])
+"""
+
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from typing import Self, TypeVar
+
+from bridge.bus.contract import Bus, BusError, Subscription
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.config import LOCAL
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, Command, CommandReply, CorrectedBatch, DeviceInfo, Status
+from bridge.wire.refusal import Refusal
+from estimator.door import Door
+
+T = TypeVar("T")
+_REMEMBERED_BOOTS = 10_000
+
+
+class Client:
+    """One subscriber's session on the bus of a ward; raises BusError when there is no router."""
+
+    def __init__(self, endpoints: Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
+        self.ward = keys.check_id(ward, "ward")
+        self._own = bus is None
+        self._bus: Bus = ZenohBus(endpoints) if bus is None else bus
+
+    def corrected(self, device: str | None = None, *, history: bool = True, idle_s: float | None = None) -> "Corrected":
+        """Corrected batches of one device or of all, each sample exactly once; with history the last seconds come first.
+
+        Iterating ends after idle_s seconds without a batch, or never.
+        """
+        return Corrected(self._bus.subscribe(self._pattern("corrected", device), history=history), idle_s)
+
+    def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
+        """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
+        return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device)}
+
+    def infos(self, wait_s: float = 1.5) -> dict[str, DeviceInfo]:
+        """The latest device info of every device."""
+        return {i.device: i for i in self._collect("info", codec.decode_info, wait_s)}
+
+    def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
+        """Calibrations the estimator has published lately, accepted or not."""
+        return self._collect("calibration", codec.decode_calibration, wait_s, device)
+
+    def recalibrate(self, device: str, who: str, reason: str = "") -> CommandReply:
+        """Ask for a new calibration; raises BusError when no estimator answers."""
+        return self._command(device, "recalibrate", who, reason)
+
+    def cancel(self, device: str, who: str, reason: str = "") -> CommandReply:
+        """Stop a calibration under way; the old one stays."""
+        return self._command(device, "cancel", who, reason)
+
+    def note(self, device: str, who: str, text: str) -> CommandReply:
+        """Write a note into the device's record."""
+        return self._command(device, "note", who, text)
+
+    def close(self) -> None:
+        """End the session."""
+        if self._own:
+            self._bus.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _command(self, device: str, verb: str, who: str, reason: str) -> CommandReply:
+        key = keys.build(self.ward, "rpc", device=device, verb=verb)
+        payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason))
+        try:
+            return codec.decode_reply(self._bus.ask(key, payload))
+        except Refusal as refusal:
+            raise BusError(f"the answer to {verb} was not understood: {refusal}") from refusal
+
+    def _pattern(self, what: str, device: str | None) -> str:
+        return keys.pattern(self.ward, what, **({} if device is None else {"device": device}))
+
+    def _collect(
+        self, what: str, decode: Callable[[str, bytes], T], wait_s: float, device: str | None = None
+    ) -> list[T]:
+        door = Door(what, decode)
+        subscription = self._bus.subscribe(self._pattern(what, device), history=True)
+        try:
+            deadline, found = time.monotonic() + wait_s, []
+            while (left := deadline - time.monotonic()) > 0:
+                found += [
+                    taken for message in subscription.drain(4096, left) if (taken := door.take(message)) is not None
+                ]
+            return found
+        finally:
+            subscription.close()
+
+
+class Corrected:
+    """An iterator over corrected batches. `missed` messages were lost on the way; `repeated` samples were left out."""
+
+    def __init__(self, subscription: Subscription, idle_s: float | None) -> None:
+        self._subscription, self._idle_s = subscription, idle_s
+        self._door = Door("corrected", codec.decode_corrected)
+        self._next: dict[tuple[str, int], int] = {}
+        self.repeated = 0
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Messages that were not understood, by reason."""
+        return self._door.refused.as_dict()
+
+    @property
+    def missed(self) -> int:
+        """Messages known to be lost."""
+        return self._subscription.missed
+
+    def receive(self, timeout_s: float) -> CorrectedBatch | None:
+        """The next batch with something new, or None when none came in time."""
+        message = self._subscription.receive(timeout_s)
+        while message is not None:
+            batch = self._door.take(message)
+            fresh = None if batch is None else self._new_part(batch)
+            if fresh is not None:
+                return fresh
+            message = self._subscription.receive(0.0)
+        return None
+
+    def __iter__(self) -> Iterator[CorrectedBatch]:
+        while True:
+            batch = self.receive(1.0 if self._idle_s is None else self._idle_s)
+            if batch is not None:
+                yield batch
+            elif self._idle_s is not None:
+                return
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._subscription.close()
+
+    def _new_part(self, batch: CorrectedBatch) -> CorrectedBatch | None:
+        # After a restart an estimator corrects the last seconds again.
+        which = batch.device, batch.boot
+        known = self._next.get(which, batch.sequence) - batch.sequence
+        if len(self._next) > _REMEMBERED_BOOTS:
+            self._next.clear()
+        self._next[which] = max(self._next.get(which, 0), batch.sequence + len(batch))
+        if known <= 0:
+            return batch
+        self.repeated += min(known, len(batch))
+        return batch.after(known) if known < len(batch) else None

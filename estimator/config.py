@@ -1,0 +1,35 @@
+"""The estimator's part of a ward's file: the [estimator] table, and the root that gives it its type."""
+
+from msgspec import Struct
+
+from bridge import config
+from bridge.toml_file import nearest
+from estimator.batch.methods import DEFAULT, METHODS
+
+
+class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[estimator]: its id, where it keeps what it learns, and how it calibrates."""
+
+    id: str
+    #: the SQLite file; relative to the folder the estimator is started in
+    store: str = "truerate.sqlite3"
+    method: str = DEFAULT
+    #: seconds after power-up before a device is believed
+    warming_s: float = 1.0
+    #: seconds without a sample after which a device is lost
+    silence_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        config.check(self.id, "id")
+        if self.method not in METHODS:
+            raise ValueError(f"unknown method {self.method!r}; {nearest(self.method, METHODS)}")
+        if not 0 <= self.warming_s <= 3600:
+            raise ValueError(f"warming_s is {self.warming_s:g}; 0 to 3600 is taken")
+        if not 0.2 <= self.silence_s <= 600:
+            raise ValueError(f"silence_s is {self.silence_s:g}; 0.2 to 600 is taken")
+
+
+class Ward(config.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole ward file with every table typed."""
+
+    estimator: Estimator | None = None

@@ -1,0 +1,29 @@
+"""Where messages from the bus come in: decoded once, or counted with a reason; the first of each reason is told aloud."""
+
+import logging
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from bridge.bus.contract import Message
+from bridge.wire.refusal import Refusal, Tally
+
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+
+class Door(Generic[T]):
+    """One kind of message; `refused` counts by reason."""
+
+    def __init__(self, name: str, decode: Callable[[str, bytes], T]) -> None:
+        self.name = name
+        self.refused = Tally()
+        self._decode = decode
+
+    def take(self, message: Message) -> T | None:
+        """The message, or None when it was refused and counted."""
+        try:
+            return self._decode(message.key, message.payload)
+        except Refusal as refusal:
+            if self.refused.add(refusal.reason) == 1:
+                log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
+            return None

@@ -1,0 +1,70 @@
+"""Commands from people: asked on a thread of the bus, done on the service's own, answered with what came of it.
+
+A command sent again with the same request id gets the same answer and changes nothing.
+"""
+
+import queue
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bridge.wire import codec, keys
+from bridge.wire.messages import Command, CommandReply
+from bridge.wire.refusal import Refusal
+
+ANSWER_S = 1.5
+_REMEMBERED = 1000
+
+Do = Callable[[keys.Key, Command], CommandReply]
+
+
+@dataclass(slots=True)
+class _Asked:
+    key: keys.Key
+    command: Command
+    done: threading.Event = field(default_factory=threading.Event)
+    reply: CommandReply | None = None
+
+
+class Commands:
+    """The desk between the bus and the service."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.Queue[_Asked] = queue.Queue(maxsize=64)
+        self._answered: OrderedDict[tuple[str, str, str], CommandReply] = OrderedDict()
+
+    def ask(self, key: str, payload: bytes) -> bytes:
+        """Called by the bus: hand a command to the service and wait for what came of it."""
+        try:
+            asked = _Asked(keys.parse(key), codec.decode_command(key, payload))
+        except Refusal as refusal:
+            return codec.encode_reply(CommandReply("", accepted=False, message=str(refusal)))
+        try:
+            self._waiting.put_nowait(asked)
+        except queue.Full:
+            return self._late(asked, "too many commands are waiting; try again")
+        if not asked.done.wait(ANSWER_S) or asked.reply is None:
+            return self._late(asked, "the estimator is too busy to answer; look at the status, then try again")
+        return codec.encode_reply(asked.reply)
+
+    def work(self, do: Do) -> None:
+        """Called by the service: do what is waiting."""
+        while True:
+            try:
+                asked = self._waiting.get_nowait()
+            except queue.Empty:
+                return
+            asked.reply = self._once(asked, do)
+            asked.done.set()
+
+    def _once(self, asked: _Asked, do: Do) -> CommandReply:
+        request = (asked.key.device, asked.key.ids["verb"], asked.command.request_id)
+        if request not in self._answered:
+            self._answered[request] = do(asked.key, asked.command)
+            while len(self._answered) > _REMEMBERED:
+                self._answered.popitem(last=False)
+        return self._answered[request]
+
+    def _late(self, asked: _Asked, message: str) -> bytes:
+        return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=message))

@@ -1,0 +1,207 @@
+"""What the estimator keeps: one SQLite file with calibrations, boots, bias history and an audit of commands.
+
+Append-only but for the latest bias of each boot. Calibrations are kept as their wire bytes with a digest: what was
+damaged on disk is refused and reported, never used. The only file that imports sqlite3.
+"""
+
+import hashlib
+import json
+import logging
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
+from bridge.wire.refusal import Refusal
+from estimator.session import Remembered
+from estimator.track.bias_filter import BiasState
+
+log = logging.getLogger(__name__)
+
+SCHEMA_VERSION = 1
+_SCHEMA = """
+CREATE TABLE calibrations (
+    id TEXT PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, method TEXT NOT NULL,
+    verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL,
+    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL,
+    payload BLOB NOT NULL, digest TEXT NOT NULL
+) STRICT;
+CREATE INDEX calibrations_by_device ON calibrations (device, time_ns);
+CREATE TABLE boots (
+    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, cause TEXT NOT NULL,
+    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL,
+    PRIMARY KEY (device, boot)
+) STRICT;
+CREATE TABLE bias (
+    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, state TEXT NOT NULL, digest TEXT NOT NULL,
+    PRIMARY KEY (device, boot)
+) STRICT;
+CREATE TABLE bias_history (
+    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
+    x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, x_std REAL NOT NULL, y_std REAL NOT NULL, z_std REAL NOT NULL,
+    temperature_c REAL
+) STRICT;
+CREATE INDEX bias_history_by_device ON bias_history (device, time_ns);
+CREATE TABLE audit (
+    time_ns INTEGER NOT NULL, device TEXT NOT NULL, verb TEXT NOT NULL, request_id TEXT NOT NULL, who TEXT NOT NULL,
+    reason TEXT NOT NULL, accepted INTEGER NOT NULL, message TEXT NOT NULL
+) STRICT;
+CREATE INDEX audit_by_request ON audit (request_id);
+"""
+
+
+class StoreError(Exception):
+    """The store could not be opened or written: which file, why, what to do."""
+
+
+class Store:
+    """One open store; used from one thread."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = str(path)
+        try:
+            self._db = sqlite3.connect(self.path, timeout=5.0, check_same_thread=False)
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            version = self._db.execute("PRAGMA user_version").fetchone()[0]
+            if version == 0:
+                self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+        except sqlite3.Error as error:
+            raise StoreError(
+                f"store {self.path}: {error}; check that the folder exists, is writable and has room"
+            ) from error
+        if version not in (0, SCHEMA_VERSION):
+            self._db.close()
+            raise StoreError(
+                f"store {self.path} has schema {version}, this truerate knows {SCHEMA_VERSION}: update truerate"
+            )
+
+    def close(self) -> None:
+        """Close; what was written is on disk already."""
+        self._db.close()
+
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Append a calibration, before anyone is told of it; only an accepted one is a calibration."""
+        if calibration.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f"a calibration with verdict {calibration.verdict.name} is not stored")
+        c, payload = calibration, codec.encode_calibration(calibration)
+        row = (
+            c.id,
+            c.device,
+            keys.boot_id(c.boot),
+            c.time_ns,
+            c.method,
+            c.verdict.name,
+            c.reason,
+            c.who,
+            *_restore_key(c),
+        )
+        self._write(
+            "INSERT OR IGNORE INTO calibrations VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?)", (*row, payload, _digest(payload))
+        )
+
+    def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
+        """Note a boot; the same boot again changes nothing."""
+        row = (info.device, keys.boot_id(info.boot), time_ns, BootCause(info.boot_cause).name, *_restore_key(info))
+        self._write("INSERT OR IGNORE INTO boots VALUES (?,?,?,?,?,?,?,?)", row)
+
+    def save_bias(self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool) -> None:
+        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
+        text = json.dumps(
+            [state.x.tolist(), state.P.tolist(), state.time, _or_none(state.temperature_c), _or_none(state.reference_c)]
+        )
+        name = keys.boot_id(boot)
+        row = (device, name, time_ns, text, _digest(text.encode()))
+        self._write("INSERT OR REPLACE INTO bias VALUES (?,?,?,?,?)", row)
+        if history:
+            point = (device, name, time_ns, *map(float, state.x), *map(float, state.std), _or_none(state.temperature_c))
+            self._write("INSERT INTO bias_history VALUES (?,?,?,?,?,?,?,?,?,?)", point)
+
+    def add_audit(
+        self,
+        time_ns: int,
+        device: str,
+        verb: str,
+        request_id: str,
+        who: str,
+        reason: str,
+        message: str,
+        *,
+        accepted: bool,
+    ) -> None:
+        """Append what was asked of the estimator, or what it refused, and what came of it."""
+        row = (time_ns, device, verb, request_id, who, reason, int(accepted), message)
+        self._write("INSERT INTO audit VALUES (?,?,?,?,?,?,?,?)", row)
+
+    def recall(self, device: str, boot: int) -> Remembered | None:
+        """The calibration of this very boot, with the bias since."""
+        calibration = self._calibration("device = ? AND boot = ?", (device, keys.boot_id(boot)))
+        return None if calibration is None else Remembered(calibration, self._bias(device, boot))
+
+    def prior(self, info: DeviceInfo) -> Calibration | None:
+        """The last calibration of an earlier boot under the same restore key: device, model, firmware, range and rate."""
+        where = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND rate_hz = ? AND boot != ?"
+        return self._calibration(where, (info.device, *_restore_key(info), keys.boot_id(info.boot)))
+
+    def calibrations(self, device: str) -> list[Calibration]:
+        """All whole calibrations of a device, oldest first."""
+        rows = self._db.execute(
+            "SELECT id, payload, digest FROM calibrations WHERE device = ? ORDER BY time_ns, rowid", (device,)
+        )
+        return [found for row in rows if (found := self._whole(device, *row)) is not None]
+
+    def _calibration(self, where: str, values: tuple[object, ...]) -> Calibration | None:
+        query = f"SELECT id, payload, digest FROM calibrations WHERE {where} ORDER BY time_ns DESC, rowid DESC"  # noqa: S608 - our own words
+        try:
+            rows = self._db.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"store {self.path}: {error}; restore it from a backup") from error
+        return next((found for row in rows if (found := self._whole(str(values[0]), *row)) is not None), None)
+
+    def _whole(self, device: str, name: str, payload: bytes, digest: str) -> Calibration | None:
+        try:
+            if digest != _digest(payload):
+                raise ValueError("its digest does not match")
+            return codec.decode_calibration(keys.build("store", "calibration", device=device), payload)
+        except (ValueError, Refusal) as error:
+            log.error("store %s: calibration %s is damaged (%s) and is not used", self.path, name, error)
+            return None
+
+    def _bias(self, device: str, boot: int) -> BiasState | None:
+        query = "SELECT state, digest FROM bias WHERE device = ? AND boot = ?"
+        row = self._db.execute(query, (device, keys.boot_id(boot))).fetchone()
+        if row is None:
+            return None
+        if row[1] != _digest(row[0].encode()):
+            log.error("store %s: the bias of %s is damaged and is not used", self.path, device)
+            return None
+        x, P, time, temperature, reference = json.loads(row[0])
+        nan = float("nan")
+        return BiasState(
+            np.array(x),
+            np.array(P),
+            time,
+            nan if temperature is None else temperature,
+            nan if reference is None else reference,
+        )
+
+    def _write(self, statement: str, values: tuple[object, ...]) -> None:
+        try:
+            with self._db:
+                self._db.execute(statement, values)
+        except sqlite3.Error as error:
+            raise StoreError(f"store {self.path}: {error}; is the disk full or read-only?") from error
+
+
+def _restore_key(of: Calibration | DeviceInfo) -> tuple[str, str, float, float]:
+    return of.model, of.firmware, of.gyro_range, of.rate_hz
+
+
+def _digest(payload: bytes) -> str:
+    return hashlib.sha256(payload).hexdigest()
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
