@@ -108,7 +108,7 @@ class Spike(AxisFault):
 
     def spoilt(self, readings: Array) -> Array:
         """See AxisFault."""
-        return readings + np.radians(self.size_dps)
+        return np.asarray(readings + np.radians(self.size_dps))
 
 
 class StuckAxis(AxisFault):

@@ -27,14 +27,15 @@ def to_rotvec(q: Array) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """The products a b, (n, 4); either may be (1, 4)."""
+    # Bracketed so that the inverse of q times q is exactly no rotation: what is still has a rate of exactly zero.
     aw, ax, ay, az = a.T
     bw, bx, by, bz = b.T
     return np.column_stack(
         [
             aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
+            (aw * bx + ax * bw) + (ay * bz - az * by),
+            (aw * by + ay * bw) + (az * bx - ax * bz),
+            (aw * bz + az * bw) + (ax * by - ay * bx),
         ]
     )
 

@@ -1,0 +1,100 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bridge.sim.imperfection import DEMO_SPEC, Imperfection, ImuSpec, Readings
+from bridge.sim.motion import Motion, Still, TrueMotion
+from bridge.sim.script import demo_script
+
+PERFECT = ImuSpec(scale=(1, 1), bias_limit_dps=0, noise_dps=0, accel_noise=0)
+
+
+def truth(duration_s: float = 20.0) -> TrueMotion:
+    return demo_script(np.random.default_rng(0)).advance(np.arange(1, int(duration_s * 104)) / 104)
+
+
+def at_rest(duration_s: float) -> TrueMotion:
+    return Motion([Still(1.0)]).advance(np.arange(1, int(duration_s * 104)) / 104)
+
+
+def read(spec: ImuSpec, motion: TrueMotion, seed: int = 1) -> tuple[Imperfection, Readings]:
+    device = Imperfection(spec, np.random.default_rng(seed))
+    return device, device.read(motion)
+
+
+def test_a_perfect_device_reads_the_truth() -> None:
+    motion = truth()
+    _, readings = read(PERFECT, motion)
+    np.testing.assert_allclose(readings.gyro, motion.rate, atol=1e-15)
+    np.testing.assert_allclose(readings.accel, motion.force, atol=1e-15)
+
+
+def test_truth_inverts_the_reading() -> None:
+    motion = truth()
+    spec = replace(DEMO_SPEC, misalignment_deg=2.0, noise_dps=0.0, step_dps=0.0)
+    device, readings = read(spec, motion)
+    corrected = (readings.gyro - readings.bias) @ device.truth.matrix.T
+    np.testing.assert_allclose(corrected, motion.rate, atol=1e-12)
+
+
+def test_with_scale_alone_the_rate_is_k_times_reading_less_bias() -> None:
+    motion = truth()
+    device, readings = read(ImuSpec(noise_dps=0), motion)
+    np.testing.assert_allclose(device.truth.k * (readings.gyro - device.truth.turn_on_bias), motion.rate, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise_dps", [0.03, 0.15])
+def test_noise_is_as_asked_and_white(noise_dps: float) -> None:
+    _, readings = read(replace(PERFECT, noise_dps=noise_dps), at_rest(200))
+    noise = np.degrees(readings.gyro)
+    assert noise.std(axis=0) == pytest.approx(noise_dps, rel=0.03)
+    assert abs(np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]) < 0.03
+
+
+def test_each_boot_draws_within_its_limits() -> None:
+    drawn = [Imperfection(ImuSpec(), np.random.default_rng(seed)).truth for seed in range(300)]
+    k = np.array([one.k for one in drawn])
+    bias_dps = np.degrees([one.turn_on_bias for one in drawn])
+    assert 0.8 <= k.min() < 0.81
+    assert 1.19 < k.max() <= 1.2
+    assert -5 <= bias_dps.min() < -4.9
+    assert 4.9 < bias_dps.max() <= 5
+
+
+def test_bias_walks_as_the_square_root_of_time() -> None:
+    spec = replace(PERFECT, rrw_dps_per_sqrt_s=0.01)
+    ends = [np.degrees(read(spec, at_rest(25), seed)[1].bias[-1]) for seed in range(200)]
+    assert np.std(ends) == pytest.approx(0.01 * 5, rel=0.1)
+
+
+def test_bias_follows_the_warm_up() -> None:
+    spec = replace(PERFECT, bias_dps_per_kelvin=0.1, warm_up_s=10.0)
+    device, readings = read(spec, at_rest(100))
+    assert readings.temperature_c[0] == pytest.approx(25.0, abs=0.1)
+    assert readings.temperature_c[-1] == pytest.approx(35.0, abs=0.1)
+    warmed = readings.bias[-1] - device.truth.turn_on_bias
+    np.testing.assert_allclose(warmed, device.truth.bias_per_kelvin * 10, rtol=1e-3)
+
+
+def test_readings_saturate_at_the_range_and_fall_on_steps() -> None:
+    _, clipped = read(replace(PERFECT, range_dps=60.0), truth())
+    assert np.degrees(np.abs(clipped.gyro).max()) == pytest.approx(60.0)
+    _, stepped = read(replace(ImuSpec(), step_dps=0.07), truth())
+    steps = np.degrees(stepped.gyro) / 0.07
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_however_it_is_cut_it_reads_the_same() -> None:
+    motion = truth()
+    _, whole = read(DEMO_SPEC, motion)
+    device = Imperfection(DEMO_SPEC, np.random.default_rng(1))
+    cuts = [0, 1, 2, 500, len(motion.time_s)]
+    parts = [
+        device.read(TrueMotion(motion.time_s[a:b], motion.rate[a:b], motion.attitude[a:b], motion.force[a:b]))
+        for a, b in pairwise(cuts)
+    ]
+    np.testing.assert_allclose(np.concatenate([part.bias for part in parts]), whole.bias, atol=1e-12)
+    # A rounding error may push a reading onto the next step.
+    assert (np.abs(np.concatenate([part.gyro for part in parts]) - whole.gyro) > 1e-9).mean() < 1e-3

@@ -1,0 +1,156 @@
+from itertools import islice
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.sim.motion import GRAVITY, Motion, Piece, Still, Swing, TrueMotion
+from bridge.sim.quaternion import from_rotvec, integrate, to_rotvec
+from bridge.sim.script import SessionPlan, TurnPlan, demo_script, session, worn
+
+START = np.array([0.5, -0.5, 0.5, 0.5])
+
+
+def times(duration_s: float, rate_hz: float = 104.0) -> NDArray[np.float64]:
+    return np.arange(1, int(duration_s * rate_hz) + 1) / rate_hz
+
+
+def angle_between(a: Rotation, b: Rotation) -> float:
+    return float((a.inv() * b).magnitude())
+
+
+def rotation(q: NDArray[np.float64]) -> Rotation:
+    return Rotation.from_quat(q, scalar_first=True)
+
+
+def integrated(motion: TrueMotion, start: Rotation) -> Rotation:
+    """Attitude after the last sample, from the rates alone, by SciPy's rotations: a witness that shares no code."""
+    dt = np.diff(motion.time_s, prepend=0.0)
+    for step in Rotation.from_rotvec(motion.rate * dt[:, None]):
+        start = start * step
+    return start
+
+
+def play(pieces: list[Piece], rate_hz: float = 104.0) -> TrueMotion:
+    return Motion(pieces, START).advance(times(sum(piece.duration_s for piece in pieces) + 0.5, rate_hz))
+
+
+PLANS = {
+    "plain": SessionPlan(),
+    "wobbling": SessionPlan(wobble_deg=5.0, tilt_deg=8.0),
+    "in several goes": SessionPlan(turns=(TurnPlan(0, goes=3), TurnPlan(2, -360.0, goes=2), TurnPlan(1))),
+    "twice round": SessionPlan(turns=(TurnPlan(1, 720.0), TurnPlan(1, -720.0)), wobble_deg=3.0),
+}
+
+
+@pytest.mark.parametrize("rate_hz", [12.5, 104.0, 833.0])
+@pytest.mark.parametrize("plan", PLANS.values(), ids=PLANS)
+def test_full_turns_close_when_the_true_rate_is_integrated(plan: SessionPlan, rate_hz: float) -> None:
+    motion = play(session(np.random.default_rng(3), plan), rate_hz)
+    assert angle_between(rotation(START), integrated(motion, rotation(START))) < 1e-9
+    assert angle_between(rotation(START), rotation(motion.attitude[-1])) < 1e-9
+
+
+def test_integrated_rate_is_the_attitude_while_worn() -> None:
+    motion = Motion(worn(np.random.default_rng(4)), START).advance(times(30.0))
+    assert angle_between(rotation(motion.attitude[-1]), integrated(motion, rotation(START))) < 1e-9
+    dt = np.diff(motion.time_s, prepend=0.0)
+    # The simulator's own integration agrees; q and -q are the same attitude.
+    same = np.abs(np.sum(integrate(motion.rate, dt, START) * motion.attitude, axis=1))
+    np.testing.assert_allclose(same, 1, atol=1e-12)
+
+
+@pytest.mark.parametrize(("angle_deg", "left_deg"), [(330.0, 30.0), (180.0, 180.0), (-350.0, 10.0)])
+def test_a_turn_of_a_wrong_angle_does_not_close(angle_deg: float, left_deg: float) -> None:
+    motion = play(session(np.random.default_rng(0), SessionPlan(turns=(TurnPlan(2, angle_deg),))))
+    assert np.degrees(angle_between(rotation(START), rotation(motion.attitude[-1]))) == pytest.approx(left_deg)
+
+
+def test_replacement_error_is_as_asked() -> None:
+    missed = [
+        angle_between(rotation(START), rotation(play(session(np.random.default_rng(seed), plan), 10.0).attitude[-1]))
+        for plan in [SessionPlan(rests_s=0.5, turns=(TurnPlan(0),), replacement_deg=0.2)]
+        for seed in range(300)
+    ]
+    assert np.sqrt(np.mean(np.square(missed)) / 3) == pytest.approx(np.radians(0.2), rel=0.1)
+
+
+def test_wobble_tilts_the_path_and_never_more_than_asked() -> None:
+    plain, wobbling = (
+        play(session(np.random.default_rng(5), SessionPlan(turns=(TurnPlan(2, 360.0, 5.0),), wobble_deg=w)))
+        for w in (0.0, 3.0)
+    )
+    tilt = np.degrees((rotation(plain.attitude).inv() * rotation(wobbling.attitude)).magnitude())
+    assert tilt.max() == pytest.approx(3.0, rel=0.01)
+
+
+def test_a_swing_stays_below_its_peak_and_ends_in_another_pose() -> None:
+    plan = SessionPlan(turns=(TurnPlan(0, 120.0, 2.0, swing=True),))
+    pieces = session(np.random.default_rng(6), plan)
+    assert isinstance(pieces[1], Swing)
+    motion = play(pieces)
+    assert np.degrees(np.linalg.norm(motion.rate, axis=1).max()) < 120 / 2 * 15 / 8 + 1
+    assert angle_between(rotation(START), rotation(motion.attitude[-1])) > 0.05
+
+
+def test_at_rest_the_accelerometer_reads_gravity_and_nothing_turns() -> None:
+    motion = Motion([Still(1.0)], START).advance(times(2.0))
+    up = rotation(START).inv().apply([0.0, 0.0, GRAVITY])
+    np.testing.assert_allclose(motion.force, np.tile(up, (208, 1)), atol=1e-12)
+    assert not motion.rate.any()
+
+
+def test_in_motion_the_accelerometer_differs_from_gravity_by_the_lever_arm_only() -> None:
+    motion = Motion(worn(np.random.default_rng(7)), START).advance(times(60.0))
+    extra = motion.force - rotation(motion.attitude).inv().apply([0.0, 0.0, GRAVITY])
+    size = np.linalg.norm(extra, axis=1)
+    still = np.linalg.norm(motion.rate, axis=1) == 0
+    assert 0.2 < size.max() < 20
+    # The first sample of a rest still feels the end of the braking.
+    assert size[1:][still[1:] & still[:-1]].max() < 1e-9
+
+
+def test_worn_motion_is_natural_in_speed_and_rests_now_and_then() -> None:
+    motion = Motion(worn(np.random.default_rng(8))).advance(times(300.0))
+    speed = np.degrees(np.linalg.norm(motion.rate, axis=1))
+    assert 100 < speed.max() <= 151
+    assert 0.3 < (speed == 0).mean() < 0.8
+    assert np.abs(np.diff(motion.rate, axis=0)).max() < np.radians(20)  # smooth: no step between samples
+
+
+def test_however_it_is_cut_it_is_the_same_motion() -> None:
+    at = times(20.0)
+    whole = demo_script(np.random.default_rng(9)).advance(at)
+    cut = demo_script(np.random.default_rng(9))
+    parts = [cut.advance(part) for part in np.split(at, [1, 2, 50, 777, 1500])]
+    for name in ("rate", "attitude", "force"):
+        np.testing.assert_allclose(np.concatenate([getattr(p, name) for p in parts]), getattr(whole, name), atol=1e-12)
+
+
+def test_it_plays_for_hours_and_stays_a_unit_quaternion() -> None:
+    motion = Motion(worn(np.random.default_rng(10)))
+    for hour in range(1, 4):
+        last = motion.advance(np.array([3600.0 * hour - 0.01, 3600.0 * hour]))
+        assert np.linalg.norm(last.attitude, axis=1) == pytest.approx(1, abs=1e-12)
+    assert len(list(islice(worn(np.random.default_rng(0)), 100))) == 100
+
+
+def test_times_that_do_not_rise_are_refused() -> None:
+    motion = Motion([Still(1.0)])
+    motion.advance(times(0.5))
+    with pytest.raises(ValueError, match="must rise"):
+        motion.advance(times(0.5))
+
+
+def test_rests_must_fit_the_turns() -> None:
+    with pytest.raises(ValueError, match="need 4 rests"):
+        session(np.random.default_rng(0), SessionPlan(rests_s=(1.0, 2.0)))
+
+
+def test_rotation_vectors_round_trip_down_to_nothing() -> None:
+    rotvec = np.random.default_rng(0).normal(size=(100, 3)) * np.logspace(-20, 0, 100)[:, None]
+    np.testing.assert_allclose(to_rotvec(from_rotvec(rotvec)), rotvec, rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(
+        rotation(from_rotvec(rotvec)).as_matrix(), Rotation.from_rotvec(rotvec).as_matrix(), atol=1e-14
+    )

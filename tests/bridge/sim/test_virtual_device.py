@@ -1,0 +1,195 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.framing.deframer import Deframer, frame
+from bridge.framing.packets import Data, Hello, decode, encode_identify
+from bridge.sim.motion import Motion, Still
+from bridge.sim.source import RecordedSource, SimulatedSource
+from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+
+ASK = frame(encode_identify())
+
+
+class Host:
+    """Hears a device step by step and sorts what it says."""
+
+    def __init__(self, device: VirtualDevice, step_s: float = 0.02) -> None:
+        self.device = device
+        self.said: list[Hello | Data] = []
+        self._deframer = Deframer()
+        self._step_s = step_s
+        self._steps = 0
+
+    def hear(self, duration_s: float) -> list[Hello | Data]:
+        new = []
+        for _ in range(round(duration_s / self._step_s)):
+            self._steps += 1
+            new += [decode(payload) for payload in self._deframer.feed(self.device.advance(self._steps * self._step_s))]
+        assert not self._deframer.faults.as_dict()
+        self.said += new
+        return new
+
+    def data(self, boot: int | None = None) -> list[Data]:
+        return [one for one in self.said if isinstance(one, Data) and boot in {None, one.boot}]
+
+    def hellos(self) -> list[Hello]:
+        return [one for one in self.said if isinstance(one, Hello)]
+
+
+def ticks_of(packets: list[Data]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.concatenate([packet.ticks for packet in packets]).astype(np.int64)
+
+
+def test_a_boot_is_silence_then_hello_then_data() -> None:
+    host = Host(demo_device("a", 1))
+    assert host.hear(0.28) == []
+    host.hear(3.0)
+    first, second = host.said[:2]
+    assert isinstance(first, Hello)
+    assert isinstance(second, Data)
+    assert (first.boot, second.sequence) == (second.boot, 0)
+    assert first.tick_period_s == 1e-6
+    assert first.gyro_range == pytest.approx(np.radians(500))
+    assert len(host.hellos()) == 3  # at 0.3, 1.3 and 2.3 s
+
+
+def test_samples_come_at_the_rate_in_small_packets_and_in_order() -> None:
+    host = Host(demo_device("a", 1))
+    host.hear(20.3)
+    data = host.data()
+    assert sum(len(one.ticks) for one in data) == pytest.approx(104 * 20, abs=2)
+    assert {len(one.ticks) for one in data} == {2}
+    assert [one.sequence for one in data] == list(range(0, 2 * len(data), 2))
+    assert set(np.diff(ticks_of(data))) == {9615, 9616}
+
+
+def test_it_answers_identify_at_once() -> None:
+    host = Host(demo_device("a", 1))
+    host.hear(0.5)
+    host.device.receive(ASK[:3])
+    host.device.receive(ASK[3:])
+    assert sum(isinstance(one, Hello) for one in host.hear(0.02)) == 1
+
+
+def test_what_is_not_identify_is_ignored() -> None:
+    host = Host(demo_device("a", 1))
+    host.hear(0.5)
+    host.device.receive(frame(b"\x82") + b"garbage\0" + frame(encode_identify() + b"?"))
+    assert not any(isinstance(one, Hello) for one in host.hear(0.1))
+
+
+def test_each_boot_is_another_with_its_own_scale_and_bias() -> None:
+    host = Host(demo_device("a", 1))
+    for _ in range(5):
+        host.hear(1.0)
+        host.device.reboot()
+    boots = list(dict.fromkeys(one.boot for one in host.hellos()))
+    assert len(boots) == 5
+    for boot in boots:
+        assert host.data(boot)[0].sequence == 0
+    assert len({tuple(host.device.truth_of(boot).k) for boot in boots}) == 5
+
+
+def test_the_seed_and_the_name_decide_everything() -> None:
+    def life(name: str, seed: int) -> bytes:
+        return demo_device(name, seed).advance(5.0)
+
+    assert life("a", 1) == life("a", 1)
+    assert demo_device("a", 1).boot != demo_device("b", 1).boot
+    assert demo_device("a", 1).boot != demo_device("a", 2).boot
+
+
+def test_switched_off_it_is_silent_and_deaf() -> None:
+    host = Host(demo_device("a", 1))
+    host.hear(1.0)
+    host.device.power_off()
+    assert host.hear(2.0) == []
+    assert host.device.boot is None
+    host.device.power_on()
+    assert host.hear(0.28) == []
+    assert isinstance(host.hear(0.1)[0], Hello)
+    host.device.power_on()
+    boot = host.device.boot
+    host.hear(0.1)
+    assert host.device.boot == boot
+
+
+def test_ticks_wrap_at_32_bits() -> None:
+    source = SimulatedSource(lambda _: Motion([Still(1.0)]))
+    host = Host(VirtualDevice("a", source, spec=DeviceSpec(first_tick=2**32 - 1_000_000)))
+    host.hear(3.0)
+    ticks = ticks_of(host.data())
+    assert ticks.min() < 10_000
+    assert ticks.max() > 2**32 - 10_000
+    assert set(np.diff(ticks) % 2**32) == {9615, 9616}
+
+
+def test_a_fast_oscillator_gives_more_samples_a_second() -> None:
+    source = SimulatedSource(lambda _: Motion([Still(1.0)]))
+    host = Host(VirtualDevice("a", source, spec=DeviceSpec(skew_ppm=10_000)))
+    host.hear(100.3)
+    assert ticks_of(host.data())[-1] == pytest.approx(100.3e6 * 1.01, rel=1e-3)
+    assert sum(len(one.ticks) for one in host.data()) == pytest.approx(104 * 100 * 1.01, rel=1e-3)
+
+
+def test_truth_corrects_what_was_sent() -> None:
+    imu = replace(demo_device("a", 1)._source.spec, noise_dps=0.0, step_dps=0.0)  # type: ignore[attr-defined]
+    host = Host(demo_device("a", 1, imu=imu))
+    host.hear(40.0)
+    boot = host.said[0].boot
+    gyro = np.concatenate([one.gyro for one in host.data()])[1000:2000]
+    truth = host.device.truth_between(boot, 1000, 1999)
+    corrected = (gyro - truth.bias) @ host.device.truth_of(boot).matrix.T
+    assert truth.attitude.shape == (1000, 4)
+    assert np.abs(truth.rate).max() > 1
+    np.testing.assert_allclose(corrected, truth.rate, atol=1e-6)  # float32 on the wire
+
+
+def test_truth_is_kept_for_a_while_and_then_refused() -> None:
+    host = Host(demo_device("a", 1, spec=DeviceSpec(truth_s=10.0)), step_s=0.5)
+    host.hear(60.0)
+    boot = host.said[0].boot
+    last = host.data()[-1].sequence
+    assert len(host.device.truth_between(boot, last - 500, last).rate) == 501
+    for first, end, of in [(0, 10, boot), (last, last + 10_000, boot), (last, last, boot + 1), (5, 4, boot)]:
+        with pytest.raises(LookupError):
+            host.device.truth_between(of, first, end)
+
+
+def test_a_recording_arrives_whole_once_the_host_asked() -> None:
+    rng = np.random.default_rng(0)
+    gyro, accel = rng.normal(size=(2, 501, 3)).astype(np.float32)
+    time_s = np.cumsum(rng.uniform(0.005, 0.015, 501)) + 1e4
+    source = RecordedSource(gyro, accel, rate_hz=100, time_s=time_s)
+    host = Host(VirtualDevice("a", source, spec=DeviceSpec(wait_for_host=True)))
+    host.hear(5.0)
+    assert not host.data()
+    assert host.hellos()
+    host.device.receive(ASK)
+    host.hear(10.0)
+    np.testing.assert_array_equal(np.concatenate([one.gyro for one in host.data()]), gyro)
+    np.testing.assert_array_equal(np.concatenate([one.accel for one in host.data()]), accel)
+    np.testing.assert_allclose(np.diff(ticks_of(host.data())) * 1e-6, np.diff(time_s), atol=2e-6)
+    assert host.device.finished
+    assert not host.hellos()[0].has_temperature
+    assert host.hellos()[0].has_accel
+
+
+def test_a_recording_without_accelerometer_says_so_and_plays_again_at_each_boot() -> None:
+    gyro = np.arange(30.0).reshape(10, 3)
+    host = Host(VirtualDevice("a", RecordedSource(gyro, rate_hz=100)))
+    host.hear(1.0)
+    host.device.reboot()
+    host.hear(1.0)
+    assert not host.hellos()[0].has_accel
+    assert sum(len(one.ticks) for one in host.data()) == 20
+
+
+def test_however_time_is_cut_it_says_the_same() -> None:
+    def life(steps: int) -> bytes:
+        device = demo_device("a", 3)
+        return b"".join(device.advance((i + 1) * 8.0 / steps) for i in range(steps))
+
+    assert life(1) == life(7) == life(1600)
