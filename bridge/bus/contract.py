@@ -1,8 +1,8 @@
-"""What the rest of the program knows of a bus. `zenoh_bus` and `memory_bus` keep this contract, one test suite holds both.
+"""What the rest of the program knows of a bus. `zenoh_bus` and `memory_bus` keep this contract, one suite holds both.
 
-Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of the
-bus; it must be quick and must not raise (what it raises is logged and counted, never lost). Nothing here blocks longer
-than its timeout.
+Threads: every method may be called from any thread. A handler given to `answer` or `watch_alive` runs on a thread of
+the bus; it must be quick and must not raise (what it raises is logged and counted, never lost). Nothing here blocks
+longer than its timeout.
 """
 
 from collections.abc import Callable

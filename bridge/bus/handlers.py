@@ -1,0 +1,44 @@
+"""Calls into the program's own handlers: what they raise is logged and counted, and the bus goes on."""
+
+import logging
+from collections.abc import Callable
+from typing import Generic, ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_log = logging.getLogger(__name__)
+
+
+class HandlerError(Exception):
+    """A handler raised; the message is fit to be sent to whoever asked."""
+
+
+class Guarded(Generic[_P, _R]):
+    """A handler whose first failure is logged loudly, repeats quietly, and recovery once."""
+
+    def __init__(self, handler: Callable[_P, _R], where: str) -> None:
+        self._handler = handler
+        self._where = where
+        self._in_a_row = 0
+        self.failures = 0
+
+    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        """Call the handler; raises HandlerError, already logged, when it raised."""
+        try:
+            result = self._handler(*args, **kwargs)
+        except Exception as error:
+            self.failures += 1
+            self._in_a_row += 1
+            quiet = self._in_a_row > 1
+            _log.log(
+                logging.DEBUG if quiet else logging.ERROR,
+                "the handler of %s raised (%d so far)",
+                self._where,
+                self.failures,
+                exc_info=True,
+            )
+            raise HandlerError(f"{type(error).__name__}: {error}"[:500]) from error
+        if self._in_a_row:
+            _log.info("the handler of %s works again after %d failures", self._where, self._in_a_row)
+            self._in_a_row = 0
+        return result

@@ -1,0 +1,59 @@
+"""The bounded queue between a bus, which must never wait, and a reader, which may be slow."""
+
+import threading
+from collections import deque
+from collections.abc import Iterable
+
+from bridge.bus.contract import Message
+
+
+class Inbox:
+    """First in, first out; when full the oldest message makes room and is counted as missed."""
+
+    def __init__(self, capacity: int) -> None:
+        if capacity < 1:
+            raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
+        self._capacity = capacity
+        self._messages: deque[Message] = deque()
+        self._ready = threading.Condition()
+        self._missed = 0
+        self._closed = False
+
+    def put(self, messages: Iterable[Message]) -> None:
+        """Take messages in; never waits. After close they are discarded."""
+        with self._ready:
+            if self._closed:
+                return
+            self._messages.extend(messages)
+            while len(self._messages) > self._capacity:
+                self._messages.popleft()
+                self._missed += 1
+            self._ready.notify_all()
+
+    def add_missed(self, count: int) -> None:
+        """Count messages that are known to have been lost before they came here."""
+        with self._ready:
+            self._missed += count
+
+    @property
+    def missed(self) -> int:
+        """How many messages are known to be lost so far."""
+        return self._missed
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """The next message, or None when none came in time or the queue is closed."""
+        taken = self.drain(1, timeout_s)
+        return taken[0] if taken else None
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """Wait up to timeout_s for a first message, then take up to limit without waiting."""
+        with self._ready:
+            self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
+            return [self._messages.popleft() for _ in range(min(limit, len(self._messages)))]
+
+    def close(self) -> None:
+        """Discard what is here and wake every reader; a second close does nothing."""
+        with self._ready:
+            self._closed = True
+            self._messages.clear()
+            self._ready.notify_all()

@@ -1,0 +1,52 @@
+"""The part of zenoh's key expressions both buses take, and when a pattern matches a key.
+
+Narrower than zenoh's own on purpose: it accepts newlines, quotes and 65,000 characters, and a longer key still poisons
+the session that names it for ever.
+"""
+
+import re
+
+from bridge.bus.contract import BusError
+
+MAX_KEY = 200
+_CHUNK = r"[^\s/*$?#\x00-\x1f\x7f-\U0010ffff]+"
+_KEY = re.compile(rf"{_CHUNK}(?:/{_CHUNK})*\Z")
+_PATTERN = re.compile(rf"(?:\*\*?|{_CHUNK})(?:/(?:\*\*?|{_CHUNK}))*\Z")
+_NOT_CANONICAL = re.compile(r"(?:^|/)\*\*/\*")
+
+
+def check_key(key: str) -> str:
+    """Return a key that names one thing, else raise BusError."""
+    return _check(key, _KEY, "a key has 1 to 200 printable ASCII characters in chunks joined by '/', without * $ ? #")
+
+
+def check_pattern(pattern: str) -> str:
+    """Return a pattern, in which a whole chunk may be `*` (one chunk) or `**` (any number), else raise BusError."""
+    _check(pattern, _PATTERN, "a pattern is a key in which a whole chunk may be * or **, without $ ? #")
+    if _NOT_CANONICAL.search(pattern):
+        raise BusError(f"pattern {pattern!r} is not in its shortest form: write '**' for '**/**' and '*/**' for '**/*'")
+    return pattern
+
+
+def _check(text: str, shape: re.Pattern[str], rule: str) -> str:
+    if len(text) > MAX_KEY or not shape.match(text):
+        raise BusError(f"{text[:64]!r} ({len(text)} characters) was refused: {rule}")
+    return text
+
+
+def matches(pattern: str, key: str) -> bool:
+    """Whether key is among those the pattern names; a chunk beginning with `@` is only matched by itself."""
+    return _match(pattern.split("/"), key.split("/"))
+
+
+def _match(pattern: list[str], key: list[str]) -> bool:
+    if not pattern:
+        return not key
+    head, rest = pattern[0], pattern[1:]
+    if head == "**":
+        if _match(rest, key):
+            return True
+        return bool(key) and not key[0].startswith("@") and _match(pattern, key[1:])
+    if not key or (head != key[0] and (head != "*" or key[0].startswith("@"))):
+        return False
+    return _match(rest, key[1:])

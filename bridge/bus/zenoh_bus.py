@@ -1,0 +1,342 @@
+"""The only file that imports zenoh: a session that keeps contract.Bus.
+
+Everything arrives through zenoh's channels and is handed on by daemon threads of ours. zenoh's callbacks would each
+bring a thread that keeps a failed program from exiting, or would need the interpreter's lock on zenoh's receive path.
+"""
+
+import atexit
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol, Self, TypeVar
+
+import zenoh
+from zenoh import ext, handlers
+
+from bridge.bus import zenoh_settings
+from bridge.bus.contract import BusError, Message
+from bridge.bus.handlers import Guarded, HandlerError
+from bridge.bus.inbox import Inbox
+from bridge.bus.keyexpr import check_key, check_pattern
+
+_T_co = TypeVar("_T_co", covariant=True)
+_T = TypeVar("_T")
+_log = logging.getLogger(__name__)
+
+_CHANNEL = 65536  # between zenoh and our thread, which always drains; a full one would stop the session's receiving
+_BATCH = 512
+_HEARTBEAT_S = 0.25  # sent only when something was published since the last one
+_JOIN_S = 1.0
+_RETRY_S = 0.1
+
+
+def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
+    """Open a session, trying for timeout_s, or raise BusError beginning with complaint."""
+    with _as_bus_error(complaint):
+        config = zenoh.Config.from_json5(json.dumps(settings))
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError:
+                if time.monotonic() >= deadline:
+                    raise
+            time.sleep(_RETRY_S)
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session, however broken it is."""
+    with _as_bus_error("could not close the session"):
+        session.close()  # type: ignore[no-untyped-call]
+
+
+class _Channel(Protocol[_T_co]):
+    def recv(self) -> _T_co: ...
+    def try_recv(self) -> _T_co | None: ...
+
+
+class _Undeclared(Protocol):
+    def undeclare(self) -> object: ...
+
+
+class ZenohBus:
+    """A client of one or more routers; see contract.Bus. Reconnects by itself for as long as it lives.
+
+    endpoints: where routers listen, for example `tcp/127.0.0.1:7447`; the first that answers is used, the others are
+    where to go when it is lost. Raises BusError when none answers within open_timeout_s.
+    """
+
+    def __init__(self, endpoints: Sequence[str], *, open_timeout_s: float = 3.0) -> None:
+        self._where = ", ".join(endpoints)
+        if not endpoints:
+            raise BusError("no router to connect to; name one, for example tcp/127.0.0.1:7447")
+        complaint = f"no router answered at {self._where} within {open_timeout_s:g} s; start one with `truerate router`"
+        self._session = open_session(zenoh_settings.client(endpoints), complaint, open_timeout_s)
+        self.declared: set[_Declared] = set()  # zenoh takes back what nobody holds
+        self._threads: set[threading.Thread] = set()
+        self._cached = 0
+        self._closed = False
+        atexit.register(self.close)
+
+    def publisher(self, key: str, *, cache: int = 0) -> "_Publisher":
+        """See contract.Bus."""
+        # BLOCK, because DROP silently lost two thirds at saturation and bursts of a few thousand. A frozen reader is
+        # cut off by the router after CUT_OFF_S, which bounds how long a put can wait for it.
+        block = zenoh.CongestionControl.BLOCK
+        with self._doing(f"publish on {check_key(key)}"):
+            if cache <= 0:
+                return _Publisher(self, self._session.declare_publisher(key, congestion_control=block), key)
+            self._cached += cache
+            publisher = ext.declare_advanced_publisher(
+                self._session,
+                key,
+                congestion_control=block,
+                cache=ext.CacheConfig(cache),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S),
+                publisher_detection=True,
+            )
+            return _Publisher(self, publisher, key)
+
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "_Subscription":
+        """See contract.Bus. Ask for history only where publishers have a cache.
+
+        What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
+        """
+        inbox = Inbox(capacity)
+        # Declaring delivers the history of this session's own publishers at once, before anybody drains the channel.
+        channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL + self._cached)
+        with self._doing(f"subscribe to {check_pattern(pattern)}"):
+            if not history:
+                plain = self._session.declare_subscriber(pattern, channel)
+                return _Subscription(self, plain, plain.handler, None, inbox, pattern)
+            subscriber = ext.declare_advanced_subscriber(
+                self._session,
+                pattern,
+                channel,
+                history=ext.HistoryConfig(detect_late_publishers=True),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+            misses = subscriber.sample_miss_listener(handlers.RingChannel(4096))
+            return _Subscription(self, subscriber, subscriber.handler, misses, inbox, pattern)
+
+    def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Declared":
+        """See contract.Bus. Of several that answer one key, one is asked."""
+        guarded = Guarded(handler, f"queries on {pattern}")
+        with self._doing(f"answer {check_pattern(pattern)}"):
+            # A ring: more questions than this unanswered, and the oldest asker is told that nobody answered.
+            queryable = self._session.declare_queryable(pattern, handlers.RingChannel(256), complete=True)
+        self.run(lambda: _each(queryable.handler, lambda query: _reply(query, guarded)), f"answer {pattern}")
+        return _Declared(self, queryable)
+
+    def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
+        """See contract.Bus."""
+        with self._doing(f"ask {check_key(key)}"):
+            replies = self._session.get(
+                key,
+                handlers.FifoChannel(64),
+                payload=payload,
+                timeout=timeout_s,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+            errors = []
+            for reply in replies:
+                if reply.ok is not None and len(reply.ok.payload):
+                    return reply.ok.payload.to_bytes()
+                errors.append(reply.err.payload.to_bytes().decode(errors="replace") if reply.err else "an empty answer")
+        if not errors:
+            raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
+        raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
+
+    def declare_alive(self, key: str) -> "_Declared":
+        """See contract.Bus."""
+        with self._doing(f"declare {check_key(key)} alive"):
+            return _Declared(self, self._session.liveliness().declare_token(key))
+
+    def watch_alive(self, pattern: str, on_change: Callable[[str, bool], None]) -> "_Declared":
+        """See contract.Bus. A lost router takes all tokens with it: ask `connected` before calling one dead."""
+        guarded = Guarded(on_change, f"liveliness of {pattern}")
+        with self._doing(f"watch {check_pattern(pattern)}"):
+            watcher = self._session.liveliness().declare_subscriber(
+                pattern, handlers.FifoChannel(_CHANNEL), history=True
+            )
+        alive: set[str] = set()
+
+        def tell(sample: zenoh.Sample) -> None:
+            key, now = str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT
+            if now != (key in alive):
+                alive.symmetric_difference_update((key,))
+                guarded(key, now)
+
+        self.run(lambda: _each(watcher.handler, tell), f"watch {pattern}")
+        return _Declared(self, watcher)
+
+    @property
+    def connected(self) -> bool:
+        """See contract.Bus."""
+        return not self._closed and bool(self._session.info.routers_zid())
+
+    def run(self, work: Callable[[], None], name: str) -> None:
+        """Run work in a thread that close() waits for; work must end when its channel does."""
+
+        def body() -> None:
+            try:
+                work()
+            finally:
+                self._threads.discard(thread)
+
+        thread = threading.Thread(target=body, name=name, daemon=True)
+        self._threads.add(thread)
+        thread.start()
+
+    def close(self) -> None:
+        """See contract.Bus."""
+        if self._closed:
+            return
+        self._closed = True
+        atexit.unregister(self.close)
+        close_session(self._session)
+        for thread in list(self._threads):
+            if thread is not threading.current_thread():
+                thread.join(_JOIN_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _doing(self, what: str) -> Iterator[None]:
+        with _as_bus_error(f"could not {what} at {self._where}"):
+            yield
+
+
+class _Declared:
+    def __init__(self, bus: ZenohBus, declared: _Undeclared) -> None:
+        self._bus, self._declared = bus, declared
+        self._lock = threading.Lock()
+        self._closed = False
+        bus.declared.add(self)
+
+    def close(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._bus.declared.discard(self)
+            try:
+                self._declared.undeclare()
+            except zenoh.ZError:
+                _log.debug("already gone with its session")
+
+
+class _Publisher(_Declared):
+    def __init__(self, bus: ZenohBus, publisher: zenoh.Publisher | ext.AdvancedPublisher, key: str) -> None:
+        super().__init__(bus, publisher)
+        self._publisher, self._key = publisher, key
+
+    def put(self, payload: bytes) -> None:
+        with self._lock:  # messages leave in the order they are numbered
+            if self._closed:
+                raise BusError(f"the publisher of {self._key!r} is closed")
+            try:
+                self._publisher.put(payload)
+            except BaseException as error:
+                if not _is_zenohs(error):
+                    raise
+                raise BusError(f"could not publish on {self._key!r}: {error}") from error
+
+
+class _Subscription(_Declared):
+    def __init__(
+        self,
+        bus: ZenohBus,
+        subscriber: _Undeclared,
+        samples: _Channel[zenoh.Sample],
+        misses: _Channel[ext.Miss] | None,
+        inbox: Inbox,
+        pattern: str,
+    ) -> None:
+        super().__init__(bus, subscriber)
+        self._samples, self._misses, self._inbox = samples, misses, inbox
+        bus.run(self._pump, f"receive {pattern}")
+
+    def _pump(self) -> None:
+        try:
+            while True:
+                batch = [self._samples.recv()]
+                while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
+                    batch.append(sample)
+                self._inbox.put(
+                    Message(str(s.key_expr), s.payload.to_bytes()) for s in batch if s.kind == zenoh.SampleKind.PUT
+                )
+        except zenoh.ZError:
+            _log.debug("subscription closed")
+        finally:
+            self._inbox.close()
+
+    def receive(self, timeout_s: float) -> Message | None:
+        return self._inbox.receive(timeout_s)
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        return self._inbox.drain(limit, timeout_s)
+
+    @property
+    def missed(self) -> int:
+        try:
+            while self._misses is not None and (miss := self._misses.try_recv()) is not None:
+                self._inbox.add_missed(miss.nb)
+        except zenoh.ZError:
+            self._misses = None
+        return self._inbox.missed
+
+    def close(self) -> None:
+        self._inbox.close()
+        super().close()
+
+
+def _each(channel: _Channel[_T], handle: Callable[[_T], None]) -> None:
+    """Handle what comes until the channel is closed."""
+    while True:
+        try:
+            item = channel.recv()
+        except zenoh.ZError:
+            return
+        try:
+            handle(item)
+        except HandlerError:
+            continue  # already logged; the next one may well be handled
+
+
+def _reply(query: zenoh.Query, handler: Guarded[[str, bytes], bytes]) -> None:
+    """Answer one query; leaving the block tells the asker that no more is to come."""
+    with query:
+        key = str(query.key_expr)
+        try:
+            try:
+                check_key(key)
+                answer = handler(key, query.payload.to_bytes() if query.payload is not None else b"")
+            except (BusError, HandlerError) as error:
+                query.reply_err(str(error).encode())
+            else:
+                query.reply(query.key_expr, answer)
+        except zenoh.ZError as error:
+            _log.warning("an answer to %s could not be sent: %s", key, error)
+
+
+@contextmanager
+def _as_bus_error(complaint: str) -> Iterator[None]:
+    try:
+        yield
+    except BaseException as error:
+        if not _is_zenohs(error):
+            raise
+        raise BusError(f"{complaint} ({error})") from error
+
+
+def _is_zenohs(error: BaseException) -> bool:
+    """Whether zenoh failed; a panic of its Rust side is not even an Exception, and has no name to import."""
+    return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

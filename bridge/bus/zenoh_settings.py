@@ -1,0 +1,69 @@
+"""The settings of zenoh sessions: explicit endpoints only, quick to notice a loss and to come back."""
+
+from collections.abc import Sequence
+from typing import Any
+
+# A reader that takes nothing for this long is disconnected; until then it may hold up whoever publishes to it.
+CUT_OFF_S = 0.2
+LEASE_S = 1.0
+ACCEPT_S = 0.5
+MAX_MESSAGE_BYTES = 1 << 20
+
+Settings = dict[str, Any]
+
+
+def client(endpoints: Sequence[str]) -> Settings:
+    """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
+    return _common() | {
+        "mode": "client",
+        "connect": {
+            "endpoints": list(endpoints),
+            # Each endpoint once: with a time to spend, zenoh spends all of it on the first and never tries the second.
+            "timeout_ms": 0,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+        "listen": {"endpoints": []},
+    }
+
+
+def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
+    """A router; idle connections lock nobody out, and on `shed` a slow reader loses instead of slowing others."""
+    settings = _common() | {
+        "mode": "router",
+        "connect": {"endpoints": []},
+        "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
+    }
+    settings["transport"]["unicast"] = {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
+    if shed:
+        settings["qos"] = {
+            "network": [
+                {
+                    # A cached publisher's heartbeats insist on being delivered, too.
+                    "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
+                    "flows": ["egress"],
+                    "messages": ["put", "delete"],
+                    "overwrite": {"congestion_control": "drop"},
+                }
+            ]
+        }
+    return settings
+
+
+def _common() -> Settings:
+    # zenoh by itself listens on every interface and announces itself by multicast and gossip: not in a hospital.
+    return {
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "adminspace": {"enabled": False},
+        "transport": {
+            "link": {
+                "tx": {
+                    "lease": round(LEASE_S * 1000),
+                    "queue": {"congestion_control": {"block": {"wait_before_close": round(CUT_OFF_S * 1e6)}}},
+                },
+                "rx": {"max_message_size": MAX_MESSAGE_BYTES},
+            },
+            # Segments outlive a killed process, and large messages in them would pass by max_message_size.
+            "shared_memory": {"enabled": False},
+        },
+    }
