@@ -1,0 +1,280 @@
+"""The door of one device: events in, valid batches out, and an account of everything that did not come through.
+
+Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge import unwrap
+from bridge.clock import ClockFit
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
+from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
+from bridge.wire.refusal import Reason, Tally
+
+BEFORE_IDENTITY = "before_identity"
+_CLIPPED_AT = 0.99  # of full scale
+_PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
+_RATE_WINDOW_S = 10.0
+_NO_TEMPERATURE = "temperature_missing"
+_ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
+_MAX_COUNT = 2**62
+
+Bools = NDArray[np.bool_]
+
+
+class Intake:
+    """One device: `take` events in the order they came; `info` is the account."""
+
+    def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
+        self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
+        self._names = (device, bridge, driver, place)
+        self._identity: Identity | None = None
+        self._unsaid = 0  # reboots since the identity's that the device did not tell
+        self._begin()
+
+    def _begin(self) -> None:
+        """What is of one boot only."""
+        self.clock = ClockFit()
+        self.samples_in = 0
+        self.samples = 0
+        self.dropped = Tally()
+        self._sequence: int | None = None  # of the sample last taken or dropped, unwrapped
+        self._ticks = 0  # likewise
+        self._old = 0  # samples in a row that were no news
+        self._next: int | None = None  # the sequence that would go on without a hole
+        self._rate_from: tuple[int, float] | None = None  # sequence and device time, some seconds ago
+        self._measured_rate_hz = 0.0
+
+    @property
+    def boot(self) -> int | None:
+        """The boot as it is published; None before the device said any."""
+        return None if self._identity is None else (self._identity.boot + self._unsaid * _ODD) % 2**64
+
+    def take(self, event: Event) -> list[SampleBatch]:
+        """What may be published of an event, in order."""
+        if isinstance(event, Identity):
+            self._greet(event)
+            return []
+        return self._read(event)
+
+    def overflowed(self, batch: SampleBatch) -> None:
+        """A batch that was let through could not be kept until it was published."""
+        if batch.boot == self.boot:
+            self.samples -= len(batch)
+            self.dropped.add(Reason.OVERFLOW, len(batch))
+        self.events.add("overflows")
+
+    def info(self, time_ns: int, faults: Tally) -> DeviceInfo | None:
+        """What is known of the device at time_ns; None before it said who it is. `faults` of its driver are events."""
+        identity = self._identity
+        if identity is None:
+            return None
+        device, bridge, driver, place = self._names
+        return DeviceInfo(
+            device=device,
+            bridge=bridge,
+            boot=self.boot or 0,
+            boot_cause=identity.boot_cause,
+            model=identity.model,
+            firmware=identity.firmware,
+            driver=driver,
+            port=place,
+            rate_hz=identity.rate_hz,
+            measured_rate_hz=self._measured_rate_hz,
+            gyro_range=identity.gyro_range,
+            has_accel=identity.has_accel,
+            has_temperature=identity.has_temperature,
+            time_ns=time_ns,
+            samples=self.samples,
+            dropped=self.dropped.as_dict(),
+            events={**self.events.as_dict(), **faults.as_dict()},
+        )
+
+    def _greet(self, identity: Identity) -> None:
+        if self._identity is None or identity.boot != self._identity.boot:
+            self._unsaid = 0
+            if self._identity is not None:
+                self.events.add("reopened" if identity.boot_cause is BootCause.PORT_OPENED else "reboots")
+                self._begin()
+            elif self.samples_in:
+                self.events.add(BEFORE_IDENTITY, self.samples_in)
+                self._begin()
+        self._identity = identity
+
+    def _read(self, readings: Readings) -> list[SampleBatch]:
+        n = len(readings.ticks)
+        self.samples_in += n
+        identity = self._identity
+        if identity is None or readings.boot != identity.boot:
+            self.dropped.add(BEFORE_IDENTITY if identity is None else Reason.OLD_BOOT, n)
+            return []
+        if (fault := _fault(readings, n)) is not None:
+            self.dropped.add(fault, n)
+            return []
+        sequence, ticks = self._unwrapped(readings, identity)
+        if self._all_old(sequence, ticks, identity):
+            return []
+        good = self._good(readings, identity, sequence, ticks)
+        if not good.any():
+            return []
+        last = int(np.flatnonzero(good)[-1])
+        device_s = float(ticks[last]) * identity.tick_period_s
+        self.clock.observe(device_s, readings.receive_time_ns)
+        self._measure(int(sequence[last]), device_s)
+        # A sample cannot come in before it was taken, whatever the fit says.
+        late_ns = max(0, self.clock.host_ns(device_s) - readings.receive_time_ns)
+        return [self._batch(readings, identity, sequence, ticks, run, late_ns) for run in _runs(good)]
+
+    def _all_old(self, sequence: NDArray[np.int64], ticks: NDArray[np.int64], identity: Identity) -> bool:
+        """Whether nothing in them is new, then they are dropped; else counts what is missing before them.
+
+        A device that for a second sends old numbers only has begun anew without saying so (some draw the same boot
+        number each time): that is a boot, under a number of our making.
+        """
+        if self._sequence is None:
+            return False
+        if sequence[-1] > self._sequence and ticks[-1] > self._ticks:
+            self._old = 0
+            missing = int(sequence[0]) - self._sequence - 1
+            if missing > 0:
+                self.events.add("missing_samples", missing)
+            return False
+        self.dropped.add(Reason.DUPLICATE, len(ticks))
+        self._old += len(ticks)
+        if self._old >= max(2, identity.rate_hz):
+            self.events.add("reboots_unsaid")
+            self._unsaid += 1
+            self._begin()
+        return True
+
+    def _unwrapped(self, readings: Readings, identity: Identity) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Sequence numbers and ticks that go on, (n,) each; they may repeat or go back, as sent."""
+        n = len(readings.ticks)
+        if self._sequence is None:
+            first = readings.sequence % 2**identity.sequence_bits
+            tick_steps = unwrap.steps(readings.ticks, int(readings.ticks[0]), identity.tick_bits)
+            origin = int(readings.ticks[0]) % 2**identity.tick_bits
+        else:
+            forward = unwrap.step(readings.sequence, self._sequence, identity.sequence_bits)
+            first = self._sequence + forward
+            tick_steps = unwrap.steps(readings.ticks, self._ticks, identity.tick_bits)
+            # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
+            expected = forward / (identity.rate_hz * identity.tick_period_s)
+            if abs(expected) > 2 ** (identity.tick_bits - 2):
+                tick_steps[0] = unwrap.whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
+            origin = self._ticks
+        return first + np.arange(n), origin + np.cumsum(tick_steps)
+
+    def _good(
+        self, readings: Readings, identity: Identity, sequence: NDArray[np.int64], ticks: NDArray[np.int64]
+    ) -> Bools:
+        """Which samples may be published; counts the others, and moves the counters on."""
+        limit = min(MAX_RATE, _PLAUSIBLE * identity.gyro_range) if identity.gyro_range else MAX_RATE
+        new = np.ones(len(ticks), bool)
+        if self._sequence is not None:
+            new = (sequence > self._sequence) & (ticks > self._ticks)
+        # Within the readings ticks must rise above all before them.
+        new[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
+        finite = np.isfinite(readings.gyro).all(axis=1)
+        with np.errstate(invalid="ignore"):
+            plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
+            if readings.accel is not None:
+                finite &= np.isfinite(readings.accel).all(axis=1)
+                plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
+        self._drop(Reason.DUPLICATE, ~new)
+        self._drop(Reason.NON_FINITE, new & ~finite)
+        self._drop(Reason.RANGE, new & finite & ~plausible)
+        if new.any():
+            last = int(np.flatnonzero(new)[-1])
+            self._sequence, self._ticks = int(sequence[last]), int(ticks[last])
+        good: Bools = new & finite & plausible
+        return good
+
+    def _drop(self, reason: Reason, which: Bools) -> None:
+        n = int(np.count_nonzero(which))
+        if n:
+            self.dropped.add(reason, n)
+
+    def _batch(
+        self,
+        readings: Readings,
+        identity: Identity,
+        sequence: NDArray[np.int64],
+        ticks: NDArray[np.int64],
+        run: slice,
+        late_ns: int,
+    ) -> SampleBatch:
+        gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
+        n, first = len(gyro), int(sequence[run.start])
+        flags = np.zeros(n, np.uint32)
+        if identity.gyro_range:
+            flags[(np.abs(gyro) >= _CLIPPED_AT * identity.gyro_range).any(axis=1)] = SampleFlag.CLIPPED
+        if self._next is not None and first != self._next:
+            flags[0] |= np.uint32(SampleFlag.AFTER_GAP)
+            self.events.add("gaps")
+        self._next = first + n
+        self.samples += n
+        accel = readings.accel
+        return SampleBatch(
+            device=self._names[0],
+            boot=self.boot or 0,
+            sequence=first,
+            receive_time_ns=readings.receive_time_ns,
+            start_time_ns=max(0, self.clock.host_ns(float(ticks[run.start]) * identity.tick_period_s) - late_ns),
+            tick_period_s=identity.tick_period_s,
+            clock_rate=self.clock.rate,
+            ticks=ticks[run].astype(np.uint64),
+            gyro=gyro,
+            accel=None if accel is None else np.ascontiguousarray(accel[run], np.float32),
+            temperature_c=self._temperature(readings, run),
+            flags=flags,
+        )
+
+    def _temperature(self, readings: Readings, run: slice) -> NDArray[np.float32] | None:
+        """The column, or None where a value of it is unusable: no reason to lose the rates."""
+        if readings.temperature_c is None:
+            return None
+        column = readings.temperature_c[run]
+        with np.errstate(invalid="ignore"):
+            if (np.abs(column) <= MAX_CELSIUS).all():
+                return np.ascontiguousarray(column, np.float32)
+        self.events.add(_NO_TEMPERATURE, len(column))
+        return None
+
+    def _measure(self, sequence: int, device_s: float) -> None:
+        """Samples per host second over the last ten seconds or so, missing ones included."""
+        if self._rate_from is None:
+            self._rate_from = (sequence, device_s)
+        since, since_s = self._rate_from
+        if device_s - since_s >= 1.0:
+            self._measured_rate_hz = (sequence - since) / ((device_s - since_s) * self.clock.rate)
+        if device_s - since_s >= _RATE_WINDOW_S:
+            self._rate_from = (sequence, device_s)
+
+
+def _fault(readings: Readings, n: int) -> Reason | None:
+    """Why readings cannot be taken at all: columns of different lengths, counters that no device reaches."""
+    accel, temperature_c = readings.accel, readings.temperature_c
+    whole = (
+        n > 0
+        and readings.gyro.shape == (n, 3)
+        and (accel is None or accel.shape == (n, 3))
+        and (temperature_c is None or temperature_c.shape == (n,))
+    )
+    if not whole:
+        return Reason.LENGTH
+    if not 0 <= readings.sequence < _MAX_COUNT or int(readings.ticks.max()) >= _MAX_COUNT:
+        return Reason.RANGE
+    return None
+
+
+def _runs(good: Bools) -> list[slice]:
+    """The unbroken runs of True, none longer than a batch may be."""
+    edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
+    return [
+        slice(begin, min(begin + MAX_SAMPLES, end))
+        for start, end in zip(edges[::2], edges[1::2], strict=True)
+        for begin in range(start, end, MAX_SAMPLES)
+    ]
