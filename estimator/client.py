@@ -47,6 +47,10 @@ class Client:
         """The latest device info of every device."""
         return {i.device: i for i in self._collect("info", codec.decode_info, wait_s)}
 
+    def follow(self, device: str | None = None) -> "Statuses":
+        """Statuses as they come, of one device or of all; the latest known comes first."""
+        return Statuses(self._bus.subscribe(self._pattern("status", device), history=True))
+
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
         """Calibrations the estimator has published lately, accepted or not."""
         return self._collect("calibration", codec.decode_calibration, wait_s, device)
@@ -154,3 +158,24 @@ class Corrected:
             return batch
         self.repeated += min(known, len(batch))
         return batch.after(known) if known < len(batch) else None
+
+
+class Statuses:
+    """Statuses as they come."""
+
+    def __init__(self, subscription: Subscription) -> None:
+        self._subscription = subscription
+        self._door = Door("status", codec.decode_status)
+
+    def drain(self, timeout_s: float = 0.0) -> list[Status]:
+        """What has come, waiting at most timeout_s for the first."""
+        messages = self._subscription.drain(4096, timeout_s)
+        return [status for message in messages if (status := self._door.take(message)) is not None]
+
+    def latest(self) -> Status | None:
+        """The last of what has come since the last call, or None."""
+        return next(reversed(self.drain()), None)
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._subscription.close()

@@ -77,6 +77,7 @@ class VirtualDevice:
         self._asked = self._host_seen = False
         self._switches: deque[bool] = deque()
         self._time_s = 0.0
+        self._sent: dict[int, int] = {}
         self._now: _Boot | None = self._power_up()
 
     @property
@@ -108,6 +109,10 @@ class VirtualDevice:
     def truth_between(self, boot: int, first: int, last: int) -> TrueSamples:
         """The truth of samples first to last, both included (not wrapped); LookupError when not, or no longer, held."""
         return self._truth.between(boot, first, last)
+
+    def sent(self, boot: int) -> int:
+        """How many samples it has sent in a boot; LookupError for one not known."""
+        return self._sent[boot]
 
     def receive(self, data: bytes) -> None:
         """Bytes from the host; answered at the next advance."""
@@ -210,6 +215,7 @@ class VirtualDevice:
             temperature_c=samples.temperature_c.astype(np.float32),
         )
         now.sent += len(samples)
+        self._sent[now.number] = now.sent
         return frame(encode_data(data))
 
 

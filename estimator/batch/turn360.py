@@ -39,7 +39,7 @@ class Turn360Knobs:
     replacement_std: float = radians(0.2)
 
 
-class NotConverged(Exception):  # noqa: N818 - an outcome of the data
+class NotConverged(Exception):
     """The iteration found no scale factors that close the three turns."""
 
 

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from bridge.bus.contract import Bus, BusError, Publisher
+from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, SampleBatch, Verdict
 from bridge.wire.refusal import Tally
@@ -257,15 +257,3 @@ class Service:
         self.counts.add("store failed")
         if session.count_event("store failed") == 1:
             log.error("%s; %s goes on from memory", error, session.device)
-
-
-def serve(ward: str, settings: Estimator, data: Bus, control: Bus, stop: threading.Event) -> None:
-    """Open the store and serve until stopped; raises StoreError or BusError when it cannot begin."""
-    store = Store(settings.store)
-    try:
-        Service(ward, settings, data, control, store).run(stop)
-    except BusError:
-        log.exception("the bus failed")
-        raise
-    finally:
-        store.close()

@@ -1,0 +1,91 @@
+"""The demonstration's subscribers: three that count every corrected sample, one that also follows raw and status."""
+
+import threading
+from collections import defaultdict
+
+from bridge.bus.contract import Bus
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch, SampleBatch, State, Status
+from estimator.client import Client
+from estimator.door import Door
+
+Boot = tuple[str, int]
+
+
+class Subscriber:
+    """Counts samples by device and boot in a thread of its own; `batches` are kept when asked for."""
+
+    def __init__(self, endpoint: str, ward: str, *, keep: bool = False) -> None:
+        self._client = Client((endpoint,), ward=ward)
+        self._corrected = self._client.corrected()
+        self._keep = keep
+        self._stop = threading.Event()
+        self.batches: dict[Boot, list[CorrectedBatch]] = defaultdict(list)
+        self.received: dict[Boot, int] = defaultdict(int)
+        self.last: dict[Boot, int] = {}
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    @property
+    def troubles(self) -> str:
+        """What went wrong on the way, in words; empty when nothing did."""
+        c = self._corrected
+        found = {"missed messages": c.missed, "repeated samples": c.repeated, **c.refused}
+        return ", ".join(f"{count} {what}" for what, count in found.items() if count)
+
+    def close(self) -> None:
+        """Take what is still on the way, and stop."""
+        self._stop.set()
+        self._thread.join()
+        self._client.close()
+
+    def _run(self) -> None:
+        while True:
+            batch = self._corrected.receive(0.2)
+            if batch is None:
+                if self._stop.is_set():
+                    return
+                continue
+            boot = batch.device, batch.boot
+            self.received[boot] += len(batch)
+            self.last[boot] = batch.sequence + len(batch) - 1
+            if self._keep:
+                self.batches[boot].append(batch)
+
+
+class Watcher:
+    """Follows status and raw samples of the whole ward; `poll` from one thread."""
+
+    def __init__(self, endpoint: str, ward: str) -> None:
+        self._bus: Bus = ZenohBus((endpoint,))
+        self._status = self._bus.subscribe(keys.pattern(ward, "status"), history=True)
+        self._raw = self._bus.subscribe(keys.pattern(ward, "raw"), history=True)
+        self._status_door = Door[Status]("status", codec.decode_status)
+        self._raw_door = Door[SampleBatch]("raw", codec.decode_samples)
+        self.statuses: dict[str, Status] = {}
+        self.raw: dict[Boot, list[SampleBatch]] = defaultdict(list)
+        self.changes: list[Status] = []
+
+    def poll(self) -> None:
+        """Take what has come; `changes` then holds the statuses whose state is new."""
+        self.changes = []
+        for message in self._raw.drain(4096, 0.0):
+            if (batch := self._raw_door.take(message)) is not None:
+                self.raw[batch.device, batch.boot].append(batch)
+        for message in self._status.drain(4096, 0.0):
+            status = self._status_door.take(message)
+            if status is None:
+                continue
+            before = self.statuses.get(status.device)
+            if before is None or (before.state, before.boot) != (status.state, status.boot):
+                self.changes.append(status)
+            self.statuses[status.device] = status
+
+    def all_tracking(self, devices: int) -> bool:
+        """Whether that many devices are calibrated and tracked."""
+        return sum(status.state is State.TRACKING for status in self.statuses.values()) == devices
+
+    def close(self) -> None:
+        """End the session."""
+        self._bus.close()

@@ -1,0 +1,99 @@
+"""The demonstration's judgement: what the estimator said of each boot, against the simulator's truth."""
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.sim.virtual_device import VirtualDevice
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, Status
+from estimator import rotation
+
+Floats = NDArray[np.float64]
+MIN_SAMPLES = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """One boot of one device. Time (n,) s since power-up, bias and its std (n, 3) °/s; heading errors (n,) degrees.
+
+    k and bias are compared at the end; heading is integrated from the first GOOD sample on.
+    """
+
+    device: str
+    boot: int
+    k_true: Floats
+    k: Floats
+    k_std: Floats
+    time: Floats
+    bias_true_dps: Floats
+    bias_dps: Floats
+    bias_std_dps: Floats
+    raw_heading_deg: Floats
+    corrected_heading_deg: Floats
+
+    @property
+    def good(self) -> bool:
+        """Scale within 1 % or four standard deviations, and less than a tenth of the raw heading error or 5 degrees left."""
+        k_off = np.abs(self.k - self.k_true)
+        left, raw = abs(self.corrected_heading_deg[-1]), np.abs(self.raw_heading_deg).max()
+        return bool(np.all(k_off < np.maximum(0.01, 4 * self.k_std))) and left < max(5.0, 0.1 * raw)
+
+
+def judge(
+    device: VirtualDevice, boot: int, corrected: list[CorrectedBatch], raw: list[SampleBatch], status: Status
+) -> Judgement | None:
+    """What became of a boot; None when it was never calibrated for long enough to say."""
+    good = [batch for batch in corrected if batch.quality is Quality.GOOD]
+    if sum(map(len, good)) < MIN_SAMPLES:
+        return None
+    first, last = good[0].sequence, good[-1].sequence + len(good[-1]) - 1
+    rate = _run(first, last, [(b.sequence, b.rate.astype(float)) for b in corrected])
+    reading = _run(first, last, [(b.sequence, b.gyro.astype(float)) for b in raw])
+    time = _run(first, last, [(b.sequence, b.device_time[:, None]) for b in corrected])[:, 0]
+    bias = _run(first, last, [(b.sequence, np.tile(b.bias.astype(float), (len(b), 1))) for b in corrected])
+    scale = np.array(status.scale)
+    bias_std = _run(first, last, [(b.sequence, np.tile(b.bias_std / scale, (len(b), 1))) for b in corrected])
+    truth = device.truth_between(boot, first, last)
+    start = Rotation.from_quat(truth.attitude[0], scalar_first=True)
+    true = Rotation.from_quat(truth.attitude, scalar_first=True)
+    return Judgement(
+        device=device.name,
+        boot=boot,
+        k_true=device.truth_of(boot).k,
+        k=scale,
+        k_std=good[-1].scale_std * scale,
+        time=time,
+        bias_true_dps=np.degrees(truth.bias),
+        bias_dps=np.degrees(bias),
+        bias_std_dps=np.degrees(bias_std),
+        raw_heading_deg=_heading_error(reading, time, start, true),
+        corrected_heading_deg=_heading_error(rate, time, start, true),
+    )
+
+
+def _run(first: int, last: int, parts: list[tuple[int, Floats]]) -> Floats:
+    """Rows first to last, from parts that begin at their sequence numbers; LookupError when one is missing."""
+    rows = np.concatenate([values for _, values in parts])
+    numbers = np.concatenate([np.arange(begin, begin + len(values)) for begin, values in parts])
+    wanted = (numbers >= first) & (numbers <= last)
+    if wanted.sum() != last - first + 1:
+        raise LookupError(f"{wanted.sum()} of {last - first + 1} samples are there")
+    return rows[wanted]
+
+
+def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) -> Floats:
+    """(n,) degrees by which the attitude integrated from the first sample on is turned about the vertical, unwrapped."""
+    dt = rotation.intervals(time)
+    estimate = start * Rotation.from_matrix(rotation.attitudes(rate[1:], dt[1:]))
+    error = (estimate * true.inv()).as_matrix()
+    return np.array(np.degrees(np.unwrap(np.arctan2(error[:, 1, 0], error[:, 0, 0]))))
+
+
+def in_words(judgement: Judgement) -> str:
+    """One line on what the correction was worth."""
+    raw, corrected = judgement.raw_heading_deg[-1], judgement.corrected_heading_deg[-1]
+    off = degrees(float(np.max(np.abs(np.radians(judgement.bias_dps[-1] - judgement.bias_true_dps[-1])))))
+    return f"heading off by {raw:+.0f}° raw, {corrected:+.2f}° corrected; bias within {off:.3f} °/s"

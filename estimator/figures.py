@@ -1,0 +1,89 @@
+"""Every picture truerate makes; the only file that imports matplotlib."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from estimator.demo.judge import Judgement
+
+Floats = NDArray[np.float64]
+mpl.rcParams.update(
+    {
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "font.size": 10,
+        "axes.titlesize": 11,
+        "legend.frameon": False,
+        "figure.constrained_layout.use": True,
+    }
+)
+_COLOURS = ("#0b6e99", "#d9730d", "#0f7b6c", "#ad1a72", "#6940a5", "#9f6b53", "#448361", "#c4554d")
+_AXES = ("x", "y", "z")
+
+
+def demo(boots: Sequence[Judgement], path: Path) -> None:
+    """Heading error raw against corrected, tracked bias against truth, and scale factors against truth."""
+    figure = Figure(figsize=(11, 8.5), dpi=130)
+    grid = figure.subplots(2, 2)
+    _heading(grid[0, 0], boots, "raw_heading_deg", "Heading error of raw rates")
+    _heading(grid[0, 1], boots, "corrected_heading_deg", "Heading error of corrected rates")
+    _bias(grid[1, 0], boots[0])
+    _scale(grid[1, 1], boots)
+    figure.savefig(path)
+
+
+def _heading(axes: Any, boots: Sequence[Judgement], what: str, title: str) -> None:
+    for boot, colour in zip(boots, _COLOURS * len(boots), strict=False):
+        axes.plot(boot.time - boot.time[0], getattr(boot, what), color=colour, label=boot.device)
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set(title=title, xlabel="seconds since calibration", ylabel="degrees")
+    axes.legend(fontsize=8, ncols=2)
+
+
+def _bias(axes: Any, boot: Judgement) -> None:
+    for axis, colour in zip(range(3), _COLOURS, strict=False):
+        error = boot.bias_dps[:, axis] - boot.bias_true_dps[:, axis]
+        std = boot.bias_std_dps[:, axis]
+        axes.plot(boot.time, error, color=colour, label=f"{_AXES[axis]} estimate − truth")
+        axes.fill_between(boot.time, -2 * std, 2 * std, color=colour, alpha=0.12, linewidth=0)
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set(
+        title=f"Bias error of {boot.device}, with ±2 σ as published", xlabel="seconds since power-up", ylabel="°/s"
+    )
+    axes.legend(fontsize=8)
+
+
+def _scale(axes: Any, boots: Sequence[Judgement]) -> None:
+    for number, boot in enumerate(boots):
+        for axis, colour in zip(range(3), _COLOURS, strict=False):
+            axes.errorbar(
+                number + 0.2 * (axis - 1),
+                100 * (boot.k[axis] / boot.k_true[axis] - 1),
+                yerr=200 * boot.k_std[axis] / boot.k_true[axis],
+                color=colour,
+                fmt="o",
+                markersize=4,
+                capsize=2,
+                label=_AXES[axis] if number == 0 else None,
+            )
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set(title="Scale factor error after three hand turns, with ±2 σ", ylabel="%")
+    axes.set_xticks(range(len(boots)), [boot.device for boot in boots], rotation=30, ha="right")
+    axes.legend(fontsize=8, ncols=3)
+
+
+def histogram(panels: dict[str, Floats], unit: str, title: str, path: Path) -> None:
+    """One histogram a panel: errors of a study, with their rms."""
+    figure = Figure(figsize=(4 * len(panels), 3.6), dpi=130)
+    figure.suptitle(title)
+    for axes, (name, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
+        axes.hist(values, bins=40, color=_COLOURS[0])
+        axes.set(title=f"{name}: rms {np.sqrt(np.mean(values**2)):.2e}", xlabel=unit, ylabel="sessions")
+    figure.savefig(path)

@@ -1,0 +1,95 @@
+"""What the demonstration shows while it runs: a live table on a terminal, a line per change elsewhere."""
+
+from math import degrees
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from bridge.wire.messages import State, Status
+from estimator.gyro import AXES
+
+STYLES = {
+    State.WARMING: "yellow",
+    State.AWAITING_STILL: "yellow",
+    State.BIAS_ONLY: "cyan",
+    State.TURNING: "cyan",
+    State.TRACKING: "green",
+    State.DEGRADED: "magenta",
+    State.LOST: "bold red",
+}
+
+
+def word(state: State) -> Text:
+    """A state as a coloured word."""
+    return Text(state.name.lower().replace("_", " "), STYLES.get(state, ""))
+
+
+def table(statuses: dict[str, Status], title: str = "") -> Table:
+    """A row a device: where it is, how good its output is, what is known of it, and why."""
+    shown = Table(title=title or None, title_justify="left", box=None, pad_edge=False)
+    for heading in (
+        "device",
+        "state",
+        "quality",
+        "turns",
+        "scale x y z",
+        "bias °/s x y z",
+        "±",
+        "°C",
+        "samples",
+        "why",
+    ):
+        shown.add_column(heading, no_wrap=heading != "why")
+    for name in sorted(statuses):
+        status = statuses[name]
+        turns = "".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
+        temperature = "" if np.isnan(status.temperature_c) else f"{status.temperature_c:.1f}"
+        shown.add_row(
+            name,
+            word(status.state),
+            status.quality.name.lower().replace("_", " "),
+            turns if status.progress < 1 else "done",
+            " ".join(f"{k:.3f}" for k in status.scale),
+            " ".join(f"{degrees(b):+.2f}" for b in status.bias),
+            f"{degrees(max(status.bias_std)):.3f}",
+            temperature,
+            str(status.samples_out),
+            status.reason,
+        )
+    return shown
+
+
+class Screen:
+    """Shows statuses as they come; on anything but a terminal only what changed."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
+
+    def show(self, elapsed_s: float, statuses: dict[str, Status], changes: list[Status], note: str) -> None:
+        """The state of the ward elapsed_s after the start."""
+        if self._live is not None:
+            self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
+            return
+        for status in changes:
+            self._console.print(f"{elapsed_s:5.1f} s  {status.device}: {status.state.name.lower()}: {status.reason}")
+
+    def say(self, elapsed_s: float, words: str) -> None:
+        """A line that stays."""
+        self._console.print(f"{elapsed_s:5.1f} s  {words}")
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()

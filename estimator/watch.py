@@ -1,0 +1,131 @@
+"""`truerate watch` and `truerate devices`: a ward in the terminal."""
+
+import time
+from collections.abc import Sequence
+from math import degrees
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from bridge.wire.messages import CorrectedBatch, DeviceInfo, Status
+from estimator.client import Client
+from estimator.gyro import AXES
+from estimator.screen import table, word
+
+
+def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
+    """Everything known of every device of a ward; 1 when there is none."""
+    with Client(endpoints, ward=ward) as client:
+        infos, statuses = client.infos(), client.statuses(0.5)
+    if not infos and not statuses:
+        console.print(f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right?")
+        return 1
+    console.print(_hardware(infos))
+    console.print()
+    console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
+    return 0
+
+
+def _hardware(infos: dict[str, DeviceInfo]) -> Table:
+    shown = Table(box=None, pad_edge=False)
+    for heading in (
+        "device",
+        "bridge",
+        "driver",
+        "model",
+        "firmware",
+        "rate Hz",
+        "measured",
+        "range °/s",
+        "samples",
+        "dropped",
+    ):
+        shown.add_column(heading)
+    for name in sorted(infos):
+        i = infos[name]
+        dropped = ", ".join(f"{count} {reason}" for reason, count in i.dropped.items()) or "0"
+        shown.add_row(
+            name, i.bridge, i.driver, i.model, i.firmware, f"{i.rate_hz:g}", f"{i.measured_rate_hz:.1f}",
+            f"{degrees(i.gyro_range):.0f}" if i.gyro_range else "?", str(i.samples), dropped,
+        )  # fmt: skip
+    return shown
+
+
+def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
+    """One device until Ctrl-C, or for so many seconds; 1 when nothing of it was heard."""
+    with Client(endpoints, ward=ward) as client:
+        corrected = client.corrected(device, history=False)
+        status = client.follow(device)
+        live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
+        latest: Status | None = None
+        heard = False
+        shown_at = begin = time.monotonic()
+        if live:
+            live.start()
+        try:
+            while seconds is None or time.monotonic() - begin < seconds:
+                batch = corrected.receive(0.2)
+                latest = status.latest() or latest
+                heard = heard or batch is not None
+                if live:
+                    live.update(_panel(device, batch, latest) if batch or latest else Text(f"waiting for {device} …"))
+                elif batch is not None and time.monotonic() - shown_at >= 1.0:
+                    shown_at = time.monotonic()
+                    console.print(_line(batch, latest), highlight=False)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            if live:
+                live.stop()
+    if not heard:
+        console.print(f"nothing was heard of {device} in ward {ward}; see `truerate devices`")
+    return 0 if heard else 1
+
+
+def _line(batch: CorrectedBatch, status: Status | None) -> str:
+    rates = " ".join(
+        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+8.2f}±{degrees(float(batch.rate_std[-1, axis])):.2f}"
+        for axis in range(3)
+    )
+    state = status.state.name.lower() if status else "?"
+    return f"{batch.sequence + len(batch) - 1:8d}  {rates} °/s  {batch.quality.name.lower()}  {state}"
+
+
+def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:
+    rows = Table(box=None, pad_edge=False)
+    for heading in ("axis", "rate °/s", "±", "", "bias °/s", "±", "scale"):
+        rows.add_column(heading, justify="right")
+    for axis, name in enumerate(AXES):
+        rate = degrees(float(batch.rate[-1, axis])) if batch else float("nan")
+        std = degrees(float(batch.rate_std[-1, axis])) if batch else float("nan")
+        rows.add_row(
+            name,
+            f"{rate:+8.2f}",
+            f"{std:.2f}",
+            _bar(rate),
+            f"{degrees(status.bias[axis]):+.3f}" if status else "",
+            f"{degrees(status.bias_std[axis]):.4f}" if status else "",
+            f"{status.scale[axis]:.4f}" if status else "",
+        )
+    if status is None:
+        return Group(Text(device, "bold"), rows)
+    head = Text.assemble((device, "bold"), "  ", word(status.state), f"  quality {status.quality.name.lower()}")
+    parts: list[RenderableType] = [head, Text(status.reason), rows]
+    if status.progress < 1:
+        parts.append(ProgressBar(total=1.0, completed=status.progress, width=40))
+    temperature = "" if np.isnan(status.temperature_c) else f"   {status.temperature_c:.1f} °C"
+    parts.append(Text(f"{status.rate_hz:.1f} Hz   last rest {status.evidence_age_s:.0f} s ago{temperature}", "dim"))
+    return Group(*parts)
+
+
+def _bar(rate_dps: float, half: int = 12, full_dps: float = 200.0) -> str:
+    """A rate as a bar left or right of the middle."""
+    if np.isnan(rate_dps):
+        return " " * (2 * half + 1)
+    length = min(half, round(abs(rate_dps) / full_dps * half))
+    left, right = ("█" * length, "") if rate_dps < 0 else ("", "█" * length)
+    return f"{left:>{half}}│{right:<{half}}"
