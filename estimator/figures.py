@@ -79,11 +79,14 @@ def _scale(axes: Any, boots: Sequence[Judgement]) -> None:
     axes.legend(fontsize=8, ncols=3)
 
 
-def histogram(panels: dict[str, Floats], unit: str, title: str, path: Path) -> None:
-    """One histogram a panel: errors of a study, with their rms."""
+def histogram(panels: dict[str, tuple[Floats, str]], title: str, path: Path) -> None:
+    """One histogram a panel: errors of a study and their unit, with their rms."""
     figure = Figure(figsize=(4 * len(panels), 3.6), dpi=130)
     figure.suptitle(title)
-    for axes, (name, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
-        axes.hist(values, bins=40, color=_COLOURS[0])
-        axes.set(title=f"{name}: rms {np.sqrt(np.mean(values**2)):.2e}", xlabel=unit, ylabel="sessions")
+    rooms = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, (name, (values, unit)) in zip(rooms, panels.items(), strict=True):
+        axes.hist(values, bins=30, color=_COLOURS[0])
+        axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 2))
+        axes.locator_params(axis="x", nbins=5)
+        axes.set(title=f"{name}: rms {np.sqrt(np.mean(values**2)):.1e}", xlabel=unit, ylabel="sessions")
     figure.savefig(path)

@@ -39,12 +39,14 @@ def run(console: Console, sessions: int, noise_dps: float, wobble_deg: float, pi
             f"{np.median(error):+{form}}",
             f"{np.abs(error).max():{form}}",
         )
+    console.print(f"Algorithm 1: {sessions} sessions, noise {noise_dps:g} °/s, wobble {wobble_deg:g}°, bias from one rest of 3 s")
     console.print(table)
     score = np.sqrt(np.mean(np.square(k_score)))
     console.print(
         f"k error / published standard deviation: rms {score:.2f}; {refused} of {sessions} sessions not accepted"
     )
     picture.parent.mkdir(parents=True, exist_ok=True)
-    panels = {f"k_{axis}": k[:, i] for i, axis in enumerate("xyz")} | {"bias": bias.ravel()}
-    figures.histogram(panels, "error (k: none, bias: °/s)", "Algorithm 1 against truth", picture)
+    panels = {f"k_{axis}": (k[:, i], "error of k") for i, axis in enumerate("xyz")}
+    panels["bias"] = bias.ravel(), "error in °/s, all axes"
+    figures.histogram(panels, f"Algorithm 1 against truth, {sessions} simulated sessions", picture)
     console.print(f"Picture: {picture}")
