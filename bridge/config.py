@@ -21,7 +21,7 @@ LOCAL = "tcp/127.0.0.1:7447"
 def check(text: object, what: str) -> str:
     """An id of the configuration; ValueError says what one looks like."""
     try:
-        return check_id(text, what)  # type: ignore[arg-type] # it checks the type too
+        return check_id(text, what)
     except Refusal as refusal:
         raise ValueError(refusal.detail) from None
 

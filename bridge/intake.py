@@ -66,8 +66,8 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def info(self, time_ns: int, faults: Tally) -> DeviceInfo | None:
-        """What is known of the device at time_ns; None before it said who it is. `faults` of its driver are events."""
+    def info(self, time_ns: int, faults: dict[str, int]) -> DeviceInfo | None:
+        """What is known of the device at time_ns; None before it said who it is. Its driver's faults become events."""
         identity = self._identity
         if identity is None:
             return None
@@ -89,7 +89,7 @@ class Intake:
             time_ns=time_ns,
             samples=self.samples,
             dropped=self.dropped.as_dict(),
-            events={**self.events.as_dict(), **faults.as_dict()},
+            events={**self.events.as_dict(), **faults},
         )
 
     def _greet(self, identity: Identity) -> None:

@@ -15,11 +15,11 @@ from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
 
-class DeviceUnavailable(Exception):  # noqa: N818 - a state of the world
+class DeviceUnavailable(Exception):
     """The device cannot be opened now; the message says what was tried and what to do. Tried again later."""
 
 
-class DeviceLost(Exception):  # noqa: N818 - a state of the world
+class DeviceLost(Exception):
     """An open device went away: unplugged, powered off, end of a file. `over` means it will not come back."""
 
     def __init__(self, message: str, *, over: bool = False) -> None:

@@ -24,6 +24,8 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "rpc": ("device", "verb"),
 }
 MAX_KEY = 200
+# What people look at, in every ward: for the router to tell apart from what programs depend on.
+VIEWED = tuple(f"{ROOT}/*/{what}/*" for what in ("corrected", "status"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +42,12 @@ class Key:
         return self.ids["device"]
 
 
-def check_id(text: str, what: str = "id") -> str:
+def check_id(text: object, what: str = "id") -> str:
     """Return text if it is a valid id, else raise Refusal(BAD_ID) saying what one looks like."""
     if not isinstance(text, str) or not ID.match(text):
         raise Refusal(
             Reason.BAD_ID,
-            f"{what} {text[:64]!r} is not valid: 1 to 32 of a-z, 0-9, '-' and '_', beginning with a letter or digit",
+            f"{what} {str(text)[:64]!r} is not valid: 1 to 32 of a-z, 0-9, '-' and '_', beginning with a letter or digit",
         )
     return text
 

@@ -1,0 +1,65 @@
+"""Batches that go on where the last ended, made one: fewer, larger messages cost everybody less."""
+
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.codec import MAX_SAMPLES
+from bridge.wire.messages import SampleBatch, SampleFlag
+
+
+def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
+    """The same samples in as few batches as can be; gaps, boots and columns that come and go stay edges."""
+    groups: list[list[SampleBatch]] = []
+    size = 0
+    for batch in batches:
+        if groups and size + len(batch) <= MAX_SAMPLES and _goes_on(groups[-1][-1], batch):
+            groups[-1].append(batch)
+            size += len(batch)
+        else:
+            groups.append([batch])
+            size = len(batch)
+    return [_one(group) for group in groups]
+
+
+def by_boot(batches: Sequence[SampleBatch]) -> list[tuple[int, list[SampleBatch]]]:
+    """The batches of each boot, in order."""
+    return [(boot, list(group)) for boot, group in groupby(batches, key=lambda batch: batch.boot)]
+
+
+def _goes_on(before: SampleBatch, after: SampleBatch) -> bool:
+    return (
+        after.boot == before.boot
+        and after.sequence == before.sequence + len(before)
+        and after.tick_period_s == before.tick_period_s
+        and not int(after.flags[0]) & SampleFlag.AFTER_GAP
+        and (after.accel is None) == (before.accel is None)
+        and (after.temperature_c is None) == (before.temperature_c is None)
+    )
+
+
+def _one(group: list[SampleBatch]) -> SampleBatch:
+    first, last = group[0], group[-1]
+    if first is last:
+        return first
+    return SampleBatch(
+        device=first.device,
+        boot=first.boot,
+        sequence=first.sequence,
+        receive_time_ns=last.receive_time_ns,
+        start_time_ns=first.start_time_ns,
+        tick_period_s=first.tick_period_s,
+        clock_rate=last.clock_rate,
+        ticks=np.concatenate([batch.ticks for batch in group]),
+        gyro=np.concatenate([batch.gyro for batch in group]),
+        accel=_column([batch.accel for batch in group]),
+        temperature_c=_column([batch.temperature_c for batch in group]),
+        flags=np.concatenate([batch.flags for batch in group]),
+    )
+
+
+def _column(parts: list[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+    present = [part for part in parts if part is not None]
+    return np.concatenate(present) if present else None

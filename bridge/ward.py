@@ -1,0 +1,141 @@
+"""All devices of one bridge on the bus: one thread publishes what every link has, all back to back."""
+
+import logging
+import threading
+import time
+from typing import Self
+
+from bridge.bus.contract import Bus, BusError, Declared, Publisher
+from bridge.config import Bridge, Device
+from bridge.intake import Intake
+from bridge.link import Link, Taken
+from bridge.merge import by_boot, merged
+from bridge.wire import keys
+from bridge.wire.codec import encode_info, encode_samples
+from bridge.wire.messages import DeviceInfo, SampleBatch
+
+_CACHE_S = 15.0
+_INFO_EVERY_S = 1.0
+_CHANGES_EVERY_S = 0.2
+
+_log = logging.getLogger(__name__)
+
+
+class Outlet:
+    """What one device has on the bus: its publishers, and a token for the boot that is there now."""
+
+    def __init__(self, bus: Bus, ward: str, bridge: str, device: str, cache: int) -> None:
+        self._bus = bus
+        self._alive_ids = (ward, device)
+        self._raw = bus.publisher(keys.build(ward, "raw", bridge=bridge, device=device), cache=cache)
+        self._info: Publisher = bus.publisher(keys.build(ward, "info", bridge=bridge, device=device), cache=1)
+        self._token: Declared | None = None
+        self._token_boot: int | None = None
+        self._said: DeviceInfo | None = None
+        self._said_at_s = 0.0
+
+    def publish(self, taken: Taken, now_s: float) -> None:
+        """Batches, with the account of a new boot ahead of its first; raises BusError."""
+        info = taken.info
+        self._tell_alive(info.boot if info is not None and taken.there else None)
+        for boot, batches in by_boot(taken.batches):
+            if info is not None and boot == info.boot:
+                self._tell(info, now_s)
+            self._publish(batches)
+        if info is not None:
+            self._tell(info, now_s)
+
+    def close(self) -> None:
+        """Take everything back."""
+        self._tell_alive(None)
+        self._raw.close()
+        self._info.close()
+
+    def _publish(self, batches: list[SampleBatch]) -> None:
+        for batch in merged(batches):
+            self._raw.put(encode_samples(batch))
+
+    def _tell(self, info: DeviceInfo, now_s: float) -> None:
+        """At a boot, soon after a change, and once a second."""
+        said = self._said
+        changed = said is None or (said.dropped, said.events) != (info.dropped, info.events)
+        wait_s = _CHANGES_EVERY_S if changed else _INFO_EVERY_S
+        if said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
+            self._said, self._said_at_s = info, now_s
+            self._info.put(encode_info(info))
+
+    def _tell_alive(self, boot: int | None) -> None:
+        if boot == self._token_boot:
+            return
+        if self._token is not None:
+            self._token.close()
+            self._token = None
+        ward, device = self._alive_ids
+        if boot is not None:
+            key = keys.build(ward, "alive/device", device=device, boot=keys.boot_id(boot))
+            self._token = self._bus.declare_alive(key)
+        self._token_boot = boot
+
+
+class Ward:
+    """Links and pump, from `with` to its end; the bus belongs to the caller."""
+
+    def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
+        self._bus = bus
+        self._batch_s = config.batch_ms * 1e-3
+        cache = max(1, round(_CACHE_S / self._batch_s))
+        self._links = [_link(device, config.id) for device in config.devices]
+        self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
+        self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
+        self._stop = threading.Event()
+        self._complaint = ""
+        self._pump = threading.Thread(target=self._run, name="pump", daemon=True)
+
+    @property
+    def over(self) -> bool:
+        """Every device has ended for good, as recordings do."""
+        return all(link.over for link in self._links)
+
+    def __enter__(self) -> Self:
+        for link in self._links:
+            link.start()
+        self._pump.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop reading, publish what was read, take everything back."""
+        for link in self._links:
+            link.stop()
+        self._stop.set()
+        self._pump.join()
+        self._publish()
+        for outlet in self._outlets:
+            outlet.close()
+        self._alive.close()
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stop.is_set():
+            self._publish()
+            due_s = max(due_s + self._batch_s, time.monotonic())
+            self._stop.wait(due_s - time.monotonic())
+
+    def _publish(self) -> None:
+        now_s = time.monotonic()
+        for link, outlet in zip(self._links, self._outlets, strict=True):
+            taken = link.take()
+            try:
+                outlet.publish(taken, now_s)
+            except BusError as error:
+                link.lose(taken.batches)
+                level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
+                _log.log(level, "bus: %s", error)
+                self._complaint = str(error)
+            except Exception:  # noqa: BLE001 - one device's fault must not stop the others
+                link.lose(taken.batches)
+                _log.exception("%s: cannot be published", link.device)
+
+
+def _link(device: Device, bridge: str) -> Link:
+    driver = device.make()
+    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))
