@@ -34,8 +34,8 @@ class Outlet:
         self._said: DeviceInfo | None = None
         self._said_at_s = 0.0
 
-    def publish(self, taken: Taken, now_s: float) -> None:
-        """Batches, with the account of a new boot ahead of its first; raises BusError."""
+    def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
+        """Batches, with the account of a new boot ahead of its first, and behind the last of all; raises BusError."""
         info = taken.info
         self._tell_alive(info.boot if info is not None and taken.there else None)
         for boot, batches in by_boot(taken.batches):
@@ -43,7 +43,7 @@ class Outlet:
                 self._tell(info, now_s)
             self._publish(batches)
         if info is not None:
-            self._tell(info, now_s)
+            self._tell(info, now_s, at_once=last)
 
     def close(self) -> None:
         """Take everything back."""
@@ -55,12 +55,12 @@ class Outlet:
         for batch in merged(batches):
             self._raw.put(encode_samples(batch))
 
-    def _tell(self, info: DeviceInfo, now_s: float) -> None:
+    def _tell(self, info: DeviceInfo, now_s: float, *, at_once: bool = False) -> None:
         """At a boot, soon after a change, and once a second."""
         said = self._said
         changed = said is None or (said.dropped, said.events) != (info.dropped, info.events)
         wait_s = _CHANGES_EVERY_S if changed else _INFO_EVERY_S
-        if said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
+        if at_once or said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
             self._said, self._said_at_s = info, now_s
             self._info.put(encode_info(info))
 
@@ -108,7 +108,7 @@ class Ward:
             link.stop()
         self._stop.set()
         self._pump.join()
-        self._publish()
+        self._publish(last=True)
         for outlet in self._outlets:
             outlet.close()
         self._alive.close()
@@ -120,12 +120,12 @@ class Ward:
             due_s = max(due_s + self._batch_s, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
-    def _publish(self) -> None:
+    def _publish(self, *, last: bool = False) -> None:
         now_s = time.monotonic()
         for link, outlet in zip(self._links, self._outlets, strict=True):
             taken = link.take()
             try:
-                outlet.publish(taken, now_s)
+                outlet.publish(taken, now_s, last=last)
             except BusError as error:
                 link.lose(taken.batches)
                 level = logging.DEBUG if str(error) == self._complaint else logging.WARNING

@@ -1,0 +1,258 @@
+"""The native driver: bytes in any chunking, reboots, unplugged ports; and the simulated and replayed drivers beside it."""
+
+import itertools
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.drivers import registry
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Event, Identity, Readings
+from bridge.drivers.native import ASK, NativeDecoder, NativeDriver, NativeOptions
+from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
+from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
+from bridge.framing.deframer import frame
+from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from bridge.recording import Recording
+from bridge.sim.pty_port import PtyPort
+from bridge.sim.virtual_device import demo_device
+from bridge.transport import serial_port
+from bridge.transport.serial_port import SerialPort
+from bridge.wire.refusal import Tally
+
+
+def hello(boot: int = 1, *, has_accel: bool = True) -> bytes:
+    return frame(encode_hello(Hello(boot, 1e-6, 100.0, 4.0, has_accel, True, "model", "1.2")))
+
+
+def data(sequence: int, n: int = 2, boot: int = 1) -> bytes:
+    ticks = ((sequence + np.arange(n)) * 10_000).astype(np.uint32)
+    ones = np.ones((n, 3), np.float32)
+    return frame(encode_data(Data(boot, sequence, ticks, ones, ones, ones[:, 0])))
+
+
+def told(events: list[Event]) -> list[str]:
+    return [
+        f"hello {event.boot}" if isinstance(event, Identity) else f"{event.boot}:{event.sequence}+{len(event.ticks)}"
+        for event in events
+    ]
+
+
+STREAM = hello() + data(0) + data(2) + hello() + data(4) + hello(2) + data(0, boot=2)
+TOLD = ["hello 1", "1:0+2", "1:2+2", "hello 1", "1:4+2", "hello 2", "2:0+2"]
+
+
+@given(st.lists(st.integers(0, len(STREAM))))
+def test_any_chunking_gives_the_same_events(cuts: list[int]) -> None:
+    decoder = NativeDecoder(Tally())
+    edges = [0, *sorted(cuts), len(STREAM)]
+    events = [e for a, b in itertools.pairwise(edges) for e in decoder.feed(STREAM[a:b], 1)]
+    assert told(events) == TOLD
+    assert decoder.faults.as_dict() == {}
+
+
+def test_readings_wait_for_the_device_to_say_who_it_is() -> None:
+    decoder = NativeDecoder(Tally())
+    asks = [decoder.ask]
+    decoder.asked()
+    asks.append(decoder.ask)
+    assert decoder.feed(data(0) + data(2), 1) == []
+    asks.append(decoder.ask)
+    assert told(decoder.feed(hello() + data(4), 2)) == ["hello 1", "1:0+2", "1:2+2", "1:4+2"]
+    asks.append(decoder.ask)
+    assert asks == [True, False, True, False]
+
+
+def test_a_boot_that_was_not_announced_makes_it_ask() -> None:
+    decoder = NativeDecoder(Tally())
+    decoder.feed(hello() + data(0), 1)
+    asks = [decoder.ask]
+    assert decoder.feed(data(0, boot=2), 1) == []
+    asks.append(decoder.ask)
+    assert asks == [False, True]
+    assert told(decoder.feed(hello(2), 1)) == ["hello 2", "2:0+2"]
+
+
+def test_what_is_held_back_is_bounded_and_counted() -> None:
+    decoder = NativeDecoder(Tally())
+    for i in range(100):
+        decoder.feed(data(2 * i), 1)
+    assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 72}
+    assert decoder.ask
+    assert len(decoder.feed(hello(9), 1)) == 1
+    assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 200}
+
+
+def test_columns_that_are_not_real_are_left_out() -> None:
+    decoder = NativeDecoder(Tally())
+    _, readings = decoder.feed(hello(has_accel=False) + data(0), 1)
+    assert isinstance(readings, Readings)
+    assert readings.accel is None
+    assert readings.temperature_c is not None
+
+
+@given(st.binary(max_size=300))
+def test_noise_is_counted_and_the_next_frame_is_read(noise: bytes) -> None:
+    decoder = NativeDecoder(Tally())
+    events = decoder.feed(noise + b"\0" + hello() + data(0), 1)
+    assert told(events)[-2:] == ["hello 1", "1:0+2"]
+
+
+@pytest.fixture
+def pty(tmp_path: Path) -> Iterator[PtyPort]:
+    with PtyPort(demo_device("d", 1), tmp_path / "port") as port:
+        yield port
+
+
+def read_until(driver: NativeDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 5.0) -> list[Event]:
+    events: list[Event] = []
+    end = time.monotonic() + limit_s
+    while sum(isinstance(event, Readings) for event in events) < n:
+        assert time.monotonic() < end, "the device says nothing"
+        events += driver.read(0.1)
+    return events
+
+
+def test_a_device_on_a_real_terminal_is_read(pty: PtyPort) -> None:
+    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    driver.open()
+    try:
+        first, *rest = read_until(driver, 5)
+    finally:
+        driver.close()
+    assert isinstance(first, Identity)
+    assert first.boot == pty.device.boot
+    sequences = [event.sequence for event in rest if isinstance(event, Readings)]
+    assert sequences == sorted(sequences)
+
+
+def test_an_unplugged_device_is_lost_and_found_again(pty: PtyPort) -> None:
+    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    driver.open()
+    read_until(driver, 2)
+    pty.unplug()
+    with pytest.raises(DeviceLost, match=r"port: .*(lost|closed)"):
+        read_until(driver, 10_000)
+    driver.close()
+    with pytest.raises(DeviceUnavailable, match="missing; plug the device in"):
+        driver.open()
+    pty.plug()
+    driver.open()
+    assert isinstance(read_until(driver, 2)[0], Identity)
+    driver.close()
+    driver.close()
+
+
+def test_a_port_is_ours_alone(pty: PtyPort) -> None:
+    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    assert serial_port.state(str(pty.link)) == "present"
+    driver.open()
+    try:
+        with pytest.raises(DeviceUnavailable, match="busy; another program has it open"):
+            NativeDriver(NativeOptions(port=str(pty.link))).open()
+        assert serial_port.state(str(pty.link)).startswith("busy")
+    finally:
+        driver.close()
+
+
+def test_a_read_ends_when_another_thread_closes(pty: PtyPort) -> None:
+    port = SerialPort(str(pty.link), 115_200)
+    pty.device.power_off()
+    port.open()
+    time.sleep(0.05)
+    while port.read(0.05).data:
+        pass
+    threading.Timer(0.1, port.close).start()
+    began = time.monotonic()
+    while True:
+        try:
+            port.read(5.0)
+        except DeviceLost:
+            break
+    assert time.monotonic() - began < 2.0
+
+
+def test_what_is_no_port_is_unavailable_with_its_cause(tmp_path: Path) -> None:
+    plain = tmp_path / "file"
+    plain.touch()
+    for path, cause in [
+        (tmp_path / "none", "missing"),
+        (plain, "not a serial port"),
+        (Path("/dev/null"), "not a serial port"),
+    ]:
+        with pytest.raises(DeviceUnavailable, match=cause):
+            SerialPort(str(path), 115_200).open()
+        assert serial_port.state(str(path)).startswith(cause)
+    with pytest.raises(DeviceUnavailable):
+        SerialPort(str(tmp_path), 115_200).open()
+    with pytest.raises(DeviceLost, match="closed"):
+        SerialPort("/dev/null", 9600).read(0.1)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_a_port_without_permission_says_what_to_do(pty: PtyPort) -> None:
+    Path(os.path.realpath(pty.link)).chmod(0)
+    with pytest.raises(DeviceUnavailable, match="dialout"):
+        SerialPort(str(pty.link), 115_200).open()
+
+
+def test_the_simulated_driver_speaks_like_a_device() -> None:
+    driver = SimulatedDriver(SimulatedOptions(seed=3, speed=50))
+    driver.open()
+    events = read_until(driver, 5)
+    assert isinstance(events[0], Identity)
+    assert driver.faults.as_dict() == {}
+    driver.close()
+    with pytest.raises(DeviceLost):
+        driver.read(0.1)
+    driver.open()
+    again = read_until(driver, 1)[0]
+    assert isinstance(again, Identity)
+    assert again.boot == events[0].boot
+
+
+def recording(time_s: list[float]) -> Recording:
+    n = len(time_s)
+    return Recording(np.array(time_s), np.arange(3.0 * n).reshape(n, 3), None, None, 10.0, "rec")
+
+
+def test_a_playback_gives_what_is_due_and_numbers_what_is_missing() -> None:
+    playback = Playback(recording([0, 0.1, 0.2, 0.5, 0.6]), 2.0, 5)
+    assert playback.wait_s(0.0) == 0.0
+    assert told(list(playback.due(0.05, 1))) == ["5:0+2"]
+    assert playback.wait_s(0.05) == pytest.approx(0.05)
+    assert told(list(playback.due(0.06, 1))) == []
+    assert told(list(playback.due(9.0, 1))) == ["5:2+1", "5:5+2"]
+    assert playback.over
+
+
+def test_a_replayed_recording_ends_for_good(tmp_path: Path) -> None:
+    gyro = np.random.default_rng(0).normal(size=(500, 3))
+    np.savez(tmp_path / "r.npz", gyro_rad_s=gyro, rate_hz=100.0)
+    driver = ReplayedDriver(ReplayedOptions(file=str(tmp_path / "r.npz"), speed=100))
+    driver.open()
+    events = read_until(driver, 1)
+    with pytest.raises(DeviceLost) as lost:
+        events.extend(event for _ in range(1000) for event in driver.read(0.1))
+    assert lost.value.over
+    assert isinstance(events[0], Identity)
+    played = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
+    assert np.array_equal(played, gyro)
+    driver.close()
+
+
+def test_a_missing_recording_is_unavailable(tmp_path: Path) -> None:
+    with pytest.raises(DeviceUnavailable, match="cannot be read"):
+        ReplayedDriver(ReplayedOptions(file=str(tmp_path / "none.npz"))).open()
+
+
+def test_drivers_are_found_by_name() -> None:
+    assert {"native", "replayed", "simulated"} <= set(registry.kinds())
+    assert all(kind.summary for kind in registry.kinds().values())
+    assert ASK.endswith(b"\0")

@@ -1,0 +1,312 @@
+"""A bridge end to end: devices on terminals, unplugged, rebooted, over a bus that comes and goes."""
+
+import argparse
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import cli
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.config import Bridge, Device
+from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
+from bridge.drivers.native import NativeOptions
+from bridge.drivers.replayed import ReplayedOptions
+from bridge.intake import Intake
+from bridge.link import Link
+from bridge.merge import merged
+from bridge.sim.pty_port import PtyPort
+from bridge.sim.virtual_device import demo_device
+from bridge.ward import Ward
+from bridge.wire import codec, keys
+from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
+from bridge.wire.refusal import Tally
+
+
+class Listener:
+    """A subscriber that keeps what it hears."""
+
+    def __init__(self, broker: MemoryBroker) -> None:
+        self.batches: dict[str, list[SampleBatch]] = defaultdict(list)
+        self.infos: dict[str, DeviceInfo] = {}
+        self.alive: list[tuple[str, bool]] = []
+        self._bus = MemoryBus(broker)
+        self._bus.watch_alive(keys.ROOT + "/w/alive/**", lambda key, alive: self.alive.append((key, alive)))
+        self._raw = self._bus.subscribe(keys.pattern("w", "raw"), history=True)
+        self._info = self._bus.subscribe(keys.pattern("w", "info"), history=True)
+
+    def hear(self) -> None:
+        for message in self._info.drain(1000, 0.0):
+            info = codec.decode_info(*message)
+            self.infos[info.device] = info
+        for message in self._raw.drain(1000, 0.01):
+            batch = codec.decode_samples(*message)
+            self.batches[batch.device].append(batch)
+
+    def until(self, condition: Callable[[], bool], limit_s: float = 8.0) -> None:
+        end = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < end, "it did not come to pass"
+            self.hear()
+
+    def count(self, device: str = "d1") -> int:
+        return sum(len(batch) for batch in self.batches[device])
+
+    def close(self) -> None:
+        self._bus.close()
+
+
+@pytest.fixture
+def broker() -> MemoryBroker:
+    return MemoryBroker()
+
+
+@pytest.fixture
+def listener(broker: MemoryBroker) -> Iterator[Listener]:
+    listening = Listener(broker)
+    yield listening
+    listening.close()
+
+
+def native(port: PtyPort, name: str = "d1") -> Device:
+    return Device(name, "native", NativeOptions(port=str(port.link)))
+
+
+@contextmanager
+def published(tmp_path: Path, broker: MemoryBroker) -> Iterator[PtyPort]:
+    """One device d1 on a terminal, and the bridge that reads it."""
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
+        config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
+        with MemoryBus(broker) as bus, Ward("w", config, bus):
+            yield port
+
+
+def unbroken(batches: list[SampleBatch]) -> bool:
+    """No sample lost, none twice."""
+    ends = [batch.sequence + len(batch) for batch in batches]
+    return all(batch.sequence == end for batch, end in zip(batches[1:], ends, strict=False))
+
+
+def test_devices_are_published_whole_with_their_account_and_their_tokens(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as one, PtyPort(demo_device("d2", 2), tmp_path / "d2") as two:
+        config = Bridge(id="b1", batch_ms=20, devices=(native(one), native(two, "d2")))
+        with MemoryBus(broker) as bus, Ward("w", config, bus):
+            listener.until(lambda: listener.count() > 100 and listener.count("d2") > 100)
+            boots = [keys.boot_id(port.device.boot or 0) for port in (one, two)]
+            alive = {key.removeprefix("truerate/@v1/w/alive/") for key, there in listener.alive if there}
+            assert alive == {"bridge/b1", f"device/d1/{boots[0]}", f"device/d2/{boots[1]}"}
+        listener.hear()
+        gone = [key for key, there in listener.alive if not there]
+        assert len(gone) == 3
+    for device in ("d1", "d2"):
+        assert unbroken(listener.batches[device])
+        info = listener.infos[device]
+        assert info.samples == listener.count(device)
+        assert (info.dropped, info.driver, info.bridge) == ({}, "native", "b1")
+        assert info.boot == listener.batches[device][0].boot
+
+
+def test_a_reboot_is_a_new_boot_with_a_new_token(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
+    with published(tmp_path, broker) as port:
+        listener.until(lambda: listener.count() > 50)
+        before = port.device.boot
+        port.device.reboot()
+        listener.until(lambda: listener.batches["d1"][-1].boot != before)
+        listener.until(lambda: "reboots" in listener.infos["d1"].events)
+        after = port.device.boot
+    boots = [batch.boot for batch in listener.batches["d1"]]
+    assert sorted(set(boots), key=boots.index) == [before, after]
+    first = next(batch for batch in listener.batches["d1"] if batch.boot == after)
+    assert (first.sequence, int(first.flags[0])) == (0, 0)
+    tokens = [(key.rsplit("/", 1)[1], there) for key, there in listener.alive if "/device/" in key]
+    old, new = keys.boot_id(before or 0), keys.boot_id(after or 0)
+    assert tokens[:3] == [(old, True), (old, False), (new, True)]
+
+
+def test_an_unplugged_device_comes_back_with_its_gap_in_sight(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with published(tmp_path, broker) as port:
+        listener.until(lambda: listener.count() > 50)
+        port.unplug()
+        listener.until(lambda: ("/device/" in listener.alive[-1][0], listener.alive[-1][1]) == (True, False))
+        here = len(listener.batches["d1"])
+        port.plug()
+        listener.until(lambda: len(listener.batches["d1"]) > here + 3)
+        listener.until(lambda: listener.infos["d1"].events.get("reconnections") == 1)
+    after_gap = [int(batch.flags[0]) & SampleFlag.AFTER_GAP for batch in listener.batches["d1"]]
+    assert sum(after_gap) == 1
+    assert listener.infos["d1"].events["missing_samples"] > 0
+    assert len({batch.boot for batch in listener.batches["d1"]}) == 1
+
+
+def test_a_router_that_goes_away_costs_nothing_within_the_cache(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with published(tmp_path, broker):
+        listener.until(lambda: listener.count() > 50)
+        broker.stop()
+        time.sleep(0.3)
+        broker.start()
+        here = listener.count()
+        listener.until(lambda: listener.count() > here + 50)
+    assert unbroken(listener.batches["d1"])
+
+
+def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
+    gyro = np.random.default_rng(0).normal(size=(1000, 3)).astype(np.float32)
+    np.savez(tmp_path / "r.npz", gyro_rad_s=gyro, rate_hz=100.0)
+    device = Device("d1", "replayed", ReplayedOptions(file=str(tmp_path / "r.npz"), speed=50))
+    with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", devices=(device,)), bus) as ward:
+        listener.until(lambda: ward.over)
+    listener.until(lambda: listener.count() == 1000)
+    assert np.array_equal(np.concatenate([batch.gyro for batch in listener.batches["d1"]]), gyro)
+    assert listener.infos["d1"].boot_cause is BootCause.PORT_OPENED
+    assert listener.infos["d1"].samples == 1000
+
+
+class Scripted:
+    """A driver that does as it is told, then waits."""
+
+    def __init__(self, *script: Exception | Sequence[Event]) -> None:
+        self.faults = Tally()
+        self.place = "script"
+        self.opened = 0
+        self._script = list(script)
+        self._idle = threading.Event()
+
+    def open(self) -> None:
+        self.opened += 1
+        if self._script and isinstance(self._script[0], DeviceUnavailable):
+            raise self._script.pop(0)  # type: ignore[misc]
+
+    def read(self, timeout_s: float) -> list[Event]:
+        if not self._script:
+            self._idle.wait(0.01)
+            return []
+        step = self._script.pop(0)
+        if isinstance(step, Exception):
+            raise step
+        return list(step)
+
+    def close(self) -> None:
+        pass
+
+
+HELLO = Identity(7, BootCause.POWER_UP, "m", "f", 100.0, 0.0, 1e-6, False, False)
+
+
+def said(sequence: int, n: int = 10) -> Readings:
+    ticks = ((sequence + np.arange(n)) * 10_000).astype(np.uint32)
+    return Readings(7, sequence, 10**18 + sequence, ticks, np.ones((n, 3)), None, None)
+
+
+def run(driver: Scripted, until: Callable[[Link], bool]) -> Link:
+    link = Link("d1", driver, Intake("d1", "b1", "scripted", "script"))
+    link.start()
+    end = time.monotonic() + 5
+    while not until(link):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    link.stop()
+    return link
+
+
+def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.link")
+    missing = [DeviceUnavailable("script: missing") for _ in range(3)]
+    driver = Scripted(*missing, [HELLO, said(0)])
+    taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
+    assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
+    assert sum(map(len, taken.batches)) == 10
+
+
+def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:
+    driver = Scripted([HELLO, said(0)], ZeroDivisionError("oops"), [HELLO, said(10)])
+    taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()
+    assert sum(map(len, taken.batches)) == 20
+    assert "its driver failed: ZeroDivisionError('oops')" in caplog.text
+
+
+def test_what_nobody_takes_is_bounded_and_counted() -> None:
+    driver = Scripted([HELLO], *[[said(500 * i, 500)] for i in range(60)])
+    info = None
+
+    def finished(link: Link) -> bool:
+        return not driver._script
+
+    taken = run(driver, finished).take()
+    info = taken.info
+    assert info is not None
+    assert sum(map(len, taken.batches)) == 20_000 == info.samples
+    assert info.dropped == {"overflow": 10_000}
+
+
+def test_merging_keeps_every_sample_and_every_edge() -> None:
+    intake = Intake("d1", "b1", "x", "y")
+    intake.take(HELLO)
+    events = [said(0), said(10), said(25), said(35)]
+    batches = [batch for event in events for batch in intake.take(event)]
+    one, two = merged(batches)
+    assert (one.sequence, len(one), two.sequence, len(two)) == (0, 20, 25, 20)
+    assert one.ticks.tolist() == [i * 10_000 for i in range(20)]
+    assert one.receive_time_ns == batches[1].receive_time_ns
+    assert one.start_time_ns == batches[0].start_time_ns
+    assert two.flags.tolist() == [SampleFlag.AFTER_GAP] + [0] * 19
+    assert merged([]) == []
+
+
+def parsed(*arguments: str) -> Any:
+    parser = argparse.ArgumentParser()
+    cli.add_verbs(parser.add_subparsers(required=True))
+    return parser.parse_args(arguments)
+
+
+def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "w.toml"
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
+        config.write_text(
+            'ward = "w"\n[bridge]\nid = "b"\n'
+            f'[[bridge.devices]]\nid = "here"\ndriver = "native"\nport = "{port.link}"\n'
+            f'[[bridge.devices]]\nid = "gone"\ndriver = "native"\nport = "{tmp_path}/gone"\n'
+        )
+        args = parsed("bridge", "list", str(config))
+        assert args.run(args) == 0
+    shown = capsys.readouterr().out
+    assert "simulated" in shown
+    assert f"{port.link}: present" in shown
+    assert f"{tmp_path}/gone: missing" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("bridge", "run", "none.toml"), 2, "truerate: none.toml: there is no such file\n"),
+        (("bridge", "replay", "none.npz", "--device", "d"), 1, "truerate: none.npz: cannot be read"),
+        (("bridge", "replay", "none.npz", "--device", "d", "--ward", "W W"), 2, "truerate: ward 'W W' is not valid"),
+        (("router", "--listen", "here"), 2, "truerate: listen: 'here' is no endpoint"),
+    ],
+)
+def test_wrong_use_is_one_line_and_an_exit_code(
+    arguments: tuple[str, ...], code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = parsed(*arguments)
+    assert args.run(args) == code
+    error = capsys.readouterr().err
+    assert error.startswith(said)
+    assert error.count("\n") == 1
+
+
+def test_every_verb_teaches_by_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in (["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["router"]):
+        with pytest.raises(SystemExit):
+            parsed(*verb, "--help")
+        assert "Example: truerate" in capsys.readouterr().out
