@@ -6,9 +6,9 @@ Pure: no clock, no thread. At any moment samples_in = samples published + the su
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge import unwrap
 from bridge.clock import ClockFit
 from bridge.drivers.driver import Event, Identity, Readings
+from bridge.unwrap import Counters, Counts
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
@@ -40,8 +40,7 @@ class Intake:
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()
-        self._sequence: int | None = None  # of the sample last taken or dropped, unwrapped
-        self._ticks = 0  # likewise
+        self._counters = Counters()
         self._old = 0  # samples in a row that were no news
         self._next: int | None = None  # the sequence that would go on without a hole
         self._rate_from: tuple[int, float] | None = None  # sequence and device time, some seconds ago
@@ -113,10 +112,8 @@ class Intake:
         if (fault := _fault(readings, n)) is not None:
             self.dropped.add(fault, n)
             return []
-        sequence, ticks = self._unwrapped(readings, identity)
-        if self._all_old(sequence, ticks, identity):
-            return []
-        good = self._good(readings, identity, sequence, ticks)
+        sequence, ticks = self._counters.unwrapped(readings, identity)
+        good = self._good(readings, identity, self._new(sequence, ticks, identity))
         if not good.any():
             return []
         last = int(np.flatnonzero(good)[-1])
@@ -127,68 +124,34 @@ class Intake:
         late_ns = max(0, self.clock.host_ns(device_s) - readings.receive_time_ns)
         return [self._batch(readings, identity, sequence, ticks, run, late_ns) for run in _runs(good)]
 
-    def _all_old(self, sequence: NDArray[np.int64], ticks: NDArray[np.int64], identity: Identity) -> bool:
-        """Whether nothing in them is new, then they are dropped; else counts what is missing before them.
+    def _new(self, sequence: Counts, ticks: Counts, identity: Identity) -> Bools:
+        """Which samples are news; counts the others, and what is missing before them.
 
         A device that for a second sends old numbers only has begun anew without saying so (some draw the same boot
         number each time): that is a boot, under a number of our making.
         """
-        if self._sequence is None:
-            return False
-        if sequence[-1] > self._sequence and ticks[-1] > self._ticks:
-            self._old = 0
-            missing = int(sequence[0]) - self._sequence - 1
-            if missing > 0:
-                self.events.add("missing_samples", missing)
-            return False
-        self.dropped.add(Reason.DUPLICATE, len(ticks))
-        self._old += len(ticks)
+        new, missing = self._counters.follow(sequence, ticks)
+        if missing:
+            self.events.add("missing_samples", missing)
+        self._drop(Reason.DUPLICATE, ~new)
+        self._old = 0 if new.any() else self._old + len(ticks)
         if self._old >= max(2, identity.rate_hz):
             self.events.add("reboots_unsaid")
             self._unsaid += 1
             self._begin()
-        return True
+        return new
 
-    def _unwrapped(self, readings: Readings, identity: Identity) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Sequence numbers and ticks that go on, (n,) each; they may repeat or go back, as sent."""
-        n = len(readings.ticks)
-        if self._sequence is None:
-            first = readings.sequence % 2**identity.sequence_bits
-            tick_steps = unwrap.steps(readings.ticks, int(readings.ticks[0]), identity.tick_bits)
-            origin = int(readings.ticks[0]) % 2**identity.tick_bits
-        else:
-            forward = unwrap.step(readings.sequence, self._sequence, identity.sequence_bits)
-            first = self._sequence + forward
-            tick_steps = unwrap.steps(readings.ticks, self._ticks, identity.tick_bits)
-            # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
-            expected = forward / (identity.rate_hz * identity.tick_period_s)
-            if abs(expected) > 2 ** (identity.tick_bits - 2):
-                tick_steps[0] = unwrap.whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
-            origin = self._ticks
-        return first + np.arange(n), origin + np.cumsum(tick_steps)
-
-    def _good(
-        self, readings: Readings, identity: Identity, sequence: NDArray[np.int64], ticks: NDArray[np.int64]
-    ) -> Bools:
-        """Which samples may be published; counts the others, and moves the counters on."""
+    def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
+        """Which of the new samples may be published; counts the others."""
         limit = min(MAX_RATE, _PLAUSIBLE * identity.gyro_range) if identity.gyro_range else MAX_RATE
-        new = np.ones(len(ticks), bool)
-        if self._sequence is not None:
-            new = (sequence > self._sequence) & (ticks > self._ticks)
-        # Within the readings ticks must rise above all before them.
-        new[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
         finite = np.isfinite(readings.gyro).all(axis=1)
         with np.errstate(invalid="ignore"):
             plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
             if readings.accel is not None:
                 finite &= np.isfinite(readings.accel).all(axis=1)
                 plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
-        self._drop(Reason.DUPLICATE, ~new)
         self._drop(Reason.NON_FINITE, new & ~finite)
         self._drop(Reason.RANGE, new & finite & ~plausible)
-        if new.any():
-            last = int(np.flatnonzero(new)[-1])
-            self._sequence, self._ticks = int(sequence[last]), int(ticks[last])
         good: Bools = new & finite & plausible
         return good
 
@@ -201,8 +164,8 @@ class Intake:
         self,
         readings: Readings,
         identity: Identity,
-        sequence: NDArray[np.int64],
-        ticks: NDArray[np.int64],
+        sequence: Counts,
+        ticks: Counts,
         run: slice,
         late_ns: int,
     ) -> SampleBatch:

@@ -3,8 +3,51 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.drivers.driver import Identity, Readings
 
-def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> NDArray[np.int64]:
+Counts = NDArray[np.int64]
+
+
+class Counters:
+    """The sequence and the ticks of one boot, as far as they were followed."""
+
+    def __init__(self) -> None:
+        self._sequence: int | None = None
+        self._ticks = 0
+
+    def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
+        """Sequence numbers and ticks that go on, (n,) each; they may repeat or go back, as sent."""
+        if self._sequence is None:
+            first = readings.sequence % 2**identity.sequence_bits
+            origin = int(readings.ticks[0]) % 2**identity.tick_bits
+            tick_steps = steps(readings.ticks, origin, identity.tick_bits)
+        else:
+            forward = step(readings.sequence, self._sequence, identity.sequence_bits)
+            first, origin = self._sequence + forward, self._ticks
+            tick_steps = steps(readings.ticks, origin, identity.tick_bits)
+            # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
+            expected = forward / (identity.rate_hz * identity.tick_period_s)
+            if abs(expected) > 2 ** (identity.tick_bits - 2):
+                tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
+        return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
+
+    def follow(self, sequence: Counts, ticks: Counts) -> tuple[NDArray[np.bool_], int]:
+        """Which samples are new, (n,), and how many are missing before the first of them; moves on to the last."""
+        new = np.ones(len(ticks), bool)
+        missing = 0
+        if self._sequence is not None:
+            new = (sequence > self._sequence) & (ticks > self._ticks)
+        # Within the readings ticks must rise above all before them.
+        new[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
+        if new.any():
+            at = np.flatnonzero(new)
+            if self._sequence is not None:
+                missing = max(0, int(sequence[0]) - self._sequence - 1)
+            self._sequence, self._ticks = int(sequence[at[-1]]), int(ticks[at[-1]])
+        return new, missing
+
+
+def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
     """(n,) signed step from each count to the next, the first from `before`, each the shortest way round 2**bits."""
     all_counts = np.concatenate([np.array([before % 2**bits], np.uint64), counts.astype(np.uint64)])
     spare = np.uint64(64 - bits)
