@@ -1,10 +1,9 @@
-"""What the demonstration shows while it runs: a live table on a terminal, a line per change elsewhere."""
+"""A ward on a terminal: its table, and a live view of it; elsewhere a line per change."""
 
 from math import degrees
 from types import TracebackType
 from typing import Self
 
-import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -30,35 +29,19 @@ def word(state: State) -> Text:
 
 
 def table(statuses: dict[str, Status], title: str = "") -> Table:
-    """A row a device: where it is, how good its output is, what is known of it, and why."""
-    shown = Table(title=title or None, title_justify="left", box=None, pad_edge=False)
-    for heading in (
-        "device",
-        "state",
-        "quality",
-        "turns",
-        "scale x y z",
-        "bias °/s x y z",
-        "±",
-        "°C",
-        "samples",
-        "why",
-    ):
-        shown.add_column(heading, no_wrap=heading != "why")
+    """A row a device: where it is, how good its output is, what is known of it, and why. Fits 80 columns."""
+    shown = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("device", "state", "quality", "turns", "bias ± °/s", "why"):
+        shown.add_column(heading, no_wrap=heading != "why", overflow="fold")
     for name in sorted(statuses):
         status = statuses[name]
         turns = "".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
-        temperature = "" if np.isnan(status.temperature_c) else f"{status.temperature_c:.1f}"
         shown.add_row(
             name,
             word(status.state),
             status.quality.name.lower().replace("_", " "),
             turns if status.progress < 1 else "done",
-            " ".join(f"{k:.3f}" for k in status.scale),
-            " ".join(f"{degrees(b):+.2f}" for b in status.bias),
             f"{degrees(max(status.bias_std)):.3f}",
-            temperature,
-            str(status.samples_out),
             status.reason,
         )
     return shown
@@ -77,11 +60,11 @@ class Screen:
             self._live.update(table(statuses, f"{elapsed_s:4.0f} s  {note}"))
             return
         for status in changes:
-            self._console.print(f"{elapsed_s:5.1f} s  {status.device}: {status.state.name.lower()}: {status.reason}")
+            self.say(elapsed_s, f"{status.device}: {status.state.name.lower().replace('_', ' ')}: {status.reason}")
 
     def say(self, elapsed_s: float, words: str) -> None:
         """A line that stays."""
-        self._console.print(f"{elapsed_s:5.1f} s  {words}")
+        self._console.print(f"{elapsed_s:5.1f} s  {words}", soft_wrap=True, highlight=False)
 
     def __enter__(self) -> Self:
         if self._live is not None:

@@ -21,7 +21,7 @@ from bridge.wire.messages import (
     Status,
     Verdict,
 )
-from estimator.batch.capture import Samples
+from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
@@ -32,6 +32,9 @@ from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
 from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState, Receipt
 from estimator.track.zaru import Zaru, ZaruKnobs
+
+#: how often an uncertainty that grows without evidence is published anew, device seconds
+PREDICT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +195,8 @@ class DeviceSession:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
             return
         if self.filter is not None:
+            if window.end_time - self.filter.state.time >= PREDICT_S:
+                self.filter.predict(window.end_time, self._temperature())
             receipt = self._zaru.window(window, self.filter, self._temperature())
             if receipt is not None:
                 self._weigh(receipt, outcome)
@@ -221,8 +226,8 @@ class DeviceSession:
         match progress:
             case RestFound(rest):
                 if self.filter is None:
-                    P = rest.bias_cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
-                    self.filter = BiasFilter(BiasState(rest.bias, P, rest.end, self._temperature()), self.knobs.bias)
+                    state = BiasState(rest.bias, self._rest_cov(rest), rest.end, self._temperature())
+                    self.filter = BiasFilter(state, self.knobs.bias)
                     self._evidence_time = rest.end
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
@@ -233,10 +238,10 @@ class DeviceSession:
                 self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
                 outcome.changed = True
                 outcome.said.append(self.reason)
-            case Finished(result):
-                self._finish(result, outcome)
+            case Finished(result, rest):
+                self._finish(result, rest, outcome)
 
-    def _finish(self, result: Result, outcome: Outcome) -> None:
+    def _finish(self, result: Result, rest: Rest, outcome: Outcome) -> None:
         outcome.calibration = self._as_message(result)
         if result.verdict is not Verdict.ACCEPTED:
             self._done_axes = tuple(axis for axis in self._done_axes if axis not in result.repeat)
@@ -247,10 +252,15 @@ class DeviceSession:
             BiasState(result.bias, result.covariance[:3, :3], result.bias_time, self._temperature_at(result.bias_time)),
             self.knobs.bias,
         )
-        self.filter.predict(self._now, self._temperature())
-        self._evidence_time = self._now
+        # The rest after the last turn is newer than the one the bias came from.
+        self.filter.predict(rest.end, self._temperature_at(rest.end))
+        self.filter.update("zaru", rest.bias, self._rest_cov(rest))
+        self._evidence_time = rest.end
         self._contradictions = 0
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
+
+    def _rest_cov(self, rest: Rest) -> Floats:
+        return rest.bias_cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
 
     def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
         before = self.life.state

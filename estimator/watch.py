@@ -49,7 +49,7 @@ def _hardware(infos: dict[str, DeviceInfo]) -> Table:
         i = infos[name]
         dropped = ", ".join(f"{count} {reason}" for reason, count in i.dropped.items()) or "0"
         shown.add_row(
-            name, i.bridge, i.driver, i.model, i.firmware, f"{i.rate_hz:g}", f"{i.measured_rate_hz:.1f}",
+            name, i.bridge, i.driver, f"{i.model} {i.firmware}", f"{i.rate_hz:g}", f"{i.measured_rate_hz:.1f}",
             f"{degrees(i.gyro_range):.0f}" if i.gyro_range else "?", str(i.samples), dropped,
         )  # fmt: skip
     return shown

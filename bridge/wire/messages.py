@@ -89,7 +89,7 @@ class SampleBatch:
     @property
     def device_time(self) -> Floats:
         """(n,) device seconds of each sample, since the device's own zero."""
-        return self.ticks * self.tick_period_s
+        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,13 +118,13 @@ class CorrectedBatch:
     @property
     def device_time(self) -> Floats:
         """(n,) device seconds of each sample, since the device's own zero."""
-        return self.ticks * self.tick_period_s
+        return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
         """(n,) host time of each sample, nanoseconds since the Unix epoch."""
         since_first = (self.ticks - self.ticks[0]) * (self.tick_period_s * self.clock_rate * 1e9)
-        return self.start_time_ns + np.rint(since_first).astype(np.int64)
+        return np.asarray(np.rint(since_first).astype(np.int64) + self.start_time_ns, dtype=np.int64)
 
     def after(self, n: int) -> "CorrectedBatch":
         """The batch without its first n samples."""
@@ -141,7 +141,8 @@ class CorrectedBatch:
     def rate_std(self) -> Floats:
         """(n, 3) standard deviation of each corrected rate: noise, bias and scale together."""
         scaled = self.rate.astype(float) * self.scale_std
-        return np.sqrt(self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2 + scaled**2)
+        var = self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2 + scaled**2
+        return np.asarray(np.sqrt(var), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,9 +40,10 @@ class Ignored:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """Three turns are there and a method has run on them."""
+    """Three turns are there and a method has run on them; `rest` is the one after the last turn."""
 
     result: Result
+    rest: Rest
 
 
 Progress = RestFound | TurnFound | Ignored | Finished
@@ -114,5 +115,5 @@ class CalibrationSession:
             first = min(turns, key=lambda t: float(t.samples.time[0]))
             result = self._run(Capture(first.before, turns))
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
-            progress.append(Finished(result))
+            progress.append(Finished(result, turn.after))
         return progress

@@ -1,36 +1,40 @@
 """`truerate demo`: the ward boots, is turned, calibrates and tracks; one device reboots; then it is judged."""
 
+import tempfile
 import time
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from estimator import figures
 from estimator.demo.audience import Boot, Subscriber, Watcher
 from estimator.demo.judge import Judgement, in_words, judge
-from estimator.demo.ward import WARD, DemoFailed, Ward, wait_for
+from estimator.demo.ward import WARD, Ward
+from estimator.gyro import AXES
 from estimator.screen import Screen, table
 
 NAMES = ("ankle-left", "ankle-right", "back", "chest", "wrist-left", "wrist-right")
 REBOOTED = "chest"
-START_S, STAGGER_S, REBOOT_S, END_S, LATEST_S = 20.0, 0.4, 32.0, 66.0, 80.0
+STAGGER_S, REBOOT_S, END_S, LATEST_S = 0.4, 32.0, 66.0, 80.0
 SUBSCRIBERS = 3
 
 
 def run(console: Console, picture: Path, seed: int) -> bool:
     """Run the demonstration and leave a picture; whether the ward came out right."""
-    with Ward(list(NAMES), seed) as ward:
-        console.print(f"Starting router, bridge and estimator as processes; their logs are in {ward.folder}")
-        ward.start_processes()
-        if not wait_for(ward.endpoint, START_S):
-            ward.check()
-            raise DemoFailed(f"the router does not listen on {ward.endpoint} after {START_S:.0f} s")
+    folder = Path(tempfile.mkdtemp(prefix="truerate-demo-"))
+    console.print(f"Starting router, bridge and estimator as processes; their logs are in {folder}", soft_wrap=True)
+    # A device waits for the bridge, so that its very first sample is counted too.
+    devices = {name: demo_device(name, seed + n, spec=DeviceSpec(wait_for_host=True)) for n, name in enumerate(NAMES)}
+    with Ward(folder, NAMES) as ward:
+        ward.start("router", "estimator", "bridge")
+        ward.wait_for_router()
         subscribers = [Subscriber(ward.endpoint, WARD, keep=number == 0) for number in range(SUBSCRIBERS)]
         watcher = Watcher(ward.endpoint, WARD)
         try:
-            _live(console, ward, watcher)
-            for device in ward.devices.values():
+            _live(console, ward, devices, watcher)
+            for device in devices.values():
                 device.power_off()
             time.sleep(1.0)
             watcher.poll()
@@ -40,19 +44,20 @@ def run(console: Console, picture: Path, seed: int) -> bool:
             watcher.close()
         console.print(table(watcher.statuses, "The ward at the end"))
         console.print()
-        return _summary(console, ward, watcher, subscribers, picture)
+        return _summary(console, devices, watcher, subscribers, picture)
 
 
-def _live(console: Console, ward: Ward, watcher: Watcher) -> None:
+def _live(console: Console, ward: Ward, devices: dict[str, VirtualDevice], watcher: Watcher) -> None:
     begin = time.monotonic()
     waiting, rebooted, told = list(NAMES), False, False
     with Screen(console) as screen:
         while (elapsed := time.monotonic() - begin) < LATEST_S:
             while waiting and elapsed >= STAGGER_S * (len(NAMES) - len(waiting)):
-                ward.plug(waiting.pop(0))
+                name = waiting.pop(0)
+                ward.plug(name, devices[name])
             if not rebooted and elapsed >= REBOOT_S:
                 rebooted = True
-                ward.devices[REBOOTED].reboot()
+                devices[REBOOTED].reboot()
                 screen.say(elapsed, f"{REBOOTED} loses power and starts again: it must be turned once more")
             watcher.poll()
             if not told and watcher.all_tracking(len(NAMES)):
@@ -67,7 +72,9 @@ def _live(console: Console, ward: Ward, watcher: Watcher) -> None:
             time.sleep(0.1)
 
 
-def _summary(console: Console, ward: Ward, watcher: Watcher, subscribers: list[Subscriber], picture: Path) -> bool:
+def _summary(
+    console: Console, devices: dict[str, VirtualDevice], watcher: Watcher, subscribers: list[Subscriber], picture: Path
+) -> bool:
     failures = []
     judgements = []
     for name in NAMES:
@@ -75,7 +82,7 @@ def _summary(console: Console, ward: Ward, watcher: Watcher, subscribers: list[S
         found = None
         if status is not None:
             key = name, status.boot
-            found = judge(ward.devices[name], status.boot, subscribers[0].batches[key], watcher.raw[key], status)
+            found = judge(devices[name], status.boot, subscribers[0].batches[key], watcher.raw[key], status)
         if found is None:
             failures.append(f"{name} was not calibrated in its last boot")
         else:
@@ -84,9 +91,10 @@ def _summary(console: Console, ward: Ward, watcher: Watcher, subscribers: list[S
                 failures.append(f"{name}: {in_words(found)}")
     if len(watcher.raw) != len(NAMES) + 1:
         failures.append(f"{len(watcher.raw)} boots were seen, {len(NAMES) + 1} happened")
-    console.print(_parameters(judgements))
-    console.print()
-    failures += _count(console, ward, subscribers)
+    for shown in (_parameters(judgements), _worth(judgements)):
+        console.print(shown)
+        console.print()
+    failures += _count(console, devices, subscribers)
     if judgements:
         picture.parent.mkdir(parents=True, exist_ok=True)
         figures.demo(judgements, picture)
@@ -100,31 +108,33 @@ def _summary(console: Console, ward: Ward, watcher: Watcher, subscribers: list[S
 
 def _parameters(judgements: list[Judgement]) -> Table:
     shown = Table(
-        title="Truth and estimate, at the end of the last boot", title_justify="left", box=None, pad_edge=False
+        title="Truth and estimate at the end of each device's last boot", title_justify="left", box=None, pad_edge=False
     )
-    for heading in (
-        "device",
-        "k true",
-        "k estimated",
-        "k error",
-        "bias true °/s",
-        "bias estimated",
-        "what it was worth",
-    ):
-        shown.add_column(heading, no_wrap=True)
+    shown.add_column("device")
+    for heading in ("axis", "k true", "estimated", "error", "bias true", "estimated °/s", "error"):
+        shown.add_column(heading, justify="right")
     for j in judgements:
-        columns = (
-            (j.k_true, ".4f"),
-            (j.k, ".4f"),
-            (j.k - j.k_true, "+.4f"),
-            (j.bias_true_dps[-1], "+.3f"),
-            (j.bias_dps[-1], "+.3f"),
-        )
-        shown.add_row(j.device, *(" ".join(f"{v:{form}}" for v in values) for values, form in columns), in_words(j))
+        for axis, name in enumerate(AXES):
+            true, found = float(j.bias_true_dps[-1, axis]), float(j.bias_dps[-1, axis])
+            k = f"{j.k_true[axis]:.4f}", f"{j.k[axis]:.4f}", f"{j.k[axis] - j.k_true[axis]:+.4f}"
+            shown.add_row(
+                j.device if axis == 0 else "", name, *k, f"{true:+.3f}", f"{found:+.3f}", f"{found - true:+.3f}"
+            )
     return shown
 
 
-def _count(console: Console, ward: Ward, subscribers: list[Subscriber]) -> list[str]:
+def _worth(judgements: list[Judgement]) -> Table:
+    shown = Table(title="Heading error since calibration", title_justify="left", box=None, pad_edge=False)
+    shown.add_column("device")
+    for heading in ("over", "raw", "corrected"):
+        shown.add_column(heading, justify="right")
+    for j in judgements:
+        raw, corrected = f"{j.raw_heading_deg[-1]:+.1f}°", f"{j.corrected_heading_deg[-1]:+.2f}°"
+        shown.add_row(j.device, f"{j.time[-1] - j.time[0]:.0f} s", raw, corrected)
+    return shown
+
+
+def _count(console: Console, devices: dict[str, VirtualDevice], subscribers: list[Subscriber]) -> list[str]:
     """Samples sent against samples received by each subscriber, boot by boot; what is wrong, in words."""
     failures = []
     shown = Table(title="Samples sent and received", title_justify="left", box=None, pad_edge=False)
@@ -133,7 +143,7 @@ def _count(console: Console, ward: Ward, subscribers: list[Subscriber]) -> list[
     total = 0
     boots: list[Boot] = sorted({boot for subscriber in subscribers for boot in subscriber.received})
     for name, boot in boots:
-        sent = ward.devices[name].sent(boot)
+        sent = devices[name].sent(boot)
         total += sent
         received = [subscriber.received[name, boot] for subscriber in subscribers]
         shown.add_row(name, f"{boot:016x}", str(sent), *map(str, received))

@@ -1,16 +1,16 @@
-"""The demonstration's ward: virtual devices behind pseudo-terminals; router, bridge and estimator as processes."""
+"""A ward on this machine: virtual devices behind pseudo-terminals; router, bridge and estimator as processes of their own."""
 
+import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from bridge.sim.pty_port import PtyPort
-from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
+from bridge.sim.virtual_device import VirtualDevice
 
 WARD = "demo"
 _CONFIG = """ward = "{ward}"
@@ -41,54 +41,72 @@ class DemoFailed(Exception):
 
 
 class Ward:
-    """Devices, ports and processes; all ended by close. Logs of the processes stay in `folder`."""
+    """Devices, ports and processes; all ended by close. The configuration and the logs of the processes are in `folder`."""
 
-    def __init__(self, names: list[str], seed: int) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="truerate-demo-"))
+    def __init__(self, folder: Path, names: tuple[str, ...]) -> None:
+        self.folder = folder
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.config = folder / "ward.toml"
+        self.ports: dict[str, PtyPort] = {}
+        self._places = {name: folder / "ports" / name for name in names}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self.devices: dict[str, VirtualDevice] = {}
-        self._ports: dict[str, PtyPort] = {}
-        self.config = self.folder / "ward.toml"
-        places = {name: self.folder / "ports" / name for name in names}
-        self._seeds = {name: seed + number for number, name in enumerate(names)}
-        devices = "".join(_DEVICE.format(id=name, port=place) for name, place in places.items())
+        devices = "".join(_DEVICE.format(id=name, port=place) for name, place in self._places.items())
         self.config.write_text(
-            _CONFIG.format(ward=WARD, endpoint=self.endpoint, devices=devices, folder=self.folder), encoding="utf-8"
+            _CONFIG.format(ward=WARD, endpoint=self.endpoint, devices=devices, folder=folder), encoding="utf-8"
         )
-        self._places = places
+        self._arguments = {
+            "router": ("router", "--config", str(self.config)),
+            "estimator": ("estimator", "serve", str(self.config)),
+            "bridge": ("bridge", "run", str(self.config)),
+        }
 
-    def start_processes(self) -> None:
-        """Router, estimator and bridge, in any order: each waits for what it needs."""
-        self._start("router", "router", "--config", str(self.config))
-        self._start("estimator", "estimator", "serve", str(self.config))
-        self._start("bridge", "bridge", "run", str(self.config))
+    def start(self, *names: str) -> None:
+        """Start processes by name: `router`, `estimator`, `bridge`; in any order, each waits for what it needs."""
+        for name in names:
+            with (self.folder / f"{name}.log").open("ab") as log:
+                self._processes[name] = subprocess.Popen(
+                    [sys.executable, "-m", "estimator.cli", *self._arguments[name]],
+                    stdout=log,
+                    stderr=log,
+                    stdin=subprocess.DEVNULL,
+                )
 
-    def plug(self, name: str) -> None:
-        """Switch a device on and plug it in."""
-        # It waits for the bridge, so that its very first sample is counted too.
-        spec = DeviceSpec(wait_for_host=True)
-        self.devices[name] = demo_device(name, self._seeds[name], spec=spec)
-        self._ports[name] = PtyPort(self.devices[name], self._places[name])
+    def wait_for_router(self, timeout_s: float = 20.0) -> None:
+        """Until the router listens; raises DemoFailed."""
+        if not listens(self.endpoint, timeout_s):
+            self.check()
+            raise DemoFailed(f"the router does not listen on {self.endpoint} after {timeout_s:.0f} s")
+
+    def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
+        """End one process by a signal."""
+        process = self._processes.pop(name)
+        process.send_signal(number)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
+        """Plug a device into the port of that name."""
+        self.ports[name] = PtyPort(device, self._places[name], speed=speed, lossless=lossless)
+        return self.ports[name]
 
     def check(self) -> None:
-        """Raise DemoFailed when a process has stopped."""
+        """Raise DemoFailed when a process has stopped by itself."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                said = (self.folder / f"{name}.log").read_text(errors="replace")[-2000:]
-                raise DemoFailed(f"the {name} stopped with exit code {process.returncode}:\n{said}")
+                raise DemoFailed(f"the {name} stopped with exit code {process.returncode}:\n{self.log(name)[-2000:]}")
+
+    def log(self, name: str) -> str:
+        """What a process has said."""
+        return (self.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace")
 
     def close(self) -> None:
         """End the processes, last first, and unplug everything."""
-        for process in reversed(list(self._processes.values())):
-            process.terminate()
-        for process in self._processes.values():
-            try:
-                process.wait(5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        for port in self._ports.values():
+        for name in reversed(list(self._processes)):
+            self.stop(name)
+        for port in self.ports.values():
             port.close()
 
     def __enter__(self) -> Self:
@@ -99,12 +117,6 @@ class Ward:
     ) -> None:
         self.close()
 
-    def _start(self, name: str, *arguments: str) -> None:
-        with (self.folder / f"{name}.log").open("wb") as log:
-            self._processes[name] = subprocess.Popen(
-                [sys.executable, "-m", "estimator.cli", *arguments], stdout=log, stderr=log, stdin=subprocess.DEVNULL
-            )
-
 
 def free_port() -> int:
     """A TCP port on loopback that nobody uses now."""
@@ -114,7 +126,7 @@ def free_port() -> int:
         return port
 
 
-def wait_for(endpoint: str, timeout_s: float) -> bool:
+def listens(endpoint: str, timeout_s: float) -> bool:
     """Whether something listens at a tcp endpoint within timeout_s."""
     host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
     deadline = time.monotonic() + timeout_s

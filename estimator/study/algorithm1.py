@@ -39,7 +39,9 @@ def run(console: Console, sessions: int, noise_dps: float, wobble_deg: float, pi
             f"{np.median(error):+{form}}",
             f"{np.abs(error).max():{form}}",
         )
-    console.print(f"Algorithm 1: {sessions} sessions, noise {noise_dps:g} °/s, wobble {wobble_deg:g}°, bias from one rest of 3 s")
+    console.print(
+        f"Algorithm 1: {sessions} sessions, noise {noise_dps:g} °/s, wobble {wobble_deg:g}°, bias from one rest of 3 s"
+    )
     console.print(table)
     score = np.sqrt(np.mean(np.square(k_score)))
     console.print(

@@ -19,7 +19,7 @@ class BiasKnobs:
     """How the bias wanders. Rates in rad/s."""
 
     #: rate random walk, rad/s per root second: an in-run bias of a low-cost part
-    rate_random_walk: float = radians(1e-3)
+    rate_random_walk: float = radians(2e-3)
     #: how much the bias may move per kelvin
     per_kelvin: float = radians(0.03)
     #: largest normalised innovation squared (3 degrees of freedom) that is believed: false alarm 1e-6
