@@ -235,7 +235,9 @@ def _fault(readings: Readings, n: int) -> Reason | None:
 
 def _runs(good: Bools) -> list[slice]:
     """The unbroken runs of True, none longer than a batch may be."""
-    edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
+    edges = [0, len(good)]
+    if not good.all():
+        edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
     return [
         slice(begin, min(begin + MAX_SAMPLES, end))
         for start, end in zip(edges[::2], edges[1::2], strict=True)

@@ -44,7 +44,7 @@ class SerialPort:
         try:
             opened.port, opened.baudrate = self.port, self.baud
             opened.open()
-            _stay_powered(opened.fd)
+            _stay_powered(opened.fileno())
         except (*_FAULTS, ValueError) as error:
             _close(opened)
             raise DeviceUnavailable(f"{self.port}: {_cause(error)}") from None
@@ -56,7 +56,10 @@ class SerialPort:
         try:
             if opened.timeout != timeout_s:
                 opened.timeout = timeout_s  # a system call, so not each time
-            data = opened.read(opened.in_waiting or 1)
+            waiting = opened.in_waiting
+            data = opened.read(waiting or 1)
+            if data and not waiting:  # that was the first byte only
+                data += opened.read(opened.in_waiting)
         except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
             raise DeviceLost(f"{self.port}: {_loss(error)}") from None
         return Chunk(data, time.time_ns())
