@@ -31,6 +31,10 @@ class StillnessKnobs:
     mean_tolerance: float = radians(1.5)
     #: a constant rate that lasts this long is a new rest: no hand turns so evenly
     new_reference_s: float = 20.0
+    #: whatever the noise that was learnt, more than this is movement: a tremor must not teach itself to be rest
+    std_ceiling: float = radians(1.5)
+    #: a silence this long hides what happened in it: no stillness spans it
+    gap_s: float = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +65,8 @@ class Stillness:
         self.noise_std = np.full(3, self.knobs.noise_guess)
         self.noise_known = False
         self._reference: Floats | None = None
+        self._anchor: Floats | None = None  # the reference when this rest began: a slow turn must not drag it along
+        self._last_time: float | None = None
         self._rest_windows: list[Window] = []
         self._odd: list[Window] = []
         self._count = 0
@@ -105,20 +111,29 @@ class Stillness:
             None if accel is None else accel.std(axis=0, ddof=1),
             still=False,
         )
-        window = replace(draft, still=self._judge(draft))
+        silence = max(np.diff(time).max(), time[0] - (time[0] if self._last_time is None else self._last_time))
+        self._last_time = float(time[-1])
+        if silence >= self.knobs.gap_s:
+            self._odd.clear()
+        window = replace(draft, still=silence < self.knobs.gap_s and self._judge(draft))
         self._learn(window)
         return window
 
     def _judge(self, window: Window) -> bool:
-        limit = np.maximum(self.knobs.std_floor, self.knobs.noise_factor * self.noise_std)
-        if np.any(window.std > limit):
-            return False
-        if window.accel_std is not None and np.any(window.accel_std > self.knobs.accel_std):
+        if not self._quiet(window):
+            self._odd.clear()
             return False
         if self._reference is None or self._near(window.mean, self._reference):
-            self._odd.clear()
-            return True
+            if self._anchor is None or self._near(window.mean, self._anchor):
+                self._odd.clear()
+                return True
+            self._reference = self._anchor
         return self._adopt_odd(window)
+
+    def _quiet(self, window: Window) -> bool:
+        limit = np.clip(self.knobs.noise_factor * self.noise_std, self.knobs.std_floor, self.knobs.std_ceiling)
+        calm = window.accel_std is None or bool(np.all(window.accel_std <= self.knobs.accel_std))
+        return calm and bool(np.all(window.std <= limit))
 
     def _near(self, mean: Floats, reference: Floats) -> bool:
         return bool(np.all(np.abs(mean - reference) < self.knobs.mean_tolerance))
@@ -130,13 +145,14 @@ class Stillness:
         self._odd.append(window)
         if window.end_time - self._odd[0].start_time < self.knobs.new_reference_s:
             return False
-        self._reference = window.mean
+        self._reference, self._anchor = window.mean, None
         self._odd.clear()
         return True
 
     def _learn(self, window: Window) -> None:
         if not window.still:
             self._rest_windows.clear()
+            self._anchor = None
             return
         self._rest_windows.append(window)
         recent = self._rest_windows = self._rest_windows[-16:]
@@ -144,6 +160,8 @@ class Stillness:
         if self._reference is None and len(recent) < 4:
             return
         self._reference = np.mean([w.mean for w in recent], axis=0)
+        if self._anchor is None and len(recent) >= 4:
+            self._anchor = self._reference
         if len(recent) >= 8:
             self.noise_std = np.median([w.std for w in recent], axis=0)
             self.noise_known = True
