@@ -8,6 +8,21 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 AXES = "xyz"
+#: standard deviation, rad/s, that the least step of a coarse gyro leaves: 2000 °/s in 16 bits, rounded
+RESOLUTION = radians(0.02)
+
+
+def mean_var(std: Floats, n: float) -> Floats:
+    """(3,) variance of the mean of n readings whose standard deviation at rest is std (3,).
+
+    A coarse gyro at rest may show none, for every reading is rounded to the same step; then averaging gains nothing.
+    """
+    return np.where(std < RESOLUTION / 2, RESOLUTION**2, std**2 / n)
+
+
+def reading_std(std: Floats) -> Floats:
+    """(3,) standard deviation of a reading that showed std (3,) at rest: at least what rounding leaves."""
+    return np.where(std < RESOLUTION / 2, RESOLUTION, std)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

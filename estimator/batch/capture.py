@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.gyro import mean_var
+
 Floats = NDArray[np.float64]
 
 
@@ -41,7 +43,7 @@ class Rest:
     @property
     def bias_cov(self) -> Floats:
         """(3, 3) covariance of the mean reading as the bias, white noise."""
-        return np.diag(self.std**2 / self.n)
+        return np.diag(mean_var(self.std, self.n))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +80,11 @@ class History:
 
     def between(self, start: float, end: float) -> Samples:
         """The samples with start <= time <= end that are still held."""
-        parts = [part for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
+        parts = [part.between(start, end) for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
         accels = [part.accel for part in parts if part.accel is not None]
-        joined = Samples(
+        return Samples(
             np.concatenate([part.time for part in parts]),
             np.concatenate([part.gyro for part in parts]),
             np.concatenate(accels) if len(accels) == len(parts) else None,
             np.concatenate([part.clipped for part in parts]),
         )
-        return joined.between(start, end)

@@ -10,6 +10,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.gyro import mean_var
 from estimator.stillness import Window
 from estimator.track.bias_filter import BiasFilter, Receipt
 
@@ -23,8 +24,6 @@ class ZaruKnobs:
     piece_s: float = 1.0
     #: motion of a resting body that no window shows, rad/s
     quasi_static: float = radians(0.003)
-    #: least standard deviation of a reading: a coarse gyro at rest may show none at all
-    resolution: float = radians(0.02)
     #: a contradiction that stays the same for this long is believed
     insist_s: float = 120.0
 
@@ -35,13 +34,13 @@ class Zaru:
     def __init__(self, knobs: ZaruKnobs | None = None) -> None:
         self.knobs = knobs or ZaruKnobs()
         self._piece: list[Window] = []
-        self._contradicted_since: float | None = None
+        self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
 
     def window(self, window: Window, bias: BiasFilter, temperature_c: float) -> Receipt | None:
         """Take the next window; a receipt comes when it completes a piece of rest."""
         if not window.still:
             self._piece.clear()
-            self._contradicted_since = None
+            self._contradiction = None
             return None
         self._piece.append(window)
         if window.end_time - self._piece[0].start_time < self.knobs.piece_s:
@@ -50,21 +49,31 @@ class Zaru:
         z, R = self._measure(piece)
         bias.predict(window.end_time, temperature_c)
         receipt = bias.update("zaru", z, R)
-        return receipt if receipt.accepted else self._contradiction(receipt, piece[0].start_time, bias, z, R)
+        if receipt.accepted:
+            self._contradiction = None
+            return receipt
+        return self._contradicted(receipt, piece[0].start_time, bias, z, R)
 
     def _measure(self, piece: list[Window]) -> tuple[Floats, Floats]:
         n = np.array([w.samples for w in piece], float)
         z = n @ np.array([w.mean for w in piece]) / n.sum()
         var = n @ np.square([w.std for w in piece]) / n.sum()
-        R = np.diag(np.maximum(var, self.knobs.resolution**2) / n.sum() + self.knobs.quasi_static**2)
+        R = np.diag(mean_var(np.sqrt(var), float(n.sum())) + self.knobs.quasi_static**2)
         return z, R
 
-    def _contradiction(self, receipt: Receipt, start: float, bias: BiasFilter, z: Floats, R: Floats) -> Receipt:
-        if self._contradicted_since is None:
-            self._contradicted_since = start
-        if receipt.time - self._contradicted_since < self.knobs.insist_s:
+    def _contradicted(self, receipt: Receipt, start: float, bias: BiasFilter, z: Floats, R: Floats) -> Receipt:
+        if self._contradiction is None or not self._same(*self._contradiction, receipt.time, z, R, bias):
+            self._contradiction = start, z, R
+        if receipt.time - self._contradiction[0] < self.knobs.insist_s:
             return receipt
-        self._contradicted_since = None
+        self._contradiction = None
         bias.restart(z, R)
         r = receipt
         return Receipt(r.time, r.kind, r.innovation, r.innovation_cov, r.test_ratio, accepted=True, reason="insisted")
+
+    def _same(
+        self, since: float, first: Floats, first_R: Floats, time: float, z: Floats, R: Floats, bias: BiasFilter
+    ) -> bool:
+        walk = bias.knobs.rate_random_walk**2 * (time - since) * np.eye(3)
+        apart = z - first
+        return bool(apart @ np.linalg.solve(R + first_R + walk, apart) <= bias.knobs.gate)
