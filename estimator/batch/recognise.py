@@ -6,7 +6,7 @@ from math import degrees, radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch.capture import Floats, TurnCapture
+from estimator.batch.capture import Floats, Rest, TurnCapture
 from estimator.batch.stages import Movement
 from estimator.gyro import AXES
 
@@ -26,6 +26,8 @@ class TurnKnobs:
     gap_s: float = 0.035
     #: how far gravity before and after may differ
     tilt: float = radians(4.0)
+    #: how far the readings at rest before and after may differ, rad/s, beyond their noise: else one was no rest
+    bias_step: float = radians(0.2)
     #: below this it was a nudge and no try at a turn
     nudge: float = radians(30.0)
 
@@ -66,10 +68,24 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     elif share < knobs.axis_share:
         reason = f"not about one axis of the device: {100 * share:.0f} % about {AXES[axis]}"
     else:
-        reason = _tilt(movement, knobs)
+        reason = _rests(movement, knobs) or _tilt(movement, knobs)
     if reason is not None:
         return NoTurn(reason, attempt=angle > low / 2)
     return TurnCapture(axis, samples, movement.before, movement.after)
+
+
+def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:
+    """Whether two rests show the same bias, within their noise and what a bias may move meanwhile."""
+    noise = 5 * np.sqrt(np.diag(a.bias_cov + b.bias_cov))
+    return bool(np.all(np.abs(a.bias - b.bias) < knobs.bias_step + noise))
+
+
+def _rests(movement: Movement, knobs: TurnKnobs) -> str | None:
+    before, after = movement.before, movement.after
+    if same_bias(before, after, knobs):
+        return None
+    by = degrees(float(np.max(np.abs(after.bias - before.bias))))
+    return f"the rests before and after read {by:.1f} °/s apart: one was a slow movement; hold it quite still"
 
 
 def _tilt(movement: Movement, knobs: TurnKnobs) -> str | None:

@@ -8,7 +8,7 @@ import numpy as np
 from bridge.wire.messages import Turn, Verdict
 from estimator import rotation
 from estimator.batch.capture import Capture, Floats, TurnCapture
-from estimator.gyro import AXES
+from estimator.gyro import AXES, reading_std
 
 PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
@@ -78,7 +78,7 @@ def judge(
 ) -> Result:
     """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6)."""
     knobs = knobs or VerdictKnobs()
-    matrix = np.diag(k)
+    matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
     turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
     open_axes = tuple(turn.axis for turn in turns if turn.closure_error > knobs.closure)
     outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
@@ -98,7 +98,7 @@ def judge(
         worst = max(degrees(t.closure_error) for t in turns)
         reason = f"three turns closed to {worst:.2f}°"
     return Result(
-        method, verdict, reason, matrix, bias, covariance, capture.rest.std, turns, repeat, bias_time=capture.rest.end
+        method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time=capture.rest.end
     )
 
 

@@ -7,13 +7,13 @@ import numpy as np
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Capture, Floats, History, Rest, Samples, TurnCapture
 from estimator.batch.methods import DEFAULT, METHODS
-from estimator.batch.recognise import NoTurn, TurnKnobs, recognise
+from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, same_bias
 from estimator.batch.result import Result, nothing
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
 from estimator.stillness import Window
 
-#: turns older than this are not combined with new ones: the bias has moved on
+#: turns older than this, or taken at another bias, are not combined with new ones
 STALE_S = 600.0
 
 
@@ -108,7 +108,11 @@ class CalibrationSession:
     def _turned(self, turn: TurnCapture) -> list[Progress]:
         self.turns[turn.axis] = turn
         newest = turn.samples.time[-1]
-        self.turns = {axis: t for axis, t in self.turns.items() if newest - t.samples.time[-1] < STALE_S}
+        self.turns = {
+            axis: t
+            for axis, t in self.turns.items()
+            if newest - t.samples.time[-1] < STALE_S and same_bias(t.before, turn.before, self._turn_knobs)
+        }
         progress: list[Progress] = [TurnFound(turn)]
         if not self.missing():
             turns = tuple(self.turns[axis] for axis in range(3))

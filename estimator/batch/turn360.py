@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 
 from estimator import rotation
 from estimator.batch.capture import Capture, TurnCapture
+from estimator.gyro import reading_std
 
 Floats = NDArray[np.float64]
 
@@ -99,19 +100,21 @@ def solve_criteria(S: list[Floats]) -> Floats:
 def covariance(capture: Capture, K: Floats, b: Floats, knobs: Turn360Knobs) -> Floats:
     """(6, 6) covariance of (bias, k), to first order: noise of the rest and of each turn, and the hand's re-placement.
 
-    Not in the paper, which gives none. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised.
+    Not in the paper, which gives none. Each criterion theta_i(k, bias, noise) = 360 degrees is linearised. What a turn
+    under K does not close by is what the criterion does not see of the hand's wobble: its angle is no surer than that.
     """
     by_k, by_bias, noise_var = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for i, turn in enumerate(capture.turns):
         dt = rotation.intervals(turn.samples.time)
         g = K * (turn.samples.gyro + b)
-        C = rotation.attitudes(g, dt)[1:]
+        path = rotation.attitudes(g, dt)
+        C, closure = path[1:], np.linalg.norm(rotation.log(path[-1]))
         S = np.einsum("tij,tj,t->ij", C, g, dt)
         u = S.sum(axis=1) / np.linalg.norm(S.sum(axis=1))
         along = np.einsum("i,tij->tj", u, C) * K * dt[:, None]
         by_k[i] = u @ S / K
         by_bias[i] = -along.sum(axis=0)
-        noise_var[i] = np.sum((along * capture.rest.std) ** 2) + knobs.replacement_std**2
+        noise_var[i] = np.sum((along * reading_std(capture.rest.std)) ** 2) + knobs.replacement_std**2 + closure**2
     J = np.linalg.inv(by_k)
     bias_cov = capture.rest.bias_cov
     k_from_bias = -J @ by_bias
