@@ -9,6 +9,7 @@ import json
 import logging
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,20 +64,29 @@ class Store:
         self.path = str(path)
         try:
             self._db = sqlite3.connect(self.path, timeout=5.0, check_same_thread=False)
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
-            version = self._db.execute("PRAGMA user_version").fetchone()[0]
-            if version == 0:
-                self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
         except sqlite3.Error as error:
-            raise StoreError(
-                f"store {self.path}: {error}; check that the folder exists, is writable and has room"
-            ) from error
+            raise self._unusable(error) from error
+        try:
+            version = self._open()
+        except sqlite3.Error as error:
+            self._db.close()
+            raise self._unusable(error) from error
         if version not in (0, SCHEMA_VERSION):
             self._db.close()
             raise StoreError(
                 f"store {self.path} has schema {version}, this truerate knows {SCHEMA_VERSION}: update truerate"
             )
+
+    def _open(self) -> int:
+        self._db.execute("PRAGMA journal_mode = WAL")
+        self._db.execute("PRAGMA synchronous = FULL")
+        version = int(self._db.execute("PRAGMA user_version").fetchone()[0])
+        if version == 0:
+            self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
+        return version
+
+    def _unusable(self, error: sqlite3.Error) -> StoreError:
+        return StoreError(f"store {self.path}: {error}; check that the folder exists, is writable and has room")
 
     def close(self) -> None:
         """Close; what was written is on disk already."""
@@ -147,17 +157,13 @@ class Store:
 
     def calibrations(self, device: str) -> list[Calibration]:
         """All whole calibrations of a device, oldest first."""
-        rows = self._db.execute(
-            "SELECT id, payload, digest FROM calibrations WHERE device = ? ORDER BY time_ns, rowid", (device,)
-        )
+        query = "SELECT id, payload, digest FROM calibrations WHERE device = ? ORDER BY time_ns, rowid"
+        rows = self._read(query, (device,))
         return [found for row in rows if (found := self._whole(device, *row)) is not None]
 
     def _calibration(self, where: str, values: tuple[object, ...]) -> Calibration | None:
         query = f"SELECT id, payload, digest FROM calibrations WHERE {where} ORDER BY time_ns DESC, rowid DESC"  # noqa: S608 - our own words
-        try:
-            rows = self._db.execute(query, values).fetchall()
-        except sqlite3.Error as error:
-            raise StoreError(f"store {self.path}: {error}; restore it from a backup") from error
+        rows = self._read(query, values)
         return next((found for row in rows if (found := self._whole(str(values[0]), *row)) is not None), None)
 
     def _whole(self, device: str, name: str, payload: bytes, digest: str) -> Calibration | None:
@@ -171,9 +177,10 @@ class Store:
 
     def _bias(self, device: str, boot: int) -> BiasState | None:
         query = "SELECT state, digest FROM bias WHERE device = ? AND boot = ?"
-        row = self._db.execute(query, (device, keys.boot_id(boot))).fetchone()
-        if row is None:
+        rows = self._read(query, (device, keys.boot_id(boot)))
+        if not rows:
             return None
+        row = rows[0]
         if row[1] != _digest(row[0].encode()):
             log.error("store %s: the bias of %s is damaged and is not used", self.path, device)
             return None
@@ -186,6 +193,12 @@ class Store:
             nan if temperature is None else temperature,
             nan if reference is None else reference,
         )
+
+    def _read(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
+        try:
+            return self._db.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"store {self.path}: {error}; restore it from a backup") from error
 
     def _write(self, statement: str, values: tuple[object, ...]) -> None:
         try:
