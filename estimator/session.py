@@ -26,7 +26,7 @@ from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.correction import Correction, choose
-from estimator.gyro import AXES, PriorKnobs
+from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
@@ -35,6 +35,10 @@ from estimator.track.zaru import Zaru, ZaruKnobs
 
 #: how often an uncertainty that grows without evidence is published anew, device seconds
 PREDICT_S = 1.0
+#: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
+CLOCK_LOST_S = 1.0
+#: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
+CACHE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,6 @@ class DeviceSession:
         self.filter: BiasFilter | None = None
         self.last_receipt: Receipt | None = None
         self.last_heard_ns = 0
-        self._who = ""
         self._begin(0.0)
 
     # ---- boots ----------------------------------------------------------------------------------------------------
@@ -117,6 +120,9 @@ class DeviceSession:
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
         self._fed = 0
         self._now = self._began = device_time
+        self._clock_shift = 0.0
+        self._doubted = False
+        self._who = ""
         self._temperatures: deque[tuple[float, float]] = deque(maxlen=1000)
         self._contradictions = 0
         self._evidence_time: float | None = None
@@ -126,10 +132,14 @@ class DeviceSession:
 
     def _restore(self, remembered: Remembered) -> None:
         self.calibration = remembered.calibration
-        start = remembered.bias or _bias_of(remembered.calibration, self._now)
+        start = remembered.bias
+        if start is None or start.time > self._now + CACHE_S:
+            # How long ago the bias was so is not known: degraded until a rest confirms it.
+            start = _bias_of(remembered.calibration, self._now) if start is None else replace(start, time=self._now)
+            start = replace(start, P=start.P + self.knobs.bias_std**2 * np.eye(3))
         self.filter = BiasFilter(start, self.knobs.bias)
         self.filter.predict(self._now)
-        self._evidence_time = start.time
+        self._evidence_time = min(start.time, self._now)
         self._capture = None
         self.life.on(Event.RESTORED)
         self.reason = "calibrated; the calibration of this boot goes on"
@@ -162,7 +172,7 @@ class DeviceSession:
         return outcome
 
     def _take(self, batch: SampleBatch, first: int, outcome: Outcome) -> None:
-        time = batch.device_time[first:]
+        time = self._going_on(batch.device_time[first:])
         gyro = batch.gyro[first:].astype(float)
         accel = None if batch.accel is None else batch.accel[first:].astype(float)
         clipped = (batch.flags[first:] & SampleFlag.CLIPPED) != 0
@@ -186,6 +196,14 @@ class DeviceSession:
         if start < len(time):
             outcome.corrected.append(self._applied.apply(batch, first + start, len(batch)))
 
+    def _going_on(self, time: Floats) -> Floats:
+        shifted = time + self._clock_shift
+        if self._first_time is not None and shifted[0] <= self._now:
+            self.sequence.events.add("device clock went back")
+            self._clock_shift += self._now + CLOCK_LOST_S - float(shifted[0])
+            return time + self._clock_shift
+        return shifted
+
     # ---- windows: evidence and calibration ------------------------------------------------------------------------
 
     def _window(self, window: Window, outcome: Outcome) -> None:
@@ -200,8 +218,8 @@ class DeviceSession:
             receipt = self._zaru.window(window, self.filter, self._temperature())
             if receipt is not None:
                 self._weigh(receipt, outcome)
-            if state is State.TRACKING and self._evidence_age() > self.knobs.evidence_age_s:
-                self._happens(Event.DOUBTED, f"no rest for {self._evidence_age() / 60:.0f} minutes", outcome)
+            if not self._doubted and self._evidence_age() > self.knobs.evidence_age_s:
+                self._doubt(f"no rest for {self._evidence_age() / 60:.0f} minutes", outcome)
         if self._capture is not None:
             for progress in self._capture.window(window):
                 self._progress(progress, outcome)
@@ -212,15 +230,19 @@ class DeviceSession:
             self._contradictions = 0
             self._evidence_time = receipt.time
             if self.filter is not None and np.all(self.filter.state.std < self.knobs.bias_std):
+                self._doubted = False
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
             return
         self.sequence.events.add(f"{receipt.kind} {receipt.reason}")
         self._contradictions += 1
         if self._contradictions >= self.knobs.contradictions:
             by = degrees(float(np.max(np.abs(receipt.innovation))))
-            self._happens(
-                Event.DOUBTED, f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped", outcome
-            )
+            self._doubt(f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped", outcome)
+
+    def _doubt(self, reason: str, outcome: Outcome) -> None:
+        # Kept beside the state: a device that is being recalibrated is no better than it was before.
+        self._doubted = True
+        self._happens(Event.DOUBTED, reason, outcome)
 
     def _progress(self, progress: Progress, outcome: Outcome) -> None:
         match progress:
@@ -256,7 +278,7 @@ class DeviceSession:
         self.filter.predict(rest.end, self._temperature_at(rest.end))
         self.filter.update("zaru", rest.bias, self._rest_cov(rest))
         self._evidence_time = rest.end
-        self._contradictions = 0
+        self._contradictions, self._doubted = 0, False
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
 
     def _rest_cov(self, rest: Rest) -> Floats:
@@ -286,7 +308,9 @@ class DeviceSession:
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
-        self._done_axes = ()
+        if self._doubted:
+            self.life.on(Event.DOUBTED)
+        self._done_axes, self._who = (), ""
         self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
         self.reason = f"calibration cancelled by {who}"
         return None
@@ -296,6 +320,7 @@ class DeviceSession:
         if not self.life.on(Event.SILENT):
             return False
         self.reason = reason
+        self._applied = self._correction()
         return True
 
     # ---- what is known --------------------------------------------------------------------------------------------
@@ -341,15 +366,18 @@ class DeviceSession:
         return self.calibration.id if self.calibration else ""
 
     def _correction(self) -> Correction:
-        noise_std = self._stillness.noise_std if self._stillness.noise_known else None
+        noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         bias = self.filter.state if self.filter else None
         best = choose(self.calibration, self.prior, bias, noise_std, self.knobs.prior)
-        doubtful = self.life.state in (State.DEGRADED, State.LOST) or bool(np.any(best.bias_std >= self.knobs.bias_std))
+        lost = self.life.state is State.LOST
+        doubtful = lost or self._doubted or bool(np.any(best.bias_std >= self.knobs.bias_std))
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
     def _as_message(self, result: Result) -> Calibration:
         info = self.info
         boot = self.boot or 0
+        # The wire takes no infinity: what was not estimated is not named.
+        known = bool(np.all(np.isfinite(result.covariance)))
         return Calibration(
             device=self.device,
             boot=boot,
@@ -360,10 +388,10 @@ class DeviceSession:
             reason=result.reason,
             matrix=result.matrix,
             bias=result.bias,
-            parameters=result.parameters,
-            covariance=result.covariance,
+            parameters=result.parameters if known else (),
+            covariance=result.covariance if known else np.zeros((0, 0)),
             turns=result.turns,
-            noise_std=result.noise_std,
+            noise_std=result.noise_std if known else np.zeros(3),
             model=info.model if info else "",
             firmware=info.firmware if info else "",
             gyro_range=info.gyro_range if info else 0.0,
