@@ -8,21 +8,28 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 AXES = "xyz"
-#: standard deviation, rad/s, that the least step of a coarse gyro leaves: 2000 °/s in 16 bits, rounded
-RESOLUTION = radians(0.02)
+#: least step, rad/s, taken for a gyro whose readings never differ: 2000 °/s in 16 bits
+COARSE_STEP = radians(0.061)
 
 
-def mean_var(std: Floats, n: float) -> Floats:
-    """(3,) variance of the mean of n readings whose standard deviation at rest is std (3,).
+def least_step(reading: Floats) -> Floats:
+    """(3,) least difference between readings (n, 3); next to nothing where they are not rounded."""
+    steps = np.diff(np.sort(reading, axis=0), axis=0)
+    least: Floats = np.where(steps > 1e-9, steps, COARSE_STEP).min(axis=0)
+    return least
 
-    A coarse gyro at rest may show none, for every reading is rounded to the same step; then averaging gains nothing.
+
+def mean_var(std: Floats, step: Floats, n: float) -> Floats:
+    """(3,) variance of the mean of n readings at rest with standard deviation std (3,), rounded to a step (3,).
+
+    Noise well below the step leaves a rounding error that is the same in all of them: averaging does not lessen it.
     """
-    return np.where(std < RESOLUTION / 2, RESOLUTION**2, std**2 / n)
+    return std**2 / n + np.where(std < step / 2, step**2 / 12, 0.0)
 
 
 def reading_std(std: Floats) -> Floats:
-    """(3,) standard deviation of a reading that showed std (3,) at rest: at least what rounding leaves."""
-    return np.where(std < RESOLUTION / 2, RESOLUTION, std)
+    """(3,) standard deviation of a reading, from the one shown at rest: a coarse gyro may show none, and rounds."""
+    return np.where(std > 0, std, COARSE_STEP / np.sqrt(12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

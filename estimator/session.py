@@ -248,7 +248,7 @@ class DeviceSession:
         match progress:
             case RestFound(rest):
                 if self.filter is None:
-                    state = BiasState(rest.bias, self._rest_cov(rest), rest.end, self._temperature())
+                    state = BiasState(rest.bias, self._rest_cov(rest), rest.middle, self._temperature_at(rest.middle))
                     self.filter = BiasFilter(state, self.knobs.bias)
                     self._evidence_time = rest.end
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
@@ -275,7 +275,7 @@ class DeviceSession:
             self.knobs.bias,
         )
         # The rest after the last turn is newer than the one the bias came from.
-        self.filter.predict(rest.end, self._temperature_at(rest.end))
+        self.filter.predict(rest.middle, self._temperature_at(rest.middle))
         self.filter.update("zaru", rest.bias, self._rest_cov(rest))
         self._evidence_time = rest.end
         self._contradictions, self._doubted = 0, False

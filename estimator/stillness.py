@@ -11,6 +11,8 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.gyro import least_step
+
 Floats = NDArray[np.float64]
 
 
@@ -39,7 +41,7 @@ class StillnessKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A short run of samples: `end` counts samples since the first one fed, means and stds (3,)."""
+    """A short run of samples: `end` counts samples since the first one fed; mean, std, least step of its readings (3,)."""
 
     start: int
     end: int
@@ -47,6 +49,7 @@ class Window:
     end_time: float
     mean: Floats
     std: Floats
+    step: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
     still: bool
@@ -107,6 +110,7 @@ class Stillness:
             float(time[-1]),
             gyro.mean(axis=0),
             gyro.std(axis=0, ddof=1),
+            least_step(gyro),
             None if accel is None else accel.mean(axis=0),
             None if accel is None else accel.std(axis=0, ddof=1),
             still=False,

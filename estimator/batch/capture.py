@@ -31,19 +31,28 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A time of stillness: bias (3,) is the mean reading, std (3,) of one reading, n samples; accel (3,) mean or None."""
+    """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
+
+    accel (3,) mean m/s² or None.
+    """
 
     start: float
     end: float
     bias: Floats
     std: Floats
+    step: Floats
     n: int
     accel: Floats | None
 
     @property
+    def middle(self) -> float:
+        """The time at which the bias was its mean."""
+        return (self.start + self.end) / 2
+
+    @property
     def bias_cov(self) -> Floats:
-        """(3, 3) covariance of the mean reading as the bias, white noise."""
-        return np.diag(mean_var(self.std, self.n))
+        """(3, 3) covariance of the mean reading as the bias: white noise and rounding."""
+        return np.diag(mean_var(self.std, self.step, self.n))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ from math import degrees, radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch.capture import Floats, Rest, TurnCapture
+from estimator.batch.capture import Floats, Rest, Samples, TurnCapture
 from estimator.batch.stages import Movement
 from estimator.gyro import AXES
 
@@ -24,6 +24,10 @@ class TurnKnobs:
     detour: float = 1.25
     #: seconds without samples that integration may bridge
     gap_s: float = 0.035
+    #: a longer movement is no turn: what is not known of the bias grows with it
+    longest_s: float = 15.0
+    #: the largest reading repeated for this long is the gyro's limit, whatever its range is said to be
+    flat_s: float = 0.15
     #: how far gravity before and after may differ
     tilt: float = radians(4.0)
     #: how far the readings at rest before and after may differ, rad/s, beyond their noise: else one was no rest
@@ -57,6 +61,8 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     reason = None
     if samples.clipped.any():
         reason = f"turned faster than the gyro's range for {int(samples.clipped.sum())} samples: turn more slowly"
+    elif _flat_s(samples, axis, dt) > knobs.flat_s and movement.before.std[axis] > 0:
+        reason = "its largest reading was repeated: turned faster than the gyro's range, turn more slowly"
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
         reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
     elif way > knobs.detour * angle:
@@ -65,6 +71,9 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         reason = f"a movement of {degrees(angle):.0f}°, not a full turn of 360°"
     elif angle > high:
         reason = f"a movement of {degrees(angle):.0f}°, more than one full turn of 360°"
+    elif movement.after.start - movement.before.end > knobs.longest_s:
+        seconds = movement.after.start - movement.before.end
+        reason = f"a turn that took {seconds:.0f} s: turn in less than {knobs.longest_s:.0f} s"
     elif share < knobs.axis_share:
         reason = f"not about one axis of the device: {100 * share:.0f} % about {AXES[axis]}"
     else:
@@ -72,6 +81,14 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     if reason is not None:
         return NoTurn(reason, attempt=angle > low / 2)
     return TurnCapture(axis, samples, movement.before, movement.after)
+
+
+def _flat_s(samples: Samples, axis: int, dt: Floats) -> float:
+    """For how long the largest reading about an axis was repeated without a break."""
+    size = np.abs(samples.gyro[:, axis])
+    edges = np.diff((size == size.max()).astype(int), prepend=0, append=0)
+    runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
+    return float(runs.max() * np.median(dt))
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:

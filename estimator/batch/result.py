@@ -98,7 +98,7 @@ def judge(
         worst = max(degrees(t.closure_error) for t in turns)
         reason = f"three turns closed to {worst:.2f}°"
     return Result(
-        method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time=capture.rest.end
+        method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time=capture.rest.middle
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from estimator.batch.capture import History, Rest, Samples
+from estimator.gyro import least_step
 from estimator.stillness import Window
 
 
@@ -71,7 +72,8 @@ class Stages:
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
         accel = None if still.accel is None else still.accel.mean(axis=0)
         std = still.gyro.std(axis=0, ddof=1)
-        return Rest(float(still.time[0]), float(still.time[-1]), still.gyro.mean(axis=0), std, len(still), accel)
+        start, end = float(still.time[0]), float(still.time[-1])
+        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel)
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """The samples between two rests with some of either, at most half of it."""

@@ -58,7 +58,8 @@ class Zaru:
         n = np.array([w.samples for w in piece], float)
         z = n @ np.array([w.mean for w in piece]) / n.sum()
         var = n @ np.square([w.std for w in piece]) / n.sum()
-        R = np.diag(mean_var(np.sqrt(var), float(n.sum())) + self.knobs.quasi_static**2)
+        step = np.min([w.step for w in piece], axis=0)
+        R = np.diag(mean_var(np.sqrt(var), step, float(n.sum())) + self.knobs.quasi_static**2)
         return z, R
 
     def _contradicted(self, receipt: Receipt, start: float, bias: BiasFilter, z: Floats, R: Floats) -> Receipt:
