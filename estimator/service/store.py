@@ -120,7 +120,14 @@ class Store:
     def save_bias(self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
         text = json.dumps(
-            [state.x.tolist(), state.P.tolist(), state.time, _or_none(state.temperature_c), _or_none(state.reference_c)]
+            [
+                state.x.tolist(),
+                state.P.tolist(),
+                state.time,
+                _or_none(state.temperature_c),
+                _or_none(state.reference_c),
+                state.farthest_k,
+            ]
         )
         name = keys.boot_id(boot)
         row = (device, name, time_ns, text, _digest(text.encode()))
@@ -184,7 +191,7 @@ class Store:
         if row[1] != _digest(row[0].encode()):
             log.error("store %s: the bias of %s is damaged and is not used", self.path, device)
             return None
-        x, P, time, temperature, reference = json.loads(row[0])
+        x, P, time, temperature, reference, farthest_k = json.loads(row[0])
         nan = float("nan")
         return BiasState(
             np.array(x),
@@ -192,6 +199,7 @@ class Store:
             time,
             nan if temperature is None else temperature,
             nan if reference is None else reference,
+            farthest_k,
         )
 
     def _read(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:

@@ -35,6 +35,8 @@ class BiasState:
     time: float
     temperature_c: float = np.nan
     reference_c: float = np.nan
+    #: how far, K, the temperature has been from that since
+    farthest_k: float = 0.0
 
     @property
     def std(self) -> Floats:
@@ -68,12 +70,15 @@ class BiasFilter:
         self._kf.P = np.array(state.P, float)
         self._time = state.time
         self._temperature_c = state.temperature_c
+        self._farthest_k = state.farthest_k
         self._reference_c = state.reference_c if np.isfinite(state.reference_c) else state.temperature_c
 
     @property
     def state(self) -> BiasState:
         """The estimate as it is now."""
-        return BiasState(self._kf.x.copy(), self._kf.P.copy(), self._time, self._temperature_c, self._reference_c)
+        return BiasState(
+            self._kf.x.copy(), self._kf.P.copy(), self._time, self._temperature_c, self._reference_c, self._farthest_k
+        )
 
     def predict(self, time: float, temperature_c: float = np.nan) -> None:
         """Let the bias walk to a device time; time that goes backward is ignored."""
@@ -85,14 +90,18 @@ class BiasFilter:
         self._time = time
 
     def _warmed(self, temperature_c: float) -> float:
-        """The variance that the way from the last evidence's temperature adds: it goes one way, so it adds up in full."""
+        """The variance added by going farther from the temperature of the last evidence than ever since.
+
+        The way there adds up in full, for the bias follows it; back and forth on it adds nothing.
+        """
         if not np.isfinite(temperature_c):
             return 0.0
         if not np.isfinite(self._reference_c):
             self._reference_c = self._temperature_c = temperature_c
-        was, now = self._temperature_c - self._reference_c, temperature_c - self._reference_c
         self._temperature_c = temperature_c
-        return self.knobs.per_kelvin**2 * max(0.0, now**2 - was**2)
+        before = self._farthest_k
+        self._farthest_k = max(before, abs(temperature_c - self._reference_c))
+        return self.knobs.per_kelvin**2 * (self._farthest_k**2 - before**2)
 
     def update(self, kind: str, z: Floats, R: Floats) -> Receipt:
         """Weigh a measured bias z (3,) with covariance R (3, 3) against the estimate; take it if it is believable."""
@@ -105,10 +114,11 @@ class BiasFilter:
         if ratio > 1:
             return Receipt(self._time, kind, innovation, S, ratio, accepted=False, reason="outside the gate")
         self._kf.update(z, R=R)
-        self._reference_c = self._temperature_c
+        self._reference_c, self._farthest_k = self._temperature_c, 0.0
         return Receipt(self._time, kind, innovation, S, ratio, accepted=True)
 
     def restart(self, z: Floats, R: Floats) -> None:
         """Begin again from a measured bias z (3,) with covariance R (3, 3): what was believed before no longer holds."""
         self._kf.x = np.array(z, float)
         self._kf.P = np.array(R, float)
+        self._reference_c, self._farthest_k = self._temperature_c, 0.0
