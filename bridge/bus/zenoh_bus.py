@@ -5,12 +5,13 @@ bring a thread that keeps a failed program from exiting, or would need the inter
 """
 
 import atexit
+import contextlib
 import json
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
 import zenoh
@@ -20,7 +21,7 @@ from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
-from bridge.bus.keyexpr import check_key, check_pattern
+from bridge.bus.keyexpr import check_key, check_pattern, matches
 
 _T_co = TypeVar("_T_co", covariant=True)
 _T = TypeVar("_T")
@@ -30,6 +31,7 @@ _CHANNEL = 65536  # between zenoh and our thread, which always drains; a full on
 _BATCH = 512
 _HEARTBEAT_S = 0.25  # sent only when something was published since the last one
 _JOIN_S = 1.0
+_MAX_KNOWN = 8192
 _RETRY_S = 0.1
 
 
@@ -75,6 +77,8 @@ class ZenohBus:
             raise BusError("no router to connect to; name one, for example tcp/127.0.0.1:7447")
         complaint = f"no router answered at {self._where} within {open_timeout_s:g} s; start one with `truerate router`"
         self._session = open_session(zenoh_settings.client(endpoints), complaint, open_timeout_s)
+        self._known: set[str] = set()
+        self._plain: set[str] = set()
         self.declared: set[_Declared] = set()  # zenoh takes back what nobody holds
         self._threads: set[threading.Thread] = set()
         self._cached = 0
@@ -92,7 +96,7 @@ class ZenohBus:
             self._cached += cache
             publisher = ext.declare_advanced_publisher(
                 self._session,
-                key,
+                self._session.declare_keyexpr(key),  # a third less work in every put
                 congestion_control=block,
                 cache=ext.CacheConfig(cache),
                 sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S),
@@ -103,6 +107,7 @@ class ZenohBus:
     def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "_Subscription":
         """See contract.Bus. Ask for history only where publishers have a cache.
 
+        Behind a router that stamps times (zenohd unless told otherwise) uncached messages may be dropped as old.
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
         """
         inbox = Inbox(capacity)
@@ -110,6 +115,7 @@ class ZenohBus:
         channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL + self._cached)
         with self._doing(f"subscribe to {check_pattern(pattern)}"):
             if not history:
+                self._plain.add(pattern)
                 plain = self._session.declare_subscriber(pattern, channel)
                 return _Subscription(self, plain, plain.handler, None, inbox, pattern)
             subscriber = ext.declare_advanced_subscriber(
@@ -178,6 +184,20 @@ class ZenohBus:
         """See contract.Bus."""
         return not self._closed and bool(self._session.info.routers_zid())
 
+    def learn(self, keys: set[str]) -> None:
+        """Make zenoh remember keys; else it searches all caches of all publishers anew for every message it receives.
+
+        Measured with 1000 publishers: 41 µs a message before, 3.5 µs after. A message that comes at this very moment
+        may be lost, so only for keys whose every reader here repairs losses.
+        """
+        for key in keys - self._known:
+            if len(self._known) >= _MAX_KNOWN:
+                return
+            self._known.add(key)
+            with contextlib.suppress(BusError):  # a foreign key that we would not take is not worth remembering
+                if not any(matches(pattern, check_key(key)) for pattern in self._plain):
+                    self._session.declare_keyexpr(key)
+
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that close() waits for; work must end when its channel does."""
 
@@ -208,7 +228,7 @@ class ZenohBus:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @contextmanager
+    @contextlib.contextmanager
     def _doing(self, what: str) -> Iterator[None]:
         with _as_bus_error(f"could not {what} at {self._where}"):
             yield
@@ -247,7 +267,7 @@ class _Publisher(_Declared):
             except BaseException as error:
                 if not _is_zenohs(error):
                     raise
-                raise BusError(f"could not publish on {self._key!r}: {error}") from error
+                raise BusError(f"could not publish on {self._key!r} ({_said(error)})") from error
 
 
 class _Subscription(_Declared):
@@ -270,9 +290,12 @@ class _Subscription(_Declared):
                 batch = [self._samples.recv()]
                 while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
                     batch.append(sample)
-                self._inbox.put(
+                messages = [
                     Message(str(s.key_expr), s.payload.to_bytes()) for s in batch if s.kind == zenoh.SampleKind.PUT
-                )
+                ]
+                self._inbox.put(messages)
+                if self._misses is not None:  # what carries a source comes from a cache
+                    self._bus.learn({str(s.key_expr) for s in batch if s.source_info is not None})
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
@@ -327,14 +350,19 @@ def _reply(query: zenoh.Query, handler: Guarded[[str, bytes], bytes]) -> None:
             _log.warning("an answer to %s could not be sent: %s", key, error)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _as_bus_error(complaint: str) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
         if not _is_zenohs(error):
             raise
-        raise BusError(f"{complaint} ({error})") from error
+        raise BusError(f"{complaint} ({_said(error)})") from error
+
+
+def _said(error: BaseException) -> str:
+    """What zenoh said, without the lines of its source."""
+    return re.sub(r"\s*\bat /\S+\.rs:\d+\.?", "", str(error)).strip()
 
 
 def _is_zenohs(error: BaseException) -> bool:

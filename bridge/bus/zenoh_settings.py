@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-# A reader that takes nothing for this long is disconnected; until then it may hold up whoever publishes to it.
+# A router disconnects a reader that takes nothing for this long; until then it may hold up whoever publishes to it.
 CUT_OFF_S = 0.2
+# Longer in clients, or they would leave a router that is only waiting for such a reader.
+CLIENT_CUT_OFF_S = 1.0
 LEASE_S = 1.0
 ACCEPT_S = 0.5
 MAX_MESSAGE_BYTES = 1 << 20
@@ -14,7 +16,7 @@ Settings = dict[str, Any]
 
 def client(endpoints: Sequence[str]) -> Settings:
     """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
-    return _common() | {
+    return _common(CLIENT_CUT_OFF_S) | {
         "mode": "client",
         "connect": {
             "endpoints": list(endpoints),
@@ -29,11 +31,13 @@ def client(endpoints: Sequence[str]) -> Settings:
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     """A router; idle connections lock nobody out, and on `shed` a slow reader loses instead of slowing others."""
-    settings = _common() | {
+    settings = _common(CUT_OFF_S) | {
         "mode": "router",
         "connect": {"endpoints": []},
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
     }
+    # With zenoh's own timestamps, a subscriber with history takes uncached messages of two publishers that cross for old.
+    settings["timestamping"] = {"enabled": False}
     settings["transport"]["unicast"] = {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
     if shed:
         settings["qos"] = {
@@ -50,7 +54,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     return settings
 
 
-def _common() -> Settings:
+def _common(cut_off_s: float) -> Settings:
     # zenoh by itself listens on every interface and announces itself by multicast and gossip: not in a hospital.
     return {
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
@@ -59,7 +63,7 @@ def _common() -> Settings:
             "link": {
                 "tx": {
                     "lease": round(LEASE_S * 1000),
-                    "queue": {"congestion_control": {"block": {"wait_before_close": round(CUT_OFF_S * 1e6)}}},
+                    "queue": {"congestion_control": {"block": {"wait_before_close": round(cut_off_s * 1e6)}}},
                 },
                 "rx": {"max_message_size": MAX_MESSAGE_BYTES},
             },

@@ -203,6 +203,7 @@ def test_a_bus_with_more_history_of_its_own_than_a_channel_holds_does_not_hang(a
 
 def test_without_history_nothing_old_comes(a: Bus, b: Bus) -> None:
     a.publisher("t/old", cache=10).put(b"1")
+    time.sleep(0.1)
     assert b.subscribe("t/old").receive(0.2) is None
 
 
