@@ -24,7 +24,7 @@ _DATA = struct.Struct("<BBQI")
 _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), ("temperature_c", "<f4")])
 
 
-class BadPacket(Exception):  # noqa: N818 - counted by its label, not an error of ours
+class BadPacket(Exception):
     """A packet whose frame was whole but whose content is not of this protocol; `label` is what to count."""
 
     def __init__(self, label: str) -> None:

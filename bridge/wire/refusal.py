@@ -22,7 +22,7 @@ class Reason(StrEnum):
     OVERFLOW = "overflow"
 
 
-class Refusal(Exception):  # noqa: N818 - a refusal is an outcome at a door, not a fault of the program
+class Refusal(Exception):
     """A door said no. `reason` is counted, `detail` says what came and what was expected."""
 
     def __init__(self, reason: Reason, detail: str) -> None:

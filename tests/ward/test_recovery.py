@@ -1,0 +1,119 @@
+"""Cables pulled, processes killed: each comes back by itself, with its calibration, or asks for a new one."""
+
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.wire.messages import Quality, State
+from estimator.demo.audience import Subscriber, Watcher
+from estimator.demo.ward import WARD, Ward
+from tests.ward.parts import good_calibrations, living, numbers, wait
+
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(240)]
+NAME = "wrist"
+SPEED = 10.0
+
+
+@dataclass
+class Running:
+    """A ward with one device that is calibrated."""
+
+    ward: Ward
+    watcher: Watcher
+    subscriber: Subscriber
+    calibration: str
+
+    def wait(self, what: str, until: Callable[[], bool]) -> float:
+        return wait(what, until, self.watcher, self.ward)
+
+    def good_samples(self) -> int:
+        return sum(len(b) for batches in self.subscriber.batches.values() for b in batches if b.quality is Quality.GOOD)
+
+    def more_good(self, what: str) -> float:
+        """Until more GOOD samples come than were there."""
+        before = self.good_samples()
+        return self.wait(f"more good samples after {what}", lambda: self.good_samples() > before + 50)
+
+    def calibrations(self) -> list[str]:
+        return [name for batches in self.subscriber.batches.values() for name in good_calibrations(batches)]
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Running]:
+    with Ward(tmp_path, (NAME,)) as ward:
+        ward.start("router", "estimator", "bridge")
+        ward.wait_for_router()
+        watcher, subscriber = Watcher(ward.endpoint, WARD), Subscriber(ward.endpoint, WARD, keep=True)
+        ward.plug(NAME, living(NAME, seed=3), speed=SPEED)
+        try:
+            wait("a calibration", lambda: watcher.all_tracking(1), watcher, ward)
+            yield Running(ward, watcher, subscriber, watcher.statuses[NAME].calibration)
+        finally:
+            subscriber.close()
+            watcher.close()
+
+
+def test_a_device_pulled_and_replugged_goes_on(running: Running) -> None:
+    port = running.ward.ports[NAME]
+    port.unplug()
+    running.wait("the loss", lambda: running.watcher.statuses[NAME].state is State.LOST)
+    port.plug()
+    running.more_good("replugging")
+    assert running.calibrations() == [running.calibration]
+    assert len(running.subscriber.batches) == 1, "the same boot"
+
+
+@pytest.mark.parametrize("part", ["bridge", "estimator"])
+def test_a_killed_part_goes_on_with_the_calibration(running: Running, part: str) -> None:
+    running.ward.stop(part, signal.SIGKILL)
+    running.ward.start(part)
+    running.more_good(f"a restart of the {part}")
+    assert running.calibrations() == [running.calibration]
+    [batches] = running.subscriber.batches.values()
+    after = numbers(batches)
+    assert np.all(np.diff(after) > 0), "in order, nothing twice"
+
+
+def test_a_killed_router_loses_nothing(running: Running) -> None:
+    running.ward.stop("router", signal.SIGKILL)
+    running.ward.start("router")
+    running.more_good("a restart of the router")
+    assert running.calibrations() == [running.calibration]
+    [batches] = running.subscriber.batches.values()
+    assert np.all(np.diff(numbers(batches)) == 1)
+    assert running.subscriber.troubles == ""
+
+
+def test_a_reboot_is_never_good_before_it_is_calibrated_again(running: Running) -> None:
+    running.ward.ports[NAME].device.reboot()
+    running.wait("the reboot", lambda: len(running.subscriber.batches) == 2)
+    running.wait(
+        "the new calibration",
+        lambda: running.watcher.all_tracking(1) and running.watcher.statuses[NAME].calibration != running.calibration,
+    )
+    running.more_good("the new calibration")
+    _, new = running.subscriber.batches.values()
+    qualities = [batch.quality for batch in new]
+    assert qualities[0] in (Quality.NONE, Quality.PRIOR)
+    first_good = qualities.index(Quality.GOOD)
+    assert all(batch.calibration != running.calibration for batch in new[first_good:])
+    assert Quality.BIAS_ONLY in qualities[:first_good]
+
+
+def test_a_recalibration_on_command_keeps_the_old_one_until_the_new_one_is_there(running: Running) -> None:
+    from estimator.client import Client
+
+    with Client((running.ward.endpoint,), ward=WARD) as client:
+        reply = client.recalibrate(NAME, "a nurse", "fell down")
+        assert reply.accepted, reply.message
+        running.wait("the request", lambda: running.watcher.statuses[NAME].state is not State.TRACKING)
+        running.more_good("asking for a recalibration")
+        reply = client.cancel(NAME, "a nurse")
+        assert reply.accepted, reply.message
+        assert not client.recalibrate("nobody", "a nurse").accepted
+    running.wait("the cancel", lambda: running.watcher.statuses[NAME].state is State.TRACKING)
+    assert running.calibrations() == [running.calibration]
