@@ -15,8 +15,8 @@ COARSE_STEP = radians(0.061)
 def least_step(reading: Floats) -> Floats:
     """(3,) least difference between readings (n, 3); next to nothing where they are not rounded."""
     steps = np.diff(np.sort(reading, axis=0), axis=0)
-    least: Floats = np.where(steps > 1e-9, steps, COARSE_STEP).min(axis=0)
-    return least
+    least = np.where(steps > 1e-9, steps, np.inf).min(axis=0)
+    return np.where(np.isfinite(least), least, COARSE_STEP)
 
 
 def mean_var(std: Floats, step: Floats, n: float) -> Floats:
@@ -29,7 +29,7 @@ def mean_var(std: Floats, step: Floats, n: float) -> Floats:
 
 def reading_std(std: Floats) -> Floats:
     """(3,) standard deviation of a reading, from the one shown at rest: a coarse gyro may show none, and rounds."""
-    return np.where(std > 0, std, COARSE_STEP / np.sqrt(12))
+    return np.where(std > 1e-9, std, COARSE_STEP / np.sqrt(12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,7 +61,7 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     reason = None
     if samples.clipped.any():
         reason = f"turned faster than the gyro's range for {int(samples.clipped.sum())} samples: turn more slowly"
-    elif _flat_s(samples, axis, dt) > knobs.flat_s and movement.before.std[axis] > 0:
+    elif _flat_s(samples, axis, dt) > knobs.flat_s and movement.before.std[axis] > 1e-9:
         reason = "its largest reading was repeated: turned faster than the gyro's range, turn more slowly"
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
         reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"

@@ -1,0 +1,91 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.wire.messages import Verdict
+from estimator.batch import turn360
+from estimator.batch.capture import Capture
+from estimator.batch.methods import METHODS, by_turn360
+from estimator.batch.result import PARAMETERS, Result, judge, nothing
+from tests.estimator.batch.sessions import capture
+from tests.estimator.stream import calibration
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[Capture, turn360.Turn360]:
+    found = capture(calibration(seed=20))
+    return found, turn360.estimate(found)
+
+
+def judged(good: tuple[Capture, turn360.Turn360], **change: object) -> Result:
+    found = {"k": good[1].k, "bias": good[1].bias, "covariance": good[1].covariance} | change
+    return judge("turn360", good[0], **found)  # type: ignore[arg-type]
+
+
+def test_a_good_session_is_accepted_with_all_that_belongs_to_it(good: tuple[Capture, turn360.Turn360]) -> None:
+    result = METHODS["turn360"](good[0])
+    assert result.verdict is Verdict.ACCEPTED
+    assert result.repeat == ()
+    assert result.parameters == PARAMETERS
+    assert result.covariance.shape == (6, 6)
+    assert (np.linalg.eigvalsh(result.covariance) > 0).all()
+    assert [turn.axis for turn in result.turns] == [0, 1, 2]
+    np.testing.assert_allclose(np.abs([turn.angle for turn in result.turns]), 2 * np.pi, atol=1e-4)
+    assert result.turns[1].angle < 0, "the second was turned the other way"
+    assert all(4.0 < turn.duration_s < 5.5 for turn in result.turns)
+    assert all(turn.closure_error < np.radians(0.1) for turn in result.turns)
+    np.testing.assert_allclose(np.degrees(result.noise_std), 0.03, rtol=0.2)
+    np.testing.assert_allclose(result.scale_std, np.sqrt(np.diag(result.covariance)[3:]) / result.scale)
+    assert good[0].rest.start < result.bias_time < good[0].rest.end
+
+
+@pytest.mark.parametrize(
+    ("k", "word"), [(2.0, "factor of two"), (0.5, "factor of two"), (57.3, "degrees"), (1.6, "sensi")]
+)
+def test_an_unbelievable_scale_is_refused_with_a_likely_cause(
+    good: tuple[Capture, turn360.Turn360], k: float, word: str
+) -> None:
+    result = judged(good, k=np.full(3, k))
+    assert result.verdict is Verdict.REFUSED
+    assert word in result.reason
+
+
+@pytest.mark.parametrize(("k", "accepted"), [(0.69, False), (0.71, True), (1.39, True), (1.41, False)])
+def test_the_limits_of_scale(k: float, accepted: bool) -> None:
+    of = calibration(seed=21, spec=ImuSpec(scale=(0.999, 1.001)))
+    scaled = capture(of)
+    turns = tuple(
+        replace(t, samples=replace(t.samples, gyro=scaled.rest.bias + (t.samples.gyro - scaled.rest.bias) / k))
+        for t in scaled.turns
+    )
+    assert (by_turn360(Capture(scaled.rest, turns)).verdict is Verdict.ACCEPTED) is accepted
+
+
+def test_an_open_turn_is_repeated_and_named(good: tuple[Capture, turn360.Turn360]) -> None:
+    open_turn = judged(good, k=good[1].k * [1.0, 1.05, 1.0])
+    assert open_turn.verdict is Verdict.REPEAT
+    assert open_turn.repeat == (1,)
+    assert "y by 18" in open_turn.reason
+
+
+def test_a_loose_scale_is_repeated(good: tuple[Capture, turn360.Turn360]) -> None:
+    loose = good[1].covariance + np.diag([0, 0, 0, 0, 0, 0.03**2])
+    result = judged(good, covariance=loose)
+    assert (result.verdict, result.repeat) == (Verdict.REPEAT, (2,))
+    assert judged(good, covariance=np.full((6, 6), np.nan)).verdict is Verdict.REPEAT
+
+
+def test_nothing_claims_nothing() -> None:
+    result = nothing("turn360", Verdict.REPEAT, "why", (1, 2))
+    assert not np.isfinite(np.diag(result.covariance)).any()
+    assert (result.verdict, result.reason, result.repeat, result.turns) == (Verdict.REPEAT, "why", (1, 2), ())
+
+
+def test_what_does_not_converge_is_refused_in_words(good: tuple[Capture, turn360.Turn360]) -> None:
+    short = tuple(replace(t, samples=t.samples.between(t.samples.time[0], t.samples.time[40])) for t in good[0].turns)
+    result = by_turn360(Capture(good[0].rest, short))
+    assert result.verdict is Verdict.REFUSED
+    assert result.repeat == (0, 1, 2)
+    assert "no scale factors" in result.reason

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from bridge.sim.motion import Still
+from bridge.sim.script import SessionPlan, TurnPlan, session
+from bridge.wire.messages import Verdict
+from estimator.batch.session import Finished, RestFound, TurnFound
+from tests.estimator.batch.sessions import progress
+from tests.estimator.stream import calibration
+
+X, Y, Z = TurnPlan(0), TurnPlan(1), TurnPlan(2)
+
+
+@pytest.mark.parametrize("order", [(X, Y, Z), (Z, Y, X), (Y, Z, X)])
+def test_rests_turns_and_the_result_in_their_order(order: tuple[TurnPlan, ...]) -> None:
+    found = progress(calibration(*order, seed=1))
+    kinds = [type(p) for p in found]
+    assert kinds == [RestFound, RestFound, TurnFound, RestFound, TurnFound, RestFound, TurnFound, Finished]
+    assert [p.turn.axis for p in found if isinstance(p, TurnFound)] == [turn.axis for turn in order]
+    assert isinstance(found[-1], Finished)
+    assert found[-1].result.verdict is Verdict.ACCEPTED
+
+
+@pytest.mark.parametrize("plan", [(X, Y), (X, X, Y), (Z, Z, Z, Z), (X,)])
+def test_a_missing_axis_is_waited_for(plan: tuple[TurnPlan, ...]) -> None:
+    assert not any(isinstance(p, Finished) for p in progress(calibration(*plan, seed=2)))
+
+
+def test_the_last_turn_about_an_axis_counts() -> None:
+    """The first turn about z misses by 20 degrees, which nothing shows; it is done again."""
+    of = calibration(TurnPlan(2, 340.0), X, Z, Y, seed=3)
+    last = progress(of)[-1]
+    assert isinstance(last, Finished)
+    np.testing.assert_allclose(last.result.scale, of.truth.k, atol=1e-3)
+
+
+def test_a_refused_movement_between_does_no_harm() -> None:
+    plan = (X, TurnPlan(1, 180.0), Y, TurnPlan(0, swing=True), TurnPlan(2, -720.0), Z)
+    of = calibration(*plan, seed=4)
+    found = [p for p in progress(of) if isinstance(p, Finished)]
+    assert [p.result.verdict for p in found] == [Verdict.ACCEPTED]
+    np.testing.assert_allclose(found[0].result.scale, of.truth.k, atol=1e-3)
+
+
+def test_turns_long_ago_are_not_combined() -> None:
+    late = [Still(650.0), *session(np.random.default_rng(0), SessionPlan(3.2, (Z,), (4.0, 5.0)))]
+    assert not any(isinstance(p, Finished) for p in progress(calibration(X, Y, seed=5, after=late)))
+    soon = [Still(60.0), *late[1:]]
+    assert isinstance(progress(calibration(X, Y, seed=5, after=soon))[-1], Finished)
+
+
+def test_turns_at_another_bias_are_not_combined() -> None:
+    late = [Still(40.0), *session(np.random.default_rng(0), SessionPlan(3.2, (Z,), (4.0, 5.0)))]
+    of = calibration(X, Y, seed=6, after=late)
+    jump = of.at(of.time[-1] - 25.0)
+    assert isinstance(progress(of)[-1], Finished)
+    of.gyro[jump:] += np.radians(0.8)
+    assert not any(isinstance(p, Finished) for p in progress(of))
+
+
+def test_bias_comes_from_the_rest_before_the_first_turn() -> None:
+    of = calibration(seed=7)
+    last = progress(of)[-1]
+    assert isinstance(last, Finished)
+    assert last.result.bias_time < 1.5 + 3.2

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from bridge.sim.motion import Still
+from bridge.sim.script import SessionPlan, TurnPlan
+from estimator.batch.capture import History, Samples
+from estimator.batch.stages import Settled, StageKnobs, Stages
+from estimator.stillness import Stillness
+from tests.estimator.stream import Stream, calibration, stream
+
+
+def settled(of: Stream) -> list[Settled]:
+    history, stillness = History(), Stillness()
+    stages = Stages(history)
+    history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
+    found = [stages.window(w) for w in stillness.feed(of.time, of.gyro, of.accel)]
+    return [s for s in found if s is not None]
+
+
+def test_one_rest_settles_once() -> None:
+    (only,) = settled(stream([Still(30.0)], 30.0))
+    assert only.before is None
+    assert only.after.end - only.after.start == pytest.approx(StageKnobs().rest_s, abs=0.2)
+
+
+def test_a_session_has_four_rests_each_with_the_one_before() -> None:
+    of = calibration(seed=4)
+    found = settled(of)
+    assert len(found) == 4
+    for stage in found[1:]:
+        assert stage.before is not None
+        assert stage.before.end < stage.after.start
+
+
+def test_rests_hold_no_movement_and_movements_hold_all_of_it() -> None:
+    of = calibration(seed=5, plan=SessionPlan(turn_s=(4.0, 5.0), wobble_deg=2.0))
+    turning = np.linalg.norm(of.rate, axis=1) > np.radians(1.0)
+    history = History()
+    history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
+    stages = Stages(history)
+    for s in settled(of):
+        rest = slice(of.at(s.after.start), of.at(s.after.end))
+        assert not turning[rest].any()
+        if s.before is not None:
+            movement = stages.movement(s.before, s.after)
+            outside = (of.time >= s.before.start) & (of.time <= s.after.end)
+            inside = (of.time >= movement.samples.time[0]) & (of.time <= movement.samples.time[-1])
+            assert not turning[outside & ~inside].any()
+            # Rest on both sides, as much as there is to give.
+            assert s.before.end - movement.samples.time[0] >= 0.3
+            assert movement.samples.time[-1] - s.after.start >= 0.3
+
+
+def test_a_rest_is_the_bias_within_its_own_covariance() -> None:
+    of = calibration(seed=6)
+    score = []
+    for s in settled(of):
+        error = s.after.bias - of.bias[0]
+        score.append(error @ np.linalg.solve(s.after.bias_cov, error) / 3)
+    assert 0.1 < np.mean(score) < 2.5
+
+
+def test_a_short_pause_belongs_to_the_movement() -> None:
+    of = calibration(TurnPlan(0), TurnPlan(1), plan=SessionPlan((3.2, 1.2, 3.2), (TurnPlan(0), TurnPlan(1))))
+    assert len(settled(of)) == 2
+
+
+def test_silence_is_no_rest() -> None:
+    of = stream([Still(300.0)], 300.0)
+    # Half a second of rest, three minutes of nothing, then a single sample: that was no rest of three minutes.
+    keep = np.r_[0:56, of.at(200.0) : of.at(200.0) + 20]
+    cut = Stream(
+        of.ticks[keep], *(a[keep] for a in (of.gyro, of.accel, of.temperature_c, of.rate, of.bias)), of.truth, 104.0
+    )
+    assert settled(cut) == []
+
+
+def test_a_rest_of_hours_is_measured_by_its_latest_part() -> None:
+    of = calibration(before_s=100.0)
+    first = settled(of)[1].before
+    assert first is not None
+    assert first.end - first.start == pytest.approx(StageKnobs().longest_s, abs=0.1)
+
+
+def test_history_keeps_what_it_must_and_forgets_the_rest() -> None:
+    of = stream([Still(400.0)], 400.0)
+    history = History(keep_s=100.0)
+    for start in range(0, len(of), 50):
+        p = of.part(start, start + 50)
+        history.add(Samples(p.time, p.gyro, p.accel, np.zeros(len(p), bool)))
+    kept = history.between(0.0, 1e9)
+    assert 100.0 <= kept.time[-1] - kept.time[0] < 101.0
+    part = history.between(350.0, 360.0)
+    np.testing.assert_array_equal(part.gyro, of.gyro[of.at(350.0) : of.at(360.0) + (of.time == 360.0).sum()])
+    assert part.accel is not None

@@ -1,0 +1,137 @@
+"""What a simulated device sends, cut into batches at will, with the truth beside it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording import Recording
+from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.motion import Motion, Piece, Still
+from bridge.sim.script import SessionPlan, TurnPlan, flat, session
+from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, SampleBatch
+from estimator.session import DeviceSession, Outcome, Remembered
+
+Floats = NDArray[np.float64]
+NAME = "chest"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """n samples of one boot and what is true of them: ticks of 1 µs, gyro, accel, temperature; rate and bias."""
+
+    ticks: NDArray[np.int64]
+    gyro: Floats
+    accel: Floats
+    temperature_c: Floats
+    rate: Floats
+    bias: Floats
+    truth: Truth
+    rate_hz: float
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @property
+    def time(self) -> Floats:
+        return self.ticks * 1e-6
+
+    def part(self, start: int, end: int) -> "Stream":
+        cut = slice(start, end)
+        return replace(
+            self,
+            ticks=self.ticks[cut],
+            gyro=self.gyro[cut],
+            accel=self.accel[cut],
+            temperature_c=self.temperature_c[cut],
+            rate=self.rate[cut],
+            bias=self.bias[cut],
+        )
+
+    def at(self, time_s: float) -> int:
+        """The first sample at or after a time."""
+        return int(np.searchsorted(self.time, time_s))
+
+    def recording(self, *, accel: bool = True) -> Recording:
+        return Recording(self.time, self.gyro, self.accel if accel else None, None, self.rate_hz, NAME)
+
+    def batches(
+        self, edges: Sequence[int] | None = None, *, boot: int = 1, first: int = 0, accel: bool = True
+    ) -> list[SampleBatch]:
+        """The stream cut before each of the edges (default: every ten samples)."""
+        edges = list(range(10, len(self), 10)) if edges is None else list(edges)
+        bounds = sorted({0, *edges, len(self)})
+        return [self._batch(a, b, boot, first + a, accel=accel) for a, b in pairwise(bounds)]
+
+    def _batch(self, start: int, end: int, boot: int, sequence: int, *, accel: bool) -> SampleBatch:
+        cut = slice(start, end)
+        now_ns = 1_700_000_000_000_000_000 + int(self.ticks[start]) * 1000
+        return SampleBatch(
+            device=NAME,
+            boot=boot,
+            sequence=sequence,
+            receive_time_ns=now_ns,
+            start_time_ns=now_ns,
+            tick_period_s=1e-6,
+            clock_rate=1.0,
+            ticks=self.ticks[cut].astype(np.uint64),
+            gyro=self.gyro[cut].astype(np.float32),
+            accel=self.accel[cut].astype(np.float32) if accel else None,
+            temperature_c=self.temperature_c[cut].astype(np.float32),
+            flags=np.zeros(end - start, np.uint32),
+        )
+
+
+def stream(
+    pieces: Iterable[Piece], duration_s: float, *, seed: int = 0, spec: ImuSpec | None = None, rate_hz: float = 104.0
+) -> Stream:
+    """What a device that lives through these pieces sends."""
+    rng = np.random.default_rng(seed)
+    ticks = np.round(np.arange(1, int(duration_s * rate_hz) + 1) / (rate_hz * 1e-6)).astype(np.int64)
+    motion = Motion(pieces, flat(rng)).advance(np.asarray(ticks * 1e-6, np.float64))
+    sensor = Imperfection(spec or ImuSpec(), rng)
+    read = sensor.read(motion)
+    return Stream(ticks, read.gyro, read.accel, read.temperature_c, motion.rate, read.bias, sensor.truth, rate_hz)
+
+
+def calibration(
+    *turns: TurnPlan,
+    seed: int = 0,
+    spec: ImuSpec | None = None,
+    rate_hz: float = 104.0,
+    before_s: float = 1.5,
+    after: Sequence[Piece] = (),
+    plan: SessionPlan | None = None,
+) -> Stream:
+    """A device that boots, is turned (by default once about each axis), and then lives through `after`."""
+    plan = plan or SessionPlan(turns=turns or (TurnPlan(0), TurnPlan(1, -360.0), TurnPlan(2)), turn_s=(4.0, 5.0))
+    pieces = [Still(before_s), *session(np.random.default_rng(seed), plan), *after]
+    return stream(pieces, sum(p.duration_s for p in pieces), seed=seed, spec=spec, rate_hz=rate_hz)
+
+
+def info(boot: int = 1, *, firmware: str = "1.0", model: str = "m") -> DeviceInfo:
+    return DeviceInfo(
+        NAME, "bridge", boot, BootCause.POWER_UP, model, firmware, "native", "p", 104.0, 104.0, 8.7, True, True, 1
+    )  # fmt: skip
+
+
+def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Remembered | None = None) -> Outcome:
+    """As the service does: a new boot is begun, then the batch is handled. All that came of it in one Outcome."""
+    total = Outcome()
+    for batch in batches:
+        outcomes = []
+        if device.sequence.is_new_boot(batch.boot):
+            outcomes.append(device.begin_boot(batch.boot, float(batch.device_time[0]), remembered))
+        outcomes.append(device.handle(batch))
+        for outcome in outcomes:
+            total.corrected += outcome.corrected
+            total.calibration = outcome.calibration or total.calibration
+            total.changed |= outcome.changed
+            total.said += outcome.said
+    return total
+
+
+def rates(corrected: Iterable[CorrectedBatch]) -> NDArray[np.float32]:
+    return np.concatenate([batch.rate for batch in corrected])

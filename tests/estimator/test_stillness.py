@@ -1,0 +1,132 @@
+from math import radians
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.stillness import Stillness, StillnessKnobs, Window
+
+Floats = NDArray[np.float64]
+RATE = 104.0
+
+
+def noise(n: int, dps: float = 0.03, seed: int = 0) -> Floats:
+    return np.radians(dps) * np.random.default_rng(seed).normal(size=(n, 3))
+
+
+def windows(gyro: Floats, *, rate: float = RATE, accel: Floats | None = None, start: float = 0.0) -> list[Window]:
+    return list(Stillness().feed(start + np.arange(1, len(gyro) + 1) / rate, gyro, accel))
+
+
+def still_share(found: list[Window]) -> float:
+    return float(np.mean([w.still for w in found]))
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 104.0, 208.0, 400.0])
+@pytest.mark.parametrize("bias_dps", [0.0, 10.0, -10.0])
+def test_a_rest_is_still_at_any_rate_and_any_bias(rate: float, bias_dps: float) -> None:
+    found = windows(noise(int(6 * rate)) + np.radians(bias_dps), rate=rate)
+    assert all(w.still for w in found)
+    assert len(found) >= 30
+
+
+@pytest.mark.parametrize("dps", [0.01, 0.03, 0.15, 0.3])
+def test_a_noisy_device_rests_too(dps: float) -> None:
+    assert still_share(windows(noise(2000, dps))) > 0.99
+
+
+def test_readings_that_never_differ_are_still() -> None:
+    stillness = Stillness()
+    found = list(stillness.feed(np.arange(1, 1001) / RATE, np.full((1000, 3), radians(0.061)), None))
+    assert all(w.still for w in found)
+    assert all((w.std < 1e-12).all() for w in found)
+    assert (stillness.noise_std < 1e-12).all()
+
+
+def test_the_noise_is_learnt_from_a_rest() -> None:
+    stillness = Stillness()
+    assert not stillness.noise_known
+    list(stillness.feed(np.arange(1, 501) / RATE, noise(500, 0.08), None))
+    assert stillness.noise_known
+    np.testing.assert_allclose(np.degrees(stillness.noise_std), 0.08, rtol=0.2)
+
+
+@pytest.mark.parametrize("dps", [3.0, 20.0, 90.0, -200.0])
+def test_an_even_turn_is_not_a_rest(dps: float) -> None:
+    gyro = noise(1500)
+    gyro[520:] += np.array([0.0, np.radians(dps), 0.0])
+    found = windows(gyro)
+    assert all(w.still for w in found if w.end <= 520)
+    assert not any(w.still for w in found if w.end > 520)
+
+
+def test_a_constant_rate_that_lasts_is_a_new_rest() -> None:
+    gyro = noise(4000)
+    gyro[520:] += np.radians(8.0)
+    still = [w.end_time for w in windows(gyro) if w.still and w.end > 520]
+    assert still[0] == pytest.approx(5.0 + StillnessKnobs().new_reference_s, abs=0.5)
+
+
+def test_quiet_moments_of_a_movement_do_not_add_up_to_a_rest() -> None:
+    gyro = noise(int(40 * RATE))
+    rough = np.random.default_rng(1).normal(size=gyro.shape)
+    for second in range(5, 40):
+        part = slice(int(second * RATE), int((second + 1) * RATE))
+        gyro[part] += np.radians(30.0) if second % 2 else np.radians(30.0 + 20.0 * rough[part])
+    assert not any(w.still for w in windows(gyro) if w.start_time > 5.2)
+
+
+@pytest.mark.parametrize("slope_dps_per_s", [0.3, 0.5, 1.0])
+def test_a_turn_that_begins_slowly_does_not_drag_the_rest_along(slope_dps_per_s: float) -> None:
+    gyro = noise(int(25 * RATE))
+    t = np.arange(len(gyro)) / RATE
+    gyro[:, 2] += np.radians(slope_dps_per_s) * np.clip(t - 5, 0, None)
+    moving = [w for w in windows(gyro) if np.degrees(w.mean[2]) > 2.0]
+    assert moving
+    assert not any(w.still for w in moving)
+
+
+def test_a_tremor_does_not_teach_itself_to_be_rest() -> None:
+    # Ten levels, each within five times the one before.
+    gyro = np.concatenate([noise(400, 0.1 * 1.8**level, seed=level) for level in range(10)])
+    last = [w for w in windows(gyro) if w.start >= 3600]
+    assert not any(w.still for w in last)
+
+
+def test_no_stillness_spans_a_gap() -> None:
+    stillness = Stillness()
+    time = np.arange(1, 1001) / RATE
+    time[500:] += 3.0
+    found = list(stillness.feed(time, noise(1000), None))
+    (over,) = [w for w in found if not w.still]
+    assert over.start <= 500 < over.end + 1
+    # A gap between two windows counts as well.
+    edge = next(w.end for w in found if w.end > 300)
+    time = np.arange(1, 1001) / RATE
+    time[edge:] += 3.0
+    assert [w.start for w in Stillness().feed(time, noise(1000), None) if not w.still] == [edge]
+
+
+def test_a_lost_packet_is_no_gap() -> None:
+    time = np.delete(np.arange(1, 1001) / RATE, slice(500, 504))
+    assert all(w.still for w in Stillness().feed(time, noise(996), None))
+
+
+def test_the_accelerometer_knows_of_a_push_that_the_gyro_does_not() -> None:
+    accel = np.tile([0.0, 0.0, 9.81], (1000, 1)) + 0.02 * np.random.default_rng(0).normal(size=(1000, 3))
+    accel[500:600, 0] += np.sin(np.arange(100))
+    found = windows(noise(1000), accel=accel)
+    assert not any(w.still for w in found if w.start >= 500 and w.end <= 600)
+    assert all(w.still for w in found if w.end < 500 or w.start > 600)
+
+
+def test_windows_hold_every_sample_once_and_their_own_moments() -> None:
+    gyro, time = noise(1000), np.arange(1, 1001) / RATE
+    found = list(Stillness().feed(time, gyro, None))
+    np.testing.assert_array_equal([w.start for w in found[1:]], [w.end for w in found[:-1]])
+    w = found[7]
+    part = gyro[w.start : w.end]
+    np.testing.assert_array_equal(w.mean, part.mean(axis=0))
+    np.testing.assert_allclose(w.std, np.sqrt(((part - part.mean(axis=0)) ** 2).sum(axis=0) / (len(part) - 1)))
+    assert (w.start_time, w.end_time) == (time[w.start], time[w.end - 1])
+    assert w.samples == w.end - w.start >= 6
