@@ -19,12 +19,17 @@ def least_step(reading: Floats) -> Floats:
     return np.where(np.isfinite(least), least, COARSE_STEP)
 
 
-def mean_var(std: Floats, step: Floats, n: float) -> Floats:
-    """(3,) variance of the mean of n readings at rest with standard deviation std (3,), rounded to a step (3,).
+def rounding_var(std: Floats, step: Floats) -> Floats:
+    """(3,) variance of what rounding to a step (3,) leaves in a mean of readings at rest with deviation std (3,).
 
-    Noise well below the step leaves a rounding error that is the same in all of them: averaging does not lessen it.
+    Noise well below the step leaves the same error in all of them: averaging does not lessen it.
     """
-    return std**2 / n + np.where(std < step / 2, step**2 / 12, 0.0)
+    return np.where(std < step / 2, step**2 / 12, 0.0)
+
+
+def mean_var(std: Floats, step: Floats, n: float) -> Floats:
+    """(3,) variance of the mean of n readings at rest with standard deviation std (3,), rounded to a step (3,)."""
+    return std**2 / n + rounding_var(std, step)
 
 
 def reading_std(std: Floats) -> Floats:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var
+from estimator.gyro import mean_var, rounding_var
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +48,11 @@ class Rest:
     def middle(self) -> float:
         """The time at which the bias was its mean."""
         return (self.start + self.end) / 2
+
+    @property
+    def rounding_var(self) -> Floats:
+        """(3,) variance of what rounding leaves in the mean reading, the same in every rest."""
+        return rounding_var(self.std, self.step)
 
     @property
     def bias_cov(self) -> Floats:

@@ -103,8 +103,11 @@ class BiasFilter:
         self._farthest_k = max(before, abs(temperature_c - self._reference_c))
         return self.knobs.per_kelvin**2 * (self._farthest_k**2 - before**2)
 
-    def update(self, kind: str, z: Floats, R: Floats) -> Receipt:
-        """Weigh a measured bias z (3,) with covariance R (3, 3) against the estimate; take it if it is believable."""
+    def update(self, kind: str, z: Floats, R: Floats, common_var: Floats | None = None) -> Receipt:
+        """Weigh a measured bias z (3,) with covariance R (3, 3) against the estimate; take it if it is believable.
+
+        common_var (3,): the part of R that is the same error in every measurement; no number of them gets below it.
+        """
         innovation = z - self._kf.x
         S = self._kf.P + R
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
@@ -114,6 +117,8 @@ class BiasFilter:
         if ratio > 1:
             return Receipt(self._time, kind, innovation, S, ratio, accepted=False, reason="outside the gate")
         self._kf.update(z, R=R)
+        if common_var is not None:
+            self._kf.P += np.diag(np.maximum(0.0, common_var - np.diag(self._kf.P)))
         self._reference_c, self._farthest_k = self._temperature_c, 0.0
         return Receipt(self._time, kind, innovation, S, ratio, accepted=True)
 

@@ -10,7 +10,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var
+from estimator.gyro import mean_var, rounding_var
 from estimator.stillness import Window
 from estimator.track.bias_filter import BiasFilter, Receipt
 
@@ -46,21 +46,21 @@ class Zaru:
         if window.end_time - self._piece[0].start_time < self.knobs.piece_s:
             return None
         piece, self._piece = self._piece, []
-        z, R = self._measure(piece)
+        z, R, common_var = self._measure(piece)
         bias.predict(window.end_time, temperature_c)
-        receipt = bias.update("zaru", z, R)
+        receipt = bias.update("zaru", z, R, common_var)
         if receipt.accepted:
             self._contradiction = None
             return receipt
         return self._contradicted(receipt, piece[0].start_time, bias, z, R)
 
-    def _measure(self, piece: list[Window]) -> tuple[Floats, Floats]:
+    def _measure(self, piece: list[Window]) -> tuple[Floats, Floats, Floats]:
         n = np.array([w.samples for w in piece], float)
         z = n @ np.array([w.mean for w in piece]) / n.sum()
-        var = n @ np.square([w.std for w in piece]) / n.sum()
+        std = np.sqrt(n @ np.square([w.std for w in piece]) / n.sum())
         step = np.min([w.step for w in piece], axis=0)
-        R = np.diag(mean_var(np.sqrt(var), step, float(n.sum())) + self.knobs.quasi_static**2)
-        return z, R
+        R = np.diag(mean_var(std, step, float(n.sum())) + self.knobs.quasi_static**2)
+        return z, R, rounding_var(std, step)
 
     def _contradicted(self, receipt: Receipt, start: float, bias: BiasFilter, z: Floats, R: Floats) -> Receipt:
         if self._contradiction is None or not self._same(*self._contradiction, receipt.time, z, R, bias):

@@ -36,10 +36,13 @@ class Stream:
 
     @property
     def time(self) -> Floats:
-        return self.ticks * 1e-6
+        return np.asarray(self.ticks * 1e-6, np.float64)
 
     def part(self, start: int, end: int) -> "Stream":
-        cut = slice(start, end)
+        return self.only(slice(start, end))
+
+    def only(self, cut: slice | NDArray[np.int64]) -> "Stream":
+        """Some of the samples."""
         return replace(
             self,
             ticks=self.ticks[cut],

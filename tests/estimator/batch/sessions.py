@@ -1,9 +1,11 @@
 """Captures of simulated calibration sessions, through the same recognition as live."""
 
+import numpy as np
+
 from estimator.batch.capture import Capture, Samples, TurnCapture
 from estimator.batch.session import CalibrationSession, Ignored, Progress, TurnFound
 from estimator.stillness import Stillness
-from tests.estimator.stream import Stream, np
+from tests.estimator.stream import Stream
 
 
 def progress(of: Stream, *, accel: bool = True, clipped: slice | None = None) -> list[Progress]:

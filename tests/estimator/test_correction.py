@@ -1,0 +1,105 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.wire.messages import Calibration, Quality, Verdict
+from estimator.batch.result import PARAMETERS
+from estimator.correction import choose
+from estimator.gyro import PriorKnobs
+from estimator.track.bias_filter import BiasState
+from tests.estimator.stream import stream
+
+KNOBS = PriorKnobs()
+CALIBRATION = Calibration(
+    device="chest",
+    boot=1,
+    id="c1",
+    time_ns=1,
+    method="turn360",
+    verdict=Verdict.ACCEPTED,
+    reason="",
+    matrix=np.diag([0.9, 1.0, 1.1]),
+    bias=np.array([0.01, 0.02, 0.03]),
+    parameters=PARAMETERS,
+    covariance=np.diag([1e-8, 1e-8, 1e-8, 1e-6, 4e-6, 9e-6]),
+    turns=(),
+    noise_std=np.full(3, 0.001),
+    model="",
+    firmware="",
+    gyro_range=0.0,
+    rate_hz=0.0,
+    temperature_c=25.0,
+    who="",
+)
+BIAS = BiasState(np.array([0.011, 0.021, 0.031]), 1e-8 * np.eye(3), 0.0)
+
+
+def test_the_datasheet_when_nothing_is_known() -> None:
+    best = choose(None, None, None, None, KNOBS)
+    assert (best.quality, best.calibration) == (Quality.NONE, "")
+    np.testing.assert_array_equal(best.model.matrix, np.eye(3))
+    np.testing.assert_array_equal(best.bias_std, np.full(3, KNOBS.bias_std))
+
+
+def test_a_rest_gives_the_bias_and_nothing_of_the_scale() -> None:
+    best = choose(None, None, BIAS, None, KNOBS)
+    assert best.quality is Quality.BIAS_ONLY
+    np.testing.assert_array_equal(best.model.bias, BIAS.x)
+    np.testing.assert_array_equal(best.model.scale_std, np.full(3, KNOBS.scale_std))
+
+
+def test_an_earlier_boot_gives_the_scale_a_little_worn() -> None:
+    best = choose(None, CALIBRATION, None, None, KNOBS)
+    assert (best.quality, best.calibration) == (Quality.PRIOR, "c1")
+    np.testing.assert_array_equal(best.model.matrix, CALIBRATION.matrix)
+    np.testing.assert_array_equal(best.bias_std, np.full(3, KNOBS.bias_repeatability))
+    assert (best.model.scale_std >= KNOBS.scale_repeatability).all()
+    with_rest = choose(None, CALIBRATION, BIAS, None, KNOBS)
+    assert with_rest.quality is Quality.BIAS_ONLY
+    np.testing.assert_array_equal(with_rest.model.matrix, CALIBRATION.matrix)
+
+
+def test_this_boots_calibration_goes_before_an_earlier_one() -> None:
+    best = choose(CALIBRATION, replace(CALIBRATION, id="old", matrix=np.eye(3)), BIAS, np.full(3, 0.002), KNOBS)
+    assert (best.quality, best.calibration) == (Quality.GOOD, "c1")
+    np.testing.assert_array_equal(best.model.bias, BIAS.x)
+    np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
+    np.testing.assert_array_equal(best.model.noise_std, np.full(3, 0.002))
+
+
+def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
+    (batch,) = stream([], 1.0).batches([])
+    batch = replace(batch, clock_rate=1.01, sequence=70)
+    part = choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 20, 50)
+    whole = choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 0, len(batch))
+    assert part.sequence == 90
+    assert len(part) == 30
+    expected = (batch.gyro[20:50].astype(float) - BIAS.x) * [0.9, 1.0, 1.1]
+    np.testing.assert_array_equal(part.rate, expected.astype(np.float32))
+    np.testing.assert_allclose(part.sample_time_ns, whole.sample_time_ns[20:50], atol=1)
+    np.testing.assert_allclose(part.noise_std, np.array([0.9, 1.0, 1.1]) * 0.001, rtol=1e-6)
+    np.testing.assert_allclose(part.bias_std, np.array([0.9, 1.0, 1.1]) * 1e-4, rtol=1e-6)
+
+
+def test_published_deviations_add_up() -> None:
+    (batch,) = stream([], 0.1).batches([])
+    corrected = replace(
+        choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 0, 2),
+        rate=np.array([[1.0, -2.0, 0.0], [0.0, 0.0, 0.0]], np.float32),
+    )
+    noise_bias = np.hypot([0.0009, 0.001, 0.0011], [0.9e-4, 1e-4, 1.1e-4])
+    np.testing.assert_allclose(corrected.rate_std[1], noise_bias, rtol=1e-5)
+    np.testing.assert_allclose(corrected.rate_std[0], np.hypot(noise_bias, [1e-3 / 0.9, 4e-3, 0.0]), rtol=1e-5)
+
+
+@pytest.mark.parametrize("field", ["bias", "matrix", "scale_std", "noise_std"])
+def test_same_sees_every_difference(field: str) -> None:
+    one = choose(CALIBRATION, None, BIAS, None, KNOBS)
+    assert one.same(choose(CALIBRATION, None, BIAS, None, KNOBS))
+    changed = getattr(one.model, field) * (1 + 1e-15)
+    other = replace(one, model=replace(one.model, **{field: np.nextafter(changed, np.inf)}))
+    assert not one.same(other)
+    assert not one.same(replace(one, quality=Quality.DEGRADED))
+    assert not one.same(replace(one, calibration="other"))
+    assert not one.same(replace(one, bias_std=one.bias_std * 2))

@@ -1,0 +1,76 @@
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from estimator.sequence import Sequence
+from tests.estimator.stream import Stream, stream
+
+
+@pytest.fixture(scope="module")
+def source() -> Stream:
+    return stream([], 3.0)
+
+
+def begun(boot: int = 1) -> Sequence:
+    sequence = Sequence()
+    sequence.begin(boot)
+    return sequence
+
+
+def take(sequence: Sequence, source: Stream, parts: Iterable[tuple[int, int]], boot: int = 1) -> list[int]:
+    used: list[int] = []
+    for start, end in parts:
+        (batch,) = source.part(start, end).batches([], boot=boot, first=start)
+        first = sequence.fresh(batch)
+        assert 0 <= first <= len(batch)
+        used += range(start + first, end)
+    assert sequence.samples_in == sequence.samples_out + sequence.dropped.total()
+    return used
+
+
+def test_samples_in_order_are_all_new(source: Stream) -> None:
+    sequence = begun()
+    assert take(sequence, source, [(0, 10), (10, 20), (20, 21)]) == list(range(21))
+    assert sequence.dropped.as_dict() == sequence.events.as_dict() == {}
+    assert sequence.seen == 21
+
+
+def test_the_first_number_heard_is_no_gap(source: Stream) -> None:
+    sequence = begun()
+    take(sequence, source, [(150, 160)])
+    assert sequence.events.as_dict() == {}
+    assert sequence.seen == 10
+
+
+def test_repeats_overlaps_and_gaps(source: Stream) -> None:
+    sequence = begun()
+    used = take(sequence, source, [(0, 10), (0, 10), (5, 15), (3, 8), (20, 30), (15, 20), (25, 40)])
+    assert used == [*range(15), *range(20, 40)]
+    assert sequence.dropped.as_dict() == {"duplicate": 10 + 5 + 5 + 5 + 5}
+    assert sequence.events.as_dict() == {"gaps": 1, "missing_samples": 5}
+    assert sequence.seen == 40
+
+
+def test_what_comes_late_of_an_old_boot_is_dropped_and_counted(source: Stream) -> None:
+    sequence = begun(1)
+    take(sequence, source, [(0, 10)])
+    assert sequence.is_new_boot(2)
+    sequence.begin(2)
+    assert not sequence.is_new_boot(1)
+    assert not sequence.is_new_boot(2)
+    assert take(sequence, source, [(10, 20)], boot=1) == []
+    assert sequence.dropped.as_dict() == {"old_boot": 10}
+    assert take(sequence, source, [(0, 10)], boot=2) == list(range(10))
+
+
+def test_it_is_exactly_once_whatever_comes(source: Stream) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        sequence = begun()
+        parts = [(int(a), int(a + n)) for a, n in zip(rng.integers(0, 200, 60), rng.integers(1, 40, 60), strict=True)]
+        used = take(sequence, source, parts)
+        assert used == sorted(set(used))
+        first = parts[0][0]
+        assert sequence.seen - sequence.events.as_dict().get("missing_samples", 0) == len(used)
+        assert used[0] == first
