@@ -1,6 +1,8 @@
 """The demonstration's subscribers: three that count every corrected sample, one that also follows raw and status."""
 
+import math
 import threading
+import time
 from collections import defaultdict
 
 from bridge.bus.contract import Bus
@@ -11,6 +13,7 @@ from estimator.client import Client
 from estimator.door import Door
 
 Boot = tuple[str, int]
+DRAIN_S = 2.0
 
 
 class Subscriber:
@@ -20,7 +23,7 @@ class Subscriber:
         self._client = Client((endpoint,), ward=ward)
         self._corrected = self._client.corrected()
         self._keep = keep
-        self._stop = threading.Event()
+        self._until = math.inf
         self.batches: dict[Boot, list[CorrectedBatch]] = defaultdict(list)
         self.received: dict[Boot, int] = defaultdict(int)
         self.last: dict[Boot, int] = {}
@@ -35,17 +38,17 @@ class Subscriber:
         return ", ".join(f"{count} {what}" for what, count in found.items() if count)
 
     def close(self) -> None:
-        """Take what is still on the way, and stop."""
-        self._stop.set()
+        """Take what is still on the way, for at most DRAIN_S, and stop."""
+        self._until = time.monotonic() + DRAIN_S
         self._thread.join()
         self._client.close()
 
     def _run(self) -> None:
         while True:
             batch = self._corrected.receive(0.2)
+            if time.monotonic() > self._until or (batch is None and self._until < math.inf):
+                return
             if batch is None:
-                if self._stop.is_set():
-                    return
                 continue
             boot = batch.device, batch.boot
             self.received[boot] += len(batch)
