@@ -138,10 +138,10 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
     verb.add_argument(
-        "--rate", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
     )
     verb.add_argument(
-        "--range", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
     )
 
 
@@ -213,8 +213,8 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json, as_table  # noqa: PLC0415
 
-    recording = load_recording(given.file, given.rate)
-    result, passed_over = calibrate(recording, gyro_range=radians(given.range))
+    recording = load_recording(given.file, given.rate_hz)
+    result, passed_over = calibrate(recording, gyro_range=radians(given.range_dps))
     if given.json:
         print(json.dumps(as_json(result)))
     else:
