@@ -32,7 +32,7 @@ def test_good_sessions_of_all_kinds_are_accepted_and_right() -> None:
     refused: list[str] = []
     scores = []
     rng = np.random.default_rng(0)
-    n = 150
+    n = 110
     for seed in range(n):
         turns = tuple(
             TurnPlan(int(axis), 360.0 * rng.choice([-1, 1]), goes=int(rng.integers(1, 5)))
@@ -97,7 +97,7 @@ def _swings(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
 
 
 def _slow(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
-    return tuple(TurnPlan(int(a), 360.0, duration_s=float(rng.uniform(16, 60))) for a in rng.permutation(3))
+    return tuple(TurnPlan(int(a), 360.0, duration_s=float(rng.uniform(16, 40))) for a in rng.permutation(3))
 
 
 @pytest.mark.parametrize("plan", [_missing, _one_angle, _blind_angle, _swings, _slow])
@@ -105,7 +105,7 @@ def _slow(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
 def test_no_bad_protocol_is_accepted(plan: Plan, accel: bool) -> None:
     if plan is _one_angle and not accel:
         pytest.skip("330° and a scale of 1.09 read alike: without gravity nobody can tell")
-    for seed in range(40):
+    for seed in range(25):
         rng = np.random.default_rng(seed)
         s = simulate_session(seed, turns=plan(rng), rests_s=3.2, spec=ImuSpec(scale=(0.95, 1.05)))
         result, _ = offline.calibrate(Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, ""))
