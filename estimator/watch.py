@@ -32,27 +32,20 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
 
 def _hardware(infos: dict[str, DeviceInfo]) -> Table:
     shown = Table(box=None, pad_edge=False)
-    for heading in (
-        "device",
-        "bridge",
-        "driver",
-        "model",
-        "firmware",
-        "rate Hz",
-        "measured",
-        "range °/s",
-        "samples",
-        "dropped",
-    ):
-        shown.add_column(heading)
+    for heading in _HARDWARE:
+        shown.add_column(heading, overflow="fold", no_wrap=heading == "device")
     for name in sorted(infos):
-        i = infos[name]
-        dropped = ", ".join(f"{count} {reason}" for reason, count in i.dropped.items()) or "0"
-        shown.add_row(
-            name, i.bridge, i.driver, f"{i.model} {i.firmware}", f"{i.rate_hz:g}", f"{i.measured_rate_hz:.1f}",
-            f"{degrees(i.gyro_range):.0f}" if i.gyro_range else "?", str(i.samples), dropped,
-        )  # fmt: skip
+        shown.add_row(*_hardware_row(infos[name]))
     return shown
+
+
+_HARDWARE = ("device", "what it is", "bridge", "Hz", "samples", "not published")
+
+
+def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
+    measured = f"{info.measured_rate_hz:.1f} of {info.rate_hz:g}" if info.measured_rate_hz else f"{info.rate_hz:g}"
+    dropped = ", ".join(f"{count} {reason}" for reason, count in info.dropped.items()) or "0"
+    return info.device, f"{info.model} {info.firmware}", info.bridge, measured, str(info.samples), dropped
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
@@ -88,11 +81,11 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
 
 def _line(batch: CorrectedBatch, status: Status | None) -> str:
     rates = " ".join(
-        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+8.2f}±{degrees(float(batch.rate_std[-1, axis])):.2f}"
+        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+7.2f}±{degrees(float(batch.rate_std[-1, axis])):.2f}"
         for axis in range(3)
     )
-    state = status.state.name.lower() if status else "?"
-    return f"{batch.sequence + len(batch) - 1:8d}  {rates} °/s  {batch.quality.name.lower()}  {state}"
+    state = status.state.name.lower().replace("_", " ") if status else "?"
+    return f"{batch.sequence + len(batch) - 1:7d} {rates} °/s  {batch.quality.name.lower().replace('_', ' ')}  {state}"
 
 
 def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:

@@ -1,5 +1,8 @@
 """`truerate demo`: the ward boots, is turned, calibrates and tracks; one device reboots; then it is judged."""
 
+import shutil
+import signal
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -23,6 +26,9 @@ SUBSCRIBERS = 3
 
 def run(console: Console, picture: Path, seed: int) -> bool:
     """Run the demonstration and leave a picture; whether the ward came out right."""
+    # However it is ended, the processes it has started end with it.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda got, _: sys.exit(128 + got))
     folder = Path(tempfile.mkdtemp(prefix="truerate-demo-"))
     console.print(f"Starting router, bridge and estimator as processes; their logs are in {folder}", soft_wrap=True)
     # A device waits for the bridge, so that its very first sample is counted too.
@@ -44,7 +50,10 @@ def run(console: Console, picture: Path, seed: int) -> bool:
             watcher.close()
         console.print(table(watcher.statuses, "The ward at the end"))
         console.print()
-        return _summary(console, devices, watcher, subscribers, picture)
+    right = _summary(console, devices, watcher, subscribers, picture)
+    if right:
+        shutil.rmtree(folder)
+    return right
 
 
 def _live(console: Console, ward: Ward, devices: dict[str, VirtualDevice], watcher: Watcher) -> None:

@@ -1,0 +1,47 @@
+"""What `truerate devices` says: every value under its heading, and all of it in 80 columns."""
+
+import io
+
+from rich.console import Console
+
+from bridge.wire.messages import BootCause, DeviceInfo
+from estimator import watch
+
+INFO = DeviceInfo(
+    device="wrist-right-01",
+    bridge="bridge-1",
+    boot=1,
+    boot_cause=BootCause.POWER_UP,
+    model="truerate-virtual",
+    firmware="1.0",
+    driver="native",
+    port="/dev/serial/by-id/x",
+    rate_hz=104.0,
+    measured_rate_hz=103.9,
+    gyro_range=8.7,
+    has_accel=True,
+    has_temperature=True,
+    time_ns=0,
+    samples=123456,
+    dropped={"non_finite": 3},
+)
+
+
+def test_every_heading_has_its_value() -> None:
+    row = dict(zip(watch._HARDWARE, watch._hardware_row(INFO), strict=True))
+    assert row["device"] == "wrist-right-01"
+    assert row["what it is"] == "truerate-virtual 1.0"
+    assert row["bridge"] == "bridge-1"
+    assert row["Hz"] == "103.9 of 104"
+    assert row["samples"] == "123456"
+    assert row["not published"] == "3 non_finite"
+
+
+def test_it_fits_80_columns_with_whole_names() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    console.print(watch._hardware({INFO.device: INFO}))
+    assert isinstance(console.file, io.StringIO)
+    shown = console.file.getvalue()
+    assert "wrist-right-01" in shown
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= 80
