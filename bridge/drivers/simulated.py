@@ -1,7 +1,9 @@
 """A virtual device inside the bridge: the simulator's bytes through the native decoder, without a port."""
 
+import secrets
 import threading
 import time
+from collections.abc import Callable
 
 from msgspec import Struct
 
@@ -14,7 +16,7 @@ _TURN_S = 0.02
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The seed decides everything the device does; speed is how many times faster than life it lives."""
+    """The seed decides what the device is and does; speed is how many times faster than life it lives."""
 
     seed: int = 0
     rate_hz: float = 104.0
@@ -29,14 +31,23 @@ class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise ValueError(f"seed is {self.seed}; 0 to 2**32 - 1 is taken")
 
 
-class SimulatedDriver:
-    """A virtual device and a clock. `device` is made by the first open and lives on through close and open."""
+def draw_boot() -> int:
+    """A boot number that no earlier run of the same seed had: the bus would take its samples for known ones."""
+    return secrets.randbits(64)
 
-    def __init__(self, options: SimulatedOptions) -> None:
+
+class SimulatedDriver:
+    """A virtual device and a clock. `device` is made by the first open and lives on through close and open.
+
+    draw_boot: where boot numbers come from; None leaves them to the seed.
+    """
+
+    def __init__(self, options: SimulatedOptions, draw_boot: Callable[[], int] | None = draw_boot) -> None:
         self.faults = Tally()
         self.place = f"simulated, seed {options.seed}"
         self.device: VirtualDevice | None = None
         self._options = options
+        self._draw_boot = draw_boot
         self._closed = threading.Event()
         self._decoder = NativeDecoder(self.faults)
         self._born_s = 0.0
@@ -44,7 +55,9 @@ class SimulatedDriver:
     def open(self) -> None:
         """Power the device up, the first time."""
         if self.device is None:
-            self.device = demo_device("simulated", self._options.seed, rate_hz=self._options.rate_hz)
+            self.device = demo_device(
+                "simulated", self._options.seed, rate_hz=self._options.rate_hz, draw_boot=self._draw_boot
+            )
             self._born_s = time.monotonic()
         self._decoder = NativeDecoder(self.faults)
         self._closed.clear()

@@ -61,14 +61,23 @@ class _Boot:
 class VirtualDevice:
     """One device. advance and receive belong to one thread; the switches and the truth may be used from any.
 
-    The seed and the name decide everything, boot numbers too. sample_fault may be set and cleared while it runs.
+    The seed and the name decide everything; boot numbers too, unless draw_boot draws them. sample_fault may be set and
+    cleared while it runs.
     """
 
-    def __init__(self, name: str, source: Source, seed: int = 0, spec: DeviceSpec | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        source: Source,
+        seed: int = 0,
+        spec: DeviceSpec | None = None,
+        draw_boot: Callable[[], int] | None = None,
+    ) -> None:
         self.name = name
         self.spec = spec or DeviceSpec()
         self.sample_fault: SampleFault | None = None
         self._source = source
+        self._draw_boot = draw_boot
         self._rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
         self._truth = TruthLog(round(self.spec.truth_s * source.sensor.rate_hz))
         self._per_packet = int(np.clip(round(_PACKET_S * source.sensor.rate_hz), 1, MAX_SAMPLES))
@@ -150,7 +159,9 @@ class VirtualDevice:
             self._now = None
 
     def _power_up(self) -> _Boot:
-        boot = int(self._rng.integers(2**64, dtype=np.uint64))
+        boot = int(self._rng.integers(2**64, dtype=np.uint64))  # drawn in any case: what follows is the seed's
+        if self._draw_boot is not None:
+            boot = self._draw_boot()
         self._truth.begin(boot, self._source.power_up(self._rng.spawn(1)[0], 1 / self._clock_pace))
         return _Boot(boot, self._time_s, self.spec.silence_s)
 
@@ -220,7 +231,13 @@ class VirtualDevice:
 
 
 def demo_device(
-    name: str, seed: int, *, imu: ImuSpec = DEMO_SPEC, rate_hz: float = 104.0, spec: DeviceSpec | None = None
+    name: str,
+    seed: int,
+    *,
+    imu: ImuSpec = DEMO_SPEC,
+    rate_hz: float = 104.0,
+    spec: DeviceSpec | None = None,
+    draw_boot: Callable[[], int] | None = None,
 ) -> VirtualDevice:
     """A device that at every boot rests 2 s, is calibrated by hand within 30 s, and is then worn for ever."""
-    return VirtualDevice(name, SimulatedSource(demo_script, imu, rate_hz), seed, spec)
+    return VirtualDevice(name, SimulatedSource(demo_script, imu, rate_hz), seed, spec, draw_boot)

@@ -217,6 +217,26 @@ def test_the_simulated_driver_speaks_like_a_device() -> None:
     assert again.boot == events[0].boot
 
 
+def test_a_simulated_device_of_a_new_process_is_a_new_boot_of_the_same_sensor() -> None:
+    first, second = (SimulatedDriver(SimulatedOptions(seed=3)) for _ in range(2))
+    for driver in (first, second):
+        driver.open()
+    one, two = first.device, second.device
+    assert one is not None
+    assert two is not None
+    assert one.boot is not None
+    assert two.boot is not None
+    assert one.boot != two.boot
+    assert np.array_equal(one.truth_of(one.boot).matrix, two.truth_of(two.boot).matrix)
+
+
+def test_a_simulated_device_of_a_test_may_leave_its_boots_to_the_seed() -> None:
+    drivers = [SimulatedDriver(SimulatedOptions(seed=3), draw_boot=None) for _ in range(2)]
+    for driver in drivers:
+        driver.open()
+    assert len({driver.device.boot for driver in drivers if driver.device is not None}) == 1
+
+
 def recording(time_s: list[float]) -> Recording:
     n = len(time_s)
     return Recording(np.array(time_s), np.arange(3.0 * n).reshape(n, 3), None, None, 10.0, "rec")

@@ -92,6 +92,18 @@ def test_each_boot_is_another_with_its_own_scale_and_bias() -> None:
     assert len({tuple(host.device.truth_of(boot).k) for boot in boots}) == 5
 
 
+def test_boot_numbers_of_ones_own_change_nothing_else() -> None:
+    numbers = iter([5, 6])
+    own, seeded = Host(demo_device("a", 1, draw_boot=lambda: next(numbers))), Host(demo_device("a", 1))
+    for host in (own, seeded):
+        host.hear(1.0)
+        host.device.reboot()
+        host.hear(1.0)
+    assert [hello.boot for hello in own.hellos()] == [5, 6]
+    for mine, theirs in zip(own.data(), seeded.data(), strict=True):
+        assert np.array_equal(mine.gyro, theirs.gyro)
+
+
 def test_the_seed_and_the_name_decide_everything() -> None:
     def life(name: str, seed: int) -> bytes:
         return demo_device(name, seed).advance(5.0)
