@@ -166,6 +166,7 @@ class DeviceInfo:
     samples: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
+    trouble: str = ""  # what keeps it from being read, for a person; empty when all is well
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,7 @@ def encode_info(info: DeviceInfo) -> bytes:
         samples=info.samples,
         dropped=_clean_counts(info.dropped),
         events=_clean_counts(info.events),
+        trouble=clean(info.trouble, MAX_SENTENCE),
     ).SerializeToString()
 
 
@@ -73,6 +74,7 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
         samples=raw.samples,
         dropped=checks.counts(raw.dropped, "dropped"),
         events=checks.counts(raw.events, "events"),
+        trouble=checks.text(raw.trouble, "trouble", MAX_SENTENCE),
     )
 
 

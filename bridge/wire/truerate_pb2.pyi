@@ -99,7 +99,7 @@ class SampleBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., gyro: _Optional[_Iterable[float]] = ..., accel: _Optional[_Iterable[float]] = ..., temperature_c: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class DeviceInfo(_message.Message):
-    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events")
+    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events", "trouble")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -132,6 +132,7 @@ class DeviceInfo(_message.Message):
     SAMPLES_FIELD_NUMBER: _ClassVar[int]
     DROPPED_FIELD_NUMBER: _ClassVar[int]
     EVENTS_FIELD_NUMBER: _ClassVar[int]
+    TROUBLE_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     bridge: str
@@ -150,7 +151,8 @@ class DeviceInfo(_message.Message):
     samples: int
     dropped: _containers.ScalarMap[str, int]
     events: _containers.ScalarMap[str, int]
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ...) -> None: ...
+    trouble: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[str] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration")

@@ -84,6 +84,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
 INFOS = st.builds(
     DeviceInfo, st.just("d1"), st.just("b1"), U64, st.sampled_from(BootCause), TEXT, TEXT, TEXT, TEXT,
     st.floats(0, 1e6), st.floats(0, 1e9), st.floats(0, 1000), st.booleans(), st.booleans(), TIME, U64, LABELS, LABELS,
+    TEXT,
 )  # fmt: skip
 THREE = st.tuples(*[st.floats(-10, 10)] * 3)
 STDS = st.tuples(*[st.floats(0, 10)] * 3)
@@ -318,6 +319,16 @@ def test_a_wrong_key_is_refused(key: str, reason: Reason) -> None:
 def test_an_info_under_another_bridges_key_is_refused() -> None:
     key = keys.build("ward", "info", bridge="b2", device="d1")
     assert refused(codec.encode_info(SURE), key, codec.decode_info) is Reason.FOREIGN_ID
+
+
+def test_a_device_that_cannot_be_read_is_told_of_with_boot_0_and_its_trouble() -> None:
+    trouble = "/dev/x: missing; plug the device in"
+    unread = DeviceInfo(
+        "d1", "b1", 0, BootCause.UNKNOWN, "", "", "native", "/dev/x", 0, 0, 0, False, False, 1, trouble=trouble
+    )
+    assert codec.decode_info(INFO, codec.encode_info(unread)) == unread
+    long = dataclasses.replace(SURE, trouble="x\n" * 999)
+    assert len(codec.decode_info(INFO, codec.encode_info(long)).trouble) == 500
 
 
 def test_a_command_must_be_known_and_carry_a_request_id() -> None:
