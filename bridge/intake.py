@@ -19,7 +19,19 @@ _PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
 _RATE_WINDOW_S = 10.0
 _NO_TEMPERATURE = "temperature_missing"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
+_INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
 _MAX_COUNT = 2**62
+_NOBODY = Identity(
+    boot=0,
+    boot_cause=BootCause.UNKNOWN,
+    model="",
+    firmware="",
+    rate_hz=0.0,
+    gyro_range=0.0,
+    tick_period_s=0.0,
+    has_accel=False,
+    has_temperature=False,
+)
 
 Bools = NDArray[np.bool_]
 
@@ -48,8 +60,10 @@ class Intake:
 
     @property
     def boot(self) -> int | None:
-        """The boot as it is published; None before the device said any."""
-        return None if self._identity is None else (self._identity.boot + self._unsaid * _ODD) % 2**64
+        """The boot as it is published, never 0; None before the device said any."""
+        if self._identity is None:
+            return None
+        return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
 
     def take(self, event: Event) -> list[SampleBatch]:
         """What may be published of an event, in order."""
@@ -65,12 +79,12 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
-    def info(self, time_ns: int, faults: dict[str, int]) -> DeviceInfo | None:
-        """What is known of the device at time_ns; None before it said who it is. Its driver's faults become events."""
-        identity = self._identity
-        if identity is None:
-            return None
+    def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
+        """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
+        identity = self._identity or _NOBODY
         device, bridge, driver, place = self._names
+        if self._identity is None and not trouble:
+            trouble = f"{place}: nothing was heard of it yet"
         return DeviceInfo(
             device=device,
             bridge=bridge,
@@ -89,6 +103,7 @@ class Intake:
             samples=self.samples,
             dropped=self.dropped.as_dict(),
             events={**self.events.as_dict(), **faults},
+            trouble=trouble,
         )
 
     def _greet(self, identity: Identity) -> None:

@@ -22,7 +22,7 @@ class Taken(NamedTuple):
     """What the pump takes from a link: batches in order, the account after them, and whether the device is there."""
 
     batches: list[SampleBatch]
-    info: DeviceInfo | None
+    info: DeviceInfo
     there: bool
 
 
@@ -57,7 +57,7 @@ class Link:
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
-            return Taken(batches, self._intake.info(time.time_ns(), self._faults), self._there)
+            return Taken(batches, self._intake.info(time.time_ns(), self._faults, self._complaint), self._there)
 
     def lose(self, batches: list[SampleBatch]) -> None:
         """Batches that were taken could not be published."""

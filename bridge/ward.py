@@ -35,15 +35,17 @@ class Outlet:
         self._said_at_s = 0.0
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
-        """Batches, with the account of a new boot ahead of its first, and behind the last of all; raises BusError."""
+        """Batches, with the account of a new boot ahead of its first, and behind the last of all; raises BusError.
+
+        The account is of boot 0 while the device has not said who it is.
+        """
         info = taken.info
-        self._tell_alive(info.boot if info is not None and taken.there else None)
+        self._tell_alive(info.boot if info.boot and taken.there else None)
         for boot, batches in by_boot(taken.batches):
-            if info is not None and boot == info.boot:
+            if boot == info.boot:
                 self._tell(info, now_s)
             self._publish(batches)
-        if info is not None:
-            self._tell(info, now_s, at_once=last)
+        self._tell(info, now_s, at_once=last)
 
     def close(self) -> None:
         """Take everything back."""
@@ -58,7 +60,7 @@ class Outlet:
     def _tell(self, info: DeviceInfo, now_s: float, *, at_once: bool = False) -> None:
         """At a boot, soon after a change, and once a second."""
         said = self._said
-        changed = said is None or (said.dropped, said.events) != (info.dropped, info.events)
+        changed = said is None or _news(said) != _news(info)
         wait_s = _CHANGES_EVERY_S if changed else _INFO_EVERY_S
         if at_once or said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
             self._said, self._said_at_s = info, now_s
@@ -134,6 +136,11 @@ class Ward:
             except Exception:  # noqa: BLE001 - one device's fault must not stop the others
                 link.lose(taken.batches)
                 _log.exception("%s: cannot be published", link.device)
+
+
+def _news(info: DeviceInfo) -> tuple[dict[str, int], dict[str, int], str]:
+    """What is told soon after it changed; the rest waits for its second."""
+    return info.dropped, info.events, info.trouble
 
 
 def _link(device: Device, bridge: str) -> Link:

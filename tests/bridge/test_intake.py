@@ -49,7 +49,6 @@ def test_consecutive_readings_come_out_as_they_are() -> None:
     for batch in batches:
         codec.decode_samples(KEY, codec.encode_samples(batch))
     info = intake.info(NOW, {})
-    assert info is not None
     assert (info.boot, info.samples, info.dropped, info.events) == (7, 20, {}, {})
     account(intake)
 
@@ -57,12 +56,23 @@ def test_consecutive_readings_come_out_as_they_are() -> None:
 def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     intake = made()
     assert intake.take(readings(0)) == []
-    assert intake.info(NOW, {}) is None
+    info = intake.info(NOW, {})
+    assert (info.device, info.boot, info.boot_cause) == ("d", 0, BootCause.UNKNOWN)
+    assert info.trouble == "/dev/x: nothing was heard of it yet"
+    assert intake.info(NOW, {}, "/dev/x: busy").trouble == "/dev/x: busy"
     account(intake)
     intake.take(HELLO)
     assert intake.take(readings(5))[0].sequence == 5
     assert intake.events.as_dict() == {"before_identity": 5}
     account(intake)
+
+
+def test_a_device_that_says_boot_0_is_not_taken_for_one_that_is_not_heard() -> None:
+    intake = made()
+    intake.take(replace(HELLO, boot=0))
+    (batch,) = intake.take(readings(0, boot=0))
+    assert batch.boot == intake.info(NOW, {}).boot != 0
+    assert intake.info(NOW, {}).trouble == ""
 
 
 def test_a_hole_is_flagged_and_counted() -> None:
@@ -232,7 +242,6 @@ def test_host_times_never_lie_after_the_arrival_and_follow_device_time() -> None
         if i > 700:
             assert abs(batch.start_time_ns - NOW - (5 * i + 1) * DT * 1000) < 5_000_000
     info = intake.info(NOW, {})
-    assert info is not None
     assert info.measured_rate_hz == pytest.approx(100, rel=1e-3)
 
 

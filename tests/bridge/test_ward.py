@@ -104,8 +104,7 @@ def test_devices_are_published_whole_with_their_account_and_their_tokens(
             alive = {key.removeprefix("truerate/@v1/w/alive/") for key, there in listener.alive if there}
             assert alive == {"bridge/b1", f"device/d1/{boots[0]}", f"device/d2/{boots[1]}"}
         listener.hear()
-        gone = [key for key, there in listener.alive if not there]
-        assert len(gone) == 3
+        listener.until(lambda: [there for _, there in listener.alive].count(False) == 3)
     for device in ("d1", "d2"):
         assert unbroken(listener.batches[device])
         info = listener.infos[device]
@@ -146,6 +145,26 @@ def test_an_unplugged_device_comes_back_with_its_gap_in_sight(
     assert sum(after_gap) == 1
     assert listener.infos["d1"].events["missing_samples"] > 0
     assert len({batch.boot for batch in listener.batches["d1"]}) == 1
+
+
+def test_a_device_that_cannot_be_opened_is_told_of_with_its_trouble(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
+        port.unplug()
+        config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
+        with MemoryBus(broker) as bus, Ward("w", config, bus):
+            listener.until(lambda: any("missing; plug" in info.trouble for info in listener.infos.values()))
+            info = listener.infos["d1"]
+            assert (info.boot, info.bridge, info.driver, info.port) == (0, "b1", "native", str(port.link))
+            assert [key for key, _ in listener.alive] == ["truerate/@v1/w/alive/bridge/b1"]
+            port.plug()
+            listener.until(lambda: listener.count() > 50)
+            listener.until(lambda: not listener.infos["d1"].trouble)
+            assert listener.infos["d1"].boot == port.device.boot
+            port.unplug()
+            listener.until(lambda: bool(listener.infos["d1"].trouble))
+            assert listener.infos["d1"].boot == port.device.boot
 
 
 def test_a_router_that_goes_away_costs_nothing_within_the_cache(
@@ -238,14 +257,12 @@ def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptu
 
 def test_what_nobody_takes_is_bounded_and_counted() -> None:
     driver = Scripted([HELLO], *[[said(500 * i, 500)] for i in range(60)])
-    info = None
 
     def finished(link: Link) -> bool:
         return not driver._script
 
     taken = run(driver, finished).take()
     info = taken.info
-    assert info is not None
     assert sum(map(len, taken.batches)) == 20_000 == info.samples
     assert info.dropped == {"overflow": 10_000}
 
