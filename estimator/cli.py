@@ -21,6 +21,7 @@ from bridge.recording import load as load_recording
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Verdict
 from bridge.wire.refusal import Refusal
+from estimator.batch.methods import DEFAULT, METHODS
 
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -137,6 +138,7 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
+    verb.add_argument("--method", choices=METHODS, default=DEFAULT, help="how (default: %(default)s)")
     verb.add_argument(
         "--rate", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
     )
@@ -214,7 +216,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.report import as_json, as_table  # noqa: PLC0415
 
     recording = load_recording(given.file, given.rate)
-    result, passed_over = calibrate(recording, gyro_range=radians(given.range))
+    result, passed_over = calibrate(recording, given.method, radians(given.range))
     if given.json:
         print(json.dumps(as_json(result)))
     else:
