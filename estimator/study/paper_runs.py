@@ -36,7 +36,10 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Of n runs: error (2 methods, n, 6) in bias °/s and k; bound (n, 6) variances alike; nees (n,) of closure."""
+    """Of n runs: error (2 methods, n, 6) in bias °/s and k; nees (n,) of closure; bound (m, 6) variances of some of them.
+
+    The bound hardly differs from run to run of one parameter set: some of each set are enough.
+    """
 
     error: Floats
     bound: Floats
@@ -80,7 +83,7 @@ def _some(scenario: Scenario, noise_dps: float, number: int, first: int) -> Erro
         paper, ours = many.algorithm1(sessions), many.closure(many.evidence(sessions, replacement))
         error = ours.theta - truth
         nees = np.einsum("si,si->s", error, np.linalg.solve(ours.covariance, error[..., None])[..., 0])
-        bound = many.bound(sessions, np.radians(noise_dps), replacement)
+        bound = many.bound(sessions, np.radians(noise_dps), replacement) if first == 0 else np.empty((0, 6))
         parts.append(Errors(unit * np.stack([paper.theta - truth, error]), unit**2 * bound, nees))
     return _joined(parts)
 
