@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, to_rotvec
 
 _DEGREE = 5
-_HARMONICS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class PaperPlan:
-    """What a study varies. noise_dps: white, °/s; angles in degrees as in SessionPlan; times in s."""
+    """What a study varies. noise_dps: white, °/s; times in s.
+
+    wobble_deg: how far the device swings to either side about each of the two axes across a turn, which still closes.
+    replacement_deg: by how much a turn misses its start, standard deviation per axis.
+    """
 
     noise_dps: float = 0.03
     wobble_deg: float = 0.0
@@ -79,8 +82,9 @@ def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array
     if not plan.wobble_deg and not plan.replacement_deg:
         return np.asarray((np.diff(angle) * plan.rate_hz)[..., None] * gyro.axes[:, None])
     spin = angle[..., None] * gyro.axes[:, None]
-    harmonics = _wobble(np.radians(plan.wobble_deg), len(counts), rng)
-    tilt = np.sin(np.pi * done[..., None] * np.arange(1, _HARMONICS + 1)) @ harmonics
+    # Whole half swings, so that a turn closes: three to ten, some 0.3 to 1 Hz.
+    swings = rng.integers(3, 11, (*counts.shape, 1, 3)) * rng.choice([-1.0, 1.0], (*counts.shape, 1, 3))
+    tilt = np.radians(plan.wobble_deg) * np.sin(np.pi * done[..., None] * swings) * (1 - np.eye(3))[:, None]
     miss = done[..., None] * np.radians(plan.replacement_deg) * rng.standard_normal((*counts.shape, 1, 3))
     attitude = multiply(
         multiply(*(from_rotvec(v.reshape(-1, 3)) for v in (spin, tilt))), from_rotvec(miss.reshape(-1, 3))
@@ -106,10 +110,3 @@ def _bezier(speed: Array, counts: NDArray[np.int_], n: int) -> Array:
     for j in range(degree, -1, -1):
         done = done * u + coefficients[..., j, None]
     return done
-
-
-def _wobble(size: float, sessions: int, rng: np.random.Generator) -> Array:
-    """(s, 3, h, 3) harmonics of a tilt about the axes across each turn whose greatest angle is size rad."""
-    harmonics = rng.standard_normal((sessions, 3, _HARMONICS, 3)) * (1 - np.eye(3))[:, None]
-    path = np.sin(np.pi * np.linspace(0, 1, 101)[:, None] * np.arange(1, _HARMONICS + 1)) @ harmonics
-    return np.asarray(size * harmonics / np.linalg.norm(path, axis=-1).max(axis=-1)[..., None, None])

@@ -5,7 +5,7 @@ named with its size: noise, a bias that moves, rounding, and how well a hand put
 the tilt after a turn is measured instead of assumed. The equations are in closure_fit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.special import chdtri
 
 from estimator import rotation
 from estimator.batch.capture import Capture, Rest, TurnCapture
-from estimator.batch.closure_fit import Evidence, fit
+from estimator.batch.closure_fit import Evidence, Fit, fit
 from estimator.gyro import reading_std
 
 Floats = NDArray[np.float64]
@@ -29,14 +29,16 @@ class ClosureKnobs:
     #: rad about the vertical, which an accelerometer does not see: a quarter of a millimetre over an edge of 5 cm
     heading_std: float = radians(0.3)
     #: rad of tilt that an accelerometer errs by in two rests in the same pose, beside its noise
-    tilt_floor: float = radians(0.1)
+    tilt_floor: float = radians(0.05)
     #: relative error of an accelerometer (scale, misalignment, bias over g): so much of a tilt that it sees
     tilt_share: float = 0.02
+    #: of each element that takes the gyro's axes to orthogonal ones: not estimated here, and felt where a turn tilts
+    misalignment_std: float = 0.01
     #: rad/s per root second that a bias moves, as in tracking
     rate_random_walk: float = radians(2e-3)
     #: output rates, Hz, below which a rate's change of direction within a sample is made good
     coning_below_hz: float = 50.0
-    #: residuals less probable than this make the covariance larger, by as much as they are larger than it says
+    #: where residuals are less probable than this, the hand, or the bias, is taken to be as bad as they show
     honest_p: float = 0.01
 
 
@@ -50,7 +52,7 @@ class Closure:
 
     turn_bias (3, 3): the bias during each turn, where a bias that moves was likeliest then.
     residual (3, 3) rad: by what each turn does not close, in the frame it started in, beyond a tilt that was measured.
-    misfit (3,): how unlikely that is, as chi-square of 3 degrees of freedom. chi2, dof: of all residuals.
+    misfit (3,): how unlikely that is under the knobs, as chi-square of 3 degrees of freedom. chi2, dof: of all residuals.
     """
 
     k: Floats
@@ -69,25 +71,41 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     """The calibration of one session; raises NotConverged."""
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
-    found = fit(evidence(capture, knobs))
+    told = evidence(capture, knobs)
+    first = found = fit(told)
+    if first.converged[0]:
+        shown = _as_shown(told, first, knobs)
+        found = first if shown is told else fit(shown)
     if not found.converged[0] or np.any(found.k[0] > 100):
         raise NotConverged(
             f"no scale factors close the three turns (after {found.iterations} steps k = {np.round(found.k[0], 3)})"
         )
-    chi2, dof = float(found.chi2[0]), 3 * len(rests) + 3
-    excess = chi2 / dof if chi2 > chdtri(dof, knobs.honest_p) else 1.0
     return Closure(
         k=found.k[0],
         bias=found.b[0],
-        covariance=excess * found.covariance[0],
+        covariance=found.covariance[0],
         time=rests[-1].middle,
         turn_bias=found.turn_b[0],
         residual=found.f[0],
-        misfit=found.misfit[0],
-        chi2=chi2,
-        dof=dof,
+        misfit=first.misfit[0],
+        chi2=float(first.chi2[0]),
+        dof=3 * len(rests) + 3,
         iterations=found.iterations,
     )
+
+
+def _as_shown(told: Evidence, found: Fit, knobs: ClosureKnobs) -> Evidence:
+    """The evidence with errors of turns, or of rests, as large as their residuals; unchanged where these are as told."""
+    # A turn's residual along its axis went into k, and one rest's into the bias.
+    turn_dof, rest_dof = 6, 3 * told.rest.shape[1] - 3
+    turns, rests = float(found.misfit[0].sum()), float(found.rest_misfit[0])
+    shown = told
+    if turns > chdtri(turn_dof, knobs.honest_p):
+        shown = replace(shown, end_cov=told.end_cov + (turns / turn_dof - 1) * found.f_cov)
+    if rest_dof and rests > chdtri(rest_dof, knobs.honest_p):
+        larger = rests / rest_dof
+        shown = replace(shown, rest_var=larger * told.rest_var, walk=larger * told.walk)
+    return shown
 
 
 def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
@@ -112,6 +130,7 @@ def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
         walk=knobs.rate_random_walk**2 * _walk(rests, turns)[None],
         end=np.array([[end for end, _ in ends]]),
         end_cov=np.array([[cov for _, cov in ends]]),
+        misalignment_var=knobs.misalignment_std**2,
         coning=1 / float(np.median(np.diff(turns[0].samples.time))) < knobs.coning_below_hz,
     )
 

@@ -14,8 +14,9 @@ Jacobian of SO(3). Taken here as (C_(t-1) + C_t)/2 dt: the difference is (rate d
 
     A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
 
-At the true b and k, f_j = w_j + mean noise and f_i = J (A_i w_i + sum P_t K noise_t) + what the hand or the
-accelerometer missed. Samples of a rest that are in the integral of a turn too make the two depend on each other.
+At the true b and k, f_j = w_j + mean noise and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + what the hand or
+the accelerometer missed; E, the misalignment of the gyro's axes, has a zero diagonal, is not estimated, and is the same in
+all turns. Samples of a rest that are in the integral of a turn too make the two depend on each other.
 
 Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
 The information in how S itself depends on k is left out: some 1e-6 of the rest.
@@ -54,6 +55,8 @@ class Evidence:
     #: (s, 3, 3, 3) ends of the turns as measured or assumed, and their covariance in the frame of the start
     end: Floats
     end_cov: Floats
+    #: variance of each element of E
+    misalignment_var: float = 0.0
     #: whether steps are mean rates of intervals so long that their direction changes within
     coning: bool = False
 
@@ -63,7 +66,8 @@ class Fit:
     """b (s, 3), k (s, 3), covariance (s, 6, 6) of both; what remains of s sessions.
 
     turn_b (s, 3, 3): the likeliest bias during each turn, b and its way; f (s, 3, 3): the turns' residuals at that bias.
-    misfit (s, 3): the turns' residuals at b, squared over their covariance; chi2 (s,): so of all residuals together.
+    f_cov (s, 3, 3, 3): the covariance of the turns' residuals at b; misfit (s, 3), rest_misfit (s,), chi2 (s,): of the
+    turns, of the rests and of all together, residuals at b squared over their covariance.
     """
 
     b: Floats
@@ -71,7 +75,9 @@ class Fit:
     covariance: Floats
     turn_b: Floats
     f: Floats
+    f_cov: Floats
     misfit: Floats
+    rest_misfit: Floats
     chi2: Floats
     converged: NDArray[np.bool_]
     iterations: int
@@ -105,13 +111,16 @@ def _found(
     f_turn = f.reshape(s, r + 3, 3)[:, r:]
     turns = np.arange(r, r + 3)
     f_cov = np.moveaxis(S.reshape(s, r + 3, 3, r + 3, 3)[:, turns, :, turns], 0, 1)
+    f_rest, rest_cov = f[:, : 3 * r], S[:, : 3 * r, : 3 * r]
     return Fit(
         b=theta[:, :3],
         k=theta[:, 3:],
         covariance=np.asarray(np.linalg.inv(F.swapaxes(-1, -2) @ explained[..., :6])),
         turn_b=theta[:, None, :3] + way,
         f=f_turn - (A[:, r:] @ way[..., None])[..., 0],
+        f_cov=f_cov,
         misfit=np.einsum("sti,sti->st", f_turn, np.linalg.solve(f_cov, f_turn[..., None])[..., 0]),
+        rest_misfit=np.einsum("si,si->s", f_rest, np.linalg.solve(rest_cov, f_rest[..., None])[..., 0]),
         chi2=np.einsum("si,si->s", f, explained[..., 6]),
         converged=converged,
         iterations=iterations,
@@ -147,12 +156,20 @@ def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats
 
     A = np.empty((s, r + 3, 3, 3))
     A[:, :r] = np.eye(3)
-    A[:, r:] = J @ np.einsum("...tij,...t->...ij", C, _middles(evidence.dt, -1)) * k[:, None, None]
+    # One product of matrices makes both sums: of P_t, and of column i of P_t times element j of the reading.
+    columns = C.reshape(*C.shape[:3], 9).swapaxes(-1, -2)
+    sums = columns @ _middles(np.concatenate([evidence.dt[..., None], read], axis=-1))
+    A[:, r:] = J @ sums[..., 0].reshape(s, 3, 3, 3) * k[:, None, None]
+    by_E = (J @ sums[..., 1:].reshape(s, 3, 3, 9)).reshape(s, 3, 3, 3, 3)
     F = np.zeros((s, r + 3, 3, 6))
     F[..., :3] = -A
-    F[:, r:, :, 3:] = J @ np.einsum("...tij,...tj->...ij", C, _middles(read, -2))
+    F[:, r:, :, 3:] = np.einsum("...aii->...ai", by_E)
     f = np.concatenate([evidence.rest - b[:, None], f_turn], axis=1)
     S = _covariance(evidence, k, C, J, A)
+    if evidence.misalignment_var:
+        # With M = K (I + E), an element E_ij makes axis i turn k_i times the reading of axis j.
+        unknown = (by_E * k[:, None, None, :, None])[..., ~np.eye(3, dtype=bool)].reshape(s, 9, 6)
+        S[:, 3 * r :, 3 * r :] += evidence.misalignment_var * unknown @ unknown.swapaxes(-1, -2)
     return f.reshape(s, -1), F.reshape(s, -1, 6), S
 
 
@@ -186,11 +203,12 @@ def _noise(evidence: Evidence, k: Floats, C: Floats) -> Floats:
     return result
 
 
-def _middles(values: Floats, axis: int) -> Floats:
-    """What multiplies C_0 … C_n when values of n samples multiply (C_(t-1) + C_t)/2: means of neighbours, 0 beyond."""
-    zero = np.zeros_like(values.take([0], axis))
-    result: Floats = (np.concatenate([zero, values], axis) + np.concatenate([values, zero], axis)) / 2
-    return result
+def _middles(values: Floats) -> Floats:
+    """What multiplies C_0 … C_n when values (…, n, m) multiply (C_(t-1) + C_t)/2: means of neighbours, 0 beyond."""
+    result = np.zeros((*values.shape[:-2], values.shape[-2] + 1, values.shape[-1]))
+    result[..., 1:, :] = values
+    result[..., :-1, :] += values
+    return result / 2
 
 
 def left_jacobian_inverse(vector: Floats) -> Floats:
