@@ -46,5 +46,9 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study algorithm1
 
+# Measurements, with no verdict: recovery times of a ward.
+bench: setup-dev
+	$(BIN)/python -m tests.bench.recovery
+
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -140,10 +140,10 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("--method", choices=METHODS, default=DEFAULT, help="how (default: %(default)s)")
     verb.add_argument(
-        "--rate", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
     )
     verb.add_argument(
-        "--range", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
     )
 
 
@@ -230,8 +230,8 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json, as_table  # noqa: PLC0415
 
-    recording = load_recording(given.file, given.rate)
-    result, passed_over = calibrate(recording, given.method, radians(given.range))
+    recording = load_recording(given.file, given.rate_hz)
+    result, passed_over = calibrate(recording, given.method, radians(given.range_dps))
     if given.json:
         print(json.dumps(as_json(result)))
     else:

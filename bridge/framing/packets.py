@@ -1,11 +1,12 @@
 """The packets of the native serial protocol, little-endian, each in one frame.
 
-    HELLO     01 version boot tick_period_s rate_hz gyro_range has model\\0firmware   device -> host, at boot, once a second and when asked
-    DATA      02 n boot sequence ticks[n] (gyro[3] accel[3] temperature)[n]           device -> host
-    IDENTIFY  81                                                                      host -> device: say hello
+    HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
+    DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
+    IDENTIFY  81                                                                        host -> device: say HELLO
 
-`boot` is a number drawn at power-up, `sequence` counts samples since then, `ticks` is the device's clock (32 bits, wraps).
-Gyro in rad/s, accelerometer in m/s², temperature in °C, as float32; `has` says which of the last two are real.
+A device says HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
+samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
+°C, as float32; `has` says which of the last two are real.
 """
 
 import struct

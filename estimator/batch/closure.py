@@ -29,7 +29,7 @@ class ClosureKnobs:
     #: rad about the vertical, which an accelerometer does not see: a quarter of a millimetre over an edge of 5 cm
     heading_std: float = radians(0.3)
     #: rad of tilt that an accelerometer errs by in two rests in the same pose, beside its noise
-    tilt_floor: float = radians(0.05)
+    tilt_floor: float = radians(0.1)
     #: relative error of an accelerometer (scale, misalignment, bias over g): so much of a tilt that it sees
     tilt_share: float = 0.02
     #: of each element that takes the gyro's axes to orthogonal ones: not estimated here, and felt where a turn tilts

@@ -19,6 +19,8 @@ log = logging.getLogger(__name__)
 
 MAX_DEVICES = 4096
 STATUS_S, CHECKPOINT_S, HISTORY_S = 1.0, 5.0, 60.0
+#: how long the last samples are corrected after a stop was asked for
+DRAIN_S = 2.0
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
 CORRECTED_CACHE, CALIBRATION_CACHE = 512, 8
 
@@ -73,7 +75,9 @@ class Service:
         log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store.path)
         while not stop.is_set():
             self.step(0.05)
-        self.step(0.0)
+        deadline = time.monotonic() + DRAIN_S
+        while self.step(0.0) and time.monotonic() < deadline:
+            pass
         for device in self._devices.values():
             self._checkpoint(device, time.monotonic(), force=True)
         for thing in (
@@ -85,8 +89,8 @@ class Service:
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
-    def step(self, timeout_s: float) -> None:
-        """One round: what has come in, what was asked, what is due."""
+    def step(self, timeout_s: float) -> int:
+        """One round: what has come in, what was asked, what is due. How many sample messages came."""
         messages = self._raw.drain(512, timeout_s)
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)
@@ -101,6 +105,7 @@ class Service:
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
+        return len(messages)
 
     def _on_info(self, info: DeviceInfo) -> None:
         new = info.device not in self._infos or self._infos[info.device].boot != info.boot

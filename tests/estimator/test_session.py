@@ -290,6 +290,23 @@ def test_asking_for_a_recalibration_makes_no_doubt_go_away(once: Stream) -> None
     assert device.status(1).quality is Quality.DEGRADED
 
 
+def test_a_new_calibration_ends_a_doubt_at_once(once: Stream) -> None:
+    device = calibrated(once)
+    doubtful = off(once, 0.6, 20.0)
+    feed(device, doubtful.batches(first=len(once)))
+    assert device.recalibrate("nurse", "") is None
+    more = again(once)
+    more = replace(
+        more, ticks=more.ticks + doubtful.ticks[-1] - once.ticks[-1], gyro=more.gyro + np.radians([0, 0, 0.6])
+    )
+    outcome = feed(device, more.batches(first=len(once) + len(doubtful)))
+    assert outcome.calibration is not None
+    new = [b for b in outcome.corrected if b.calibration == outcome.calibration.id]
+    old = [b for b in outcome.corrected if b.calibration != outcome.calibration.id]
+    assert {b.quality for b in old} == {Quality.DEGRADED}
+    assert {b.quality for b in new} == {Quality.GOOD}
+
+
 def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream) -> None:
     knobs = SessionKnobs(evidence_age_s=60.0)
     device = DeviceSession(NAME, knobs)

@@ -27,8 +27,8 @@ def ignored(of: Stream, *, accel: bool = True, clipped: slice | None = None) -> 
     return [p.no_turn.reason for p in progress(of, accel=accel, clipped=clipped) if isinstance(p, Ignored)]
 
 
-def capture(of: Stream) -> Capture:
+def capture(of: Stream, *, accel: bool = True) -> Capture:
     """The three turns of a stream, in the order x, y, z."""
-    found = turns(of)
+    found = turns(of, accel=accel)
     x, y, z = sorted(found, key=lambda turn: turn.axis)
     return Capture(found[0].before, (x, y, z))

@@ -34,7 +34,7 @@ def test_a_session_has_four_rests_each_with_the_one_before() -> None:
 
 def test_rests_hold_no_movement_and_movements_hold_all_of_it() -> None:
     of = calibration(seed=5, plan=SessionPlan(turn_s=(4.0, 5.0), wobble_deg=2.0))
-    turning = np.linalg.norm(of.rate, axis=1) > np.radians(1.0)
+    turning = np.linalg.norm(of.rate, axis=1) > np.radians(0.3)
     history = History()
     history.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
     stages = Stages(history)

@@ -1,0 +1,80 @@
+"""Are the gyro's axes the accelerometer's? Gravity carried by the gyro through a movement, against gravity as measured in it.
+
+A mirrored or swapped gyro closes a 360-degree turn as well as a right one; only gravity on the way tells. All 48 signed
+permutations of the axes are tried; each movement votes with the logarithm of its misfit, so that a vigorous movement does
+not outvote a calm one. A turn about the vertical says nothing, and an accelerometer is needed.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from estimator import rotation
+from estimator.batch.capture import Rest, Samples
+from estimator.gyro import AXES
+
+Floats = NDArray[np.float64]
+
+#: (48, 3, 3) every signed permutation, the identity first
+MAPPINGS: Floats = np.array(
+    sorted(
+        (
+            np.eye(3)[list(order)] * np.array(signs)[:, None]
+            for order in itertools.permutations(range(3))
+            for signs in itertools.product((1.0, -1.0), repeat=3)
+        ),
+        key=lambda mapping: -np.trace(mapping),
+    )
+)
+_STEP_S = 0.04
+#: misfit (of gravity squared) below which differences are noise
+_FLOOR = 3e-4
+#: how much better another mapping must fit, in natural logarithms over all movements: right ones lead by 4 and more
+_LEAD = 2.0
+
+
+def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:
+    """What is wrong with the axes in words, or None when nothing is, or nothing can be said.
+
+    movements: the rest before each and its samples; matrix (3, 3) takes readings to rates in the gyro's own axes.
+    """
+    seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and samples.accel is not None]
+    if not seen:
+        return None
+    score = sum((np.log(misfit(rest, samples, matrix) + _FLOOR) for rest, samples in seen), np.zeros(len(MAPPINGS)))
+    best = int(np.argmin(score))
+    if score[0] - score[best] < _LEAD:
+        return None
+    return f"the gyro's axes are not the accelerometer's: {in_words(MAPPINGS[best])}"
+
+
+def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
+    """(48,) mean squared difference of gravity carried and measured under each mapping, in units of gravity squared."""
+    if rest.accel is None or samples.accel is None:
+        raise ValueError("gravity is measured by an accelerometer only")
+    dt = rotation.intervals(samples.time)
+    block = max(1, round(_STEP_S / float(np.median(dt))))
+    n = len(samples) // block
+    turned = ((samples.gyro - rest.bias) @ matrix.T * dt[:, None])[: n * block].reshape(n, block, 3).sum(axis=1)
+    measured = samples.accel[: n * block].reshape(n, block, 3).mean(axis=1)
+    vectors = np.einsum("mij,tj->mti", MAPPINGS, turned).reshape(-1, 3)
+    steps = Rotation.from_rotvec(vectors).as_matrix().reshape(len(MAPPINGS), n, 3, 3)
+    gravity = np.broadcast_to(rest.accel, (len(MAPPINGS), 3))
+    total = np.zeros(len(MAPPINGS))
+    for t in range(n):
+        gravity = np.einsum("mji,mj->mi", steps[:, t], gravity)  # a fixed vector, seen from the body one step later
+        total += np.sum((measured[t] - gravity) ** 2, axis=1)
+    return np.asarray(total / n / (rest.accel @ rest.accel))
+
+
+def in_words(mapping: Floats) -> str:
+    """A mapping as people would correct it: which reading is which axis."""
+    rows = [int(np.argmax(np.abs(row))) for row in mapping]
+    signs = ["−" if mapping[axis, row] < 0 else "" for axis, row in enumerate(rows)]
+    changed = [
+        f"{AXES[axis]} is {signs[axis]}{AXES[row]}" for axis, row in enumerate(rows) if row != axis or signs[axis]
+    ]
+    return ", ".join(changed) + " of what the gyro reports"

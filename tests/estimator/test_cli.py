@@ -1,0 +1,150 @@
+"""The command line as people use it: what it prints, what it says of mistakes, and its exit codes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.sim.script import TurnPlan
+from bridge.sim.session import Session, simulate_session
+from estimator.cli import main
+
+ROOT = Path(__file__).parents[2]
+Floats = NDArray[np.float64]
+
+
+def save(path: Path, session: Session, gyro: Floats | None = None) -> str:
+    np.savez(path, gyro_rad_s=session.gyro if gyro is None else gyro, accel_m_s2=session.accel, rate_hz=session.rate_hz)
+    return str(path)
+
+
+def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = simulate_session(4)
+    assert main(["calibrate", save(tmp_path / "good.npz", session), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "accepted"
+    assert np.array(found["matrix"]).shape == (3, 3)
+    assert np.diag(found["matrix"]) == pytest.approx(session.truth.k, abs=2e-4)
+    assert found["bias_rad_s"] == pytest.approx(list(session.bias[0]), abs=np.radians(0.01))
+    assert np.array(found["covariance"]).shape == (len(found["parameters"]),) * 2
+    assert found["method"]
+    assert found["reason"]
+    assert sorted(turn["axis"] for turn in found["turns"]) == ["x", "y", "z"]
+    assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
+
+
+def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
+    assert "accepted" in capsys.readouterr().out
+
+
+def a_missing_turn() -> tuple[Session, Floats | None]:
+    return simulate_session(4, turns=(TurnPlan(0), TurnPlan(2))), None
+
+
+def a_turn_that_does_not_close() -> tuple[Session, Floats | None]:
+    return simulate_session(4, replacement_deg=12.0), None
+
+
+def half_a_turn() -> tuple[Session, Floats | None]:
+    return simulate_session(4, turns=(TurnPlan(0), TurnPlan(1, 180.0), TurnPlan(2))), None
+
+
+def clipped_rates() -> tuple[Session, Floats | None]:
+    session = simulate_session(4)
+    limit = np.radians(60.0)
+    return session, np.clip(session.gyro, -limit, limit)
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (a_missing_turn, "no full turn about y"),
+        (half_a_turn, "not a full turn"),
+        (a_turn_that_does_not_close, "tilted"),
+        (clipped_rates, "faster than the gyro's range"),
+    ],
+)
+def test_a_bad_session_is_not_accepted_and_says_why(
+    bad: object, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert callable(bad)
+    session, gyro = bad()
+    path = save(tmp_path / "bad.npz", session, gyro)
+    assert main(["calibrate", path, "--json", "--range-dps", "60" if gyro is not None else "0"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] in ("repeat", "refused")
+    assert words in found["reason"]
+
+
+def test_a_recording_with_nan_is_refused_with_the_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = simulate_session(4)
+    gyro = session.gyro.copy()
+    gyro[123, 1] = np.nan
+    assert main(["calibrate", save(tmp_path / "nan.npz", session, gyro)]) == 1
+    assert "sample 123" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["watch", "recalibrate", "cancel"])
+def test_a_device_with_a_slash_is_wrong_use(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([verb, "chest/../x"]) == 2
+    assert "not valid" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["watch", "chest", "--seconds", "1"], ["devices"], ["recalibrate", "chest"]])
+def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, "--connect", "tcp/127.0.0.1:1"]) == 1
+    said = capsys.readouterr().err
+    assert "truerate router" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["demo.toml", "ward.toml"])
+def test_shipped_configurations_are_right(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config", "check", str(ROOT / "configs" / name)]) == 0
+    assert "right" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("store =", "stor ="), ["[estimator]", "'stor'", "'store'"]),
+        (("batch_ms", "batch_mss"), ["[bridge]", "'batch_mss'", "'batch_ms'"]),
+        (('driver = "simulated"', 'driver = "simulate"'), ["#1", "'simulate'", "'simulated'"]),
+        (('id = "chest"', 'id = "che/st"'), ["#1", "che/st", "not valid"]),
+        (('id = "estimator-1"', 'id = "estimator-1"\nmethod = "turn36"'), ["'turn36'", "'turn360'"]),
+    ],
+)
+def test_a_wrong_configuration_names_file_table_key_and_the_nearest_name(
+    change: tuple[str, str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (ROOT / "configs" / "demo.toml").read_text(encoding="utf-8")
+    assert change[0] in text
+    path = tmp_path / "wrong.toml"
+    path.write_text(text.replace(*change, 1), encoding="utf-8")
+    assert main(["config", "check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "wrong.toml" in said
+    for word in words:
+        assert word in said
+
+
+def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "none.toml"
+    path.write_text('ward = "w"\n', encoding="utf-8")
+    assert main(["estimator", "serve", str(path)]) == 2
+    assert "[estimator]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
+     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"]],
+)  # fmt: skip
+def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--help"])
+    assert ended.value.code == 0
+    assert len(capsys.readouterr().out) > 100

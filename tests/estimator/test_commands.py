@@ -1,0 +1,118 @@
+import threading
+from collections.abc import Callable
+from typing import Self
+
+import pytest
+
+from bridge.wire import codec, keys
+from bridge.wire.messages import Command, CommandReply
+from estimator.service import commands
+from estimator.service.commands import Commands
+
+KEY = keys.build("w", "rpc", device="chest", verb="recalibrate")
+
+
+class Worker:
+    """Does as the service: works until told to stop."""
+
+    def __init__(self, desk: Commands) -> None:
+        self.done: list[tuple[str, str]] = []
+        self._desk, self._stop = desk, threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.002):
+            self._desk.work(self.do)
+
+    def do(self, key: keys.Key, command: Command) -> CommandReply:
+        self.done.append((key.ids["verb"], command.request_id))
+        return CommandReply(command.request_id, accepted=True, message=f"number {len(self.done)}")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+def ask(desk: Commands, request_id: str = "r1", key: str = KEY) -> CommandReply:
+    return codec.decode_reply(desk.ask(key, codec.encode_command(Command(request_id, "nurse", ""))))
+
+
+def test_a_command_is_done_once_however_often_it_is_sent() -> None:
+    desk = Commands()
+    with Worker(desk) as worker:
+        first, second, other = ask(desk), ask(desk), ask(desk, "r2")
+    assert first == second == CommandReply("r1", accepted=True, message="number 1")
+    assert other.message == "number 2"
+    assert worker.done == [("recalibrate", "r1"), ("recalibrate", "r2")]
+
+
+def test_one_request_id_for_two_devices_or_verbs_is_two_requests() -> None:
+    desk = Commands()
+    with Worker(desk) as worker:
+        for device, verb in (("chest", "recalibrate"), ("back", "recalibrate"), ("chest", "cancel")):
+            ask(desk, "r1", keys.build("w", "rpc", device=device, verb=verb))
+    assert len(worker.done) == 3
+
+
+@pytest.mark.parametrize(
+    ("key", "payload"),
+    [
+        ("truerate/@v1/w/rpc/chest/explode", codec.encode_command(Command("r", "n", ""))),
+        ("truerate/@v1/w/rpc/*/cancel", codec.encode_command(Command("r", "n", ""))),
+        ("truerate/@v1/w/rpc/a b/cancel", codec.encode_command(Command("r", "n", ""))),
+        (KEY, b""),
+        (KEY, b"\xff\xff\xff"),
+        (KEY, codec.encode_command(Command("", "n", ""))),
+    ],
+)
+def test_what_is_no_command_is_answered_with_the_reason(key: str, payload: bytes) -> None:
+    with Worker(Commands()) as worker:
+        reply = codec.decode_reply(Commands().ask(key, payload))
+    assert not reply.accepted
+    assert len(reply.message) > 10
+    assert worker.done == []
+
+
+def test_a_service_that_does_not_come_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "ANSWER_S", 0.05)
+    desk = Commands()
+    reply = ask(desk)
+    assert not reply.accepted
+    assert "too busy" in reply.message
+    # It is done after all; asked again, the truth is told and it is not done twice.
+    monkeypatch.undo()
+    with Worker(desk) as worker:
+        assert ask(desk).accepted
+    assert worker.done == [("recalibrate", "r1")]
+
+
+def test_too_many_at_once_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "ANSWER_S", 1.0)
+    desk = Commands()
+    replies: list[CommandReply] = []
+
+    def run(job: Callable[[], CommandReply]) -> None:
+        replies.append(job())
+
+    threads = [threading.Thread(target=run, args=(lambda n=n: ask(desk, f"r{n}"),)) for n in range(80)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sum("too many" in r.message for r in replies) == 80 - 64
+    assert not any(r.accepted for r in replies)
+
+
+def test_answers_are_forgotten_oldest_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "_REMEMBERED", 3)
+    desk = Commands()
+    with Worker(desk) as worker:
+        for n in range(5):
+            ask(desk, f"r{n}")
+        assert ask(desk, "r4").message == "number 5"
+        assert ask(desk, "r0").message == "number 6"
+    assert len(worker.done) == 6

@@ -1,0 +1,284 @@
+"""The service over the bus in memory, fed with a simulated device; its rounds are made by the test itself."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.bus.contract import Subscription
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import CommandReply, DeviceInfo, Quality, SampleBatch, State, Status, Verdict
+from estimator.client import Client, Corrected
+from estimator.config import Estimator
+from estimator.service import shell
+from estimator.service.shell import Service
+from estimator.service.store import Store, StoreError
+from tests.estimator.stream import NAME, Stream, calibration, info, rates
+
+WARD = "w"
+SETTINGS = Estimator(id="e1", silence_s=0.2)
+
+
+class Ward:
+    """A broker with one estimator, which may be restarted, and a bridge's publishers."""
+
+    def __init__(self, folder: Path) -> None:
+        self.broker = MemoryBroker()
+        self.path = folder / "store.sqlite3"
+        self._bridge = MemoryBus(self.broker)
+        self._raw = self._bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=64)
+        self._info = self._bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
+        self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
+        self.subscriber: Corrected = self.client.corrected(idle_s=0.05)
+        self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
+        self.start()
+
+    def start(self) -> None:
+        self.store = Store(self.path)
+        self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
+        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: 1_700_000_000_000_000_000)
+
+    def kill(self) -> None:
+        """Nothing is said or written any more; what was written is there."""
+        for bus in self._buses:
+            bus.close()
+        self.store.close()
+
+    def send(self, batches: list[SampleBatch], of: DeviceInfo | None = None) -> None:
+        if of is not None:
+            self._info.put(codec.encode_info(of))
+        for start in range(0, len(batches), 100):
+            for batch in batches[start : start + 100]:
+                self._raw.put(codec.encode_samples(batch))
+            self.service.step(0.0)
+        self.service.step(0.0)
+
+    def put(self, payload: bytes, **ids: str) -> None:
+        MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)
+        self.service.step(0.0)
+
+    def latest(self) -> Status:
+        """The status, published anew."""
+        self.service._every_second(time.monotonic())
+        message = self.status.drain(100_000, 0.5)[-1]
+        return codec.decode_status(message.key, message.payload)
+
+    def command(self, ask: Callable[[], CommandReply]) -> CommandReply:
+        """Ask from another thread while the service makes its rounds."""
+        replies: list[CommandReply] = []
+        thread = threading.Thread(target=lambda: replies.append(ask()))
+        thread.start()
+        while thread.is_alive():
+            self.service.step(0.005)
+        thread.join()
+        return replies[0]
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1)
+
+
+@pytest.fixture(scope="module")
+def other_boot() -> Stream:
+    return calibration(seed=2)
+
+
+def test_it_calibrates_stores_and_publishes(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    batches = list(ward.subscriber)
+    np.testing.assert_array_equal(np.concatenate([b.ticks for b in batches]), once.ticks)
+    assert batches[-1].quality is Quality.GOOD
+    assert np.degrees(np.abs(rates(batches[-10:]) - once.rate[-len(rates(batches[-10:])) :])).max() < 0.2
+    (published,) = ward.client.calibrations(wait_s=0.05)
+    (stored,) = ward.store.calibrations(NAME)
+    assert published.id == stored.id == batches[-1].calibration
+    np.testing.assert_allclose(np.diag(stored.matrix), once.truth.k, atol=2e-4)
+    assert (stored.model, stored.firmware, stored.verdict) == ("m", "1.0", Verdict.ACCEPTED)
+    remembered = ward.store.recall(NAME, 1)
+    assert remembered is not None
+    assert remembered.bias is not None
+    status = ward.latest()
+    assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
+    assert status.samples_in == status.samples_out == len(once)
+
+
+def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    list(ward.subscriber)
+    early = other_boot.batches(boot=2)
+    ward.send(early[:30], info(2))
+    after = list(ward.subscriber)
+    assert {b.boot for b in after} == {2}
+    assert {b.quality for b in after} == {Quality.PRIOR}, "the same hardware: its scale is a prior"
+    assert "restarted" in ward.latest().reason or "still" in ward.latest().reason
+    ward.send(once.batches(boot=1)[-5:])
+    ward.send(early[30:])
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    assert len(ward.store.calibrations(NAME)) == 2
+    status = ward.latest()
+    assert status.dropped == {"old_boot": sum(map(len, once.batches()[-5:]))}
+    assert status.samples_in == status.samples_out + sum(status.dropped.values())
+
+
+@pytest.mark.parametrize("change", ["firmware", "model"])
+def test_other_hardware_under_the_same_name_has_no_prior(ward: Ward, once: Stream, change: str) -> None:
+    ward.send(once.batches(), info(1))
+    list(ward.subscriber)
+    ward.send(once.batches(boot=2)[:30], replace(info(2), **{change: "other"}))  # type: ignore[arg-type]
+    assert {b.quality for b in ward.subscriber} == {Quality.NONE}
+
+
+def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    again = once.batches(boot=2)
+    ward.send(again[:5])
+    list(ward.subscriber)
+    ward.send(again[5:30], info(2))
+    assert {b.quality for b in ward.subscriber} == {Quality.PRIOR}
+
+
+def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) -> None:
+    more = calibration(seed=1, after=[])
+    upto = once.at(once.time[-1] - 1.0) // 10
+    batches = more.batches()
+    ward.send(batches[:upto], info(1))
+    before = list(ward.subscriber)
+    assert before[-1].quality is Quality.GOOD
+    ward.kill()
+    ward.start()
+    ward.send(batches[upto:])
+    after = list(ward.subscriber)
+    assert {b.quality for b in after} == {Quality.GOOD}
+    assert {b.calibration for b in after} == {before[-1].calibration}
+    assert ward.latest().state is State.TRACKING
+    numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in before + after])
+    np.testing.assert_array_equal(numbers, np.arange(len(once)))
+    assert ward.subscriber.repeated > 0, "the cached samples were corrected again"
+
+
+def test_a_store_that_fails_is_counted_and_gone_on_without(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise StoreError("the disk is full")
+
+    for name in ("_write", "_read"):
+        monkeypatch.setattr(ward.store, name, fails)
+    ward.send(once.batches(), info(1))
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    status = ward.latest()
+    assert status.events["store failed"] >= 2
+    assert ward.service.counts.as_dict()["store failed"] >= 2
+    assert caplog.text.count("goes on from memory") == 1, "the first is told aloud, the others counted"
+    reply = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
+    assert reply.accepted
+    assert "the disk is full" in caplog.text
+
+
+def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
+    from estimator.batch import turn360
+
+    def never(*_: object) -> None:
+        raise turn360.NotConverged("no scale factors close the three turns")
+
+    monkeypatch.setattr(turn360, "estimate", never)
+    ward.send(calibration(seed=3).batches(), info(1))
+    (published,) = ward.client.calibrations(wait_s=0.05)
+    assert published.verdict is Verdict.REFUSED
+    assert ward.store.calibrations(NAME) == []
+    assert not any(b.quality is Quality.GOOD for b in ward.subscriber)
+
+
+def test_what_is_not_understood_is_refused_and_harms_nobody(ward: Ward, once: Stream) -> None:
+    batches = once.batches()
+    ward.send(batches[:100], info(1))
+    bad_gyro = batches[100].gyro.copy()
+    bad_gyro[3] = np.nan
+    ward.put(codec.encode_samples(replace(batches[100], gyro=bad_gyro)), bridge="bridge", device=NAME)
+    ward.put(b"\x00\xff", bridge="bridge", device=NAME)
+    ward.put(codec.encode_samples(batches[100]), bridge="bridge", device="other")
+    ward.send(batches[100:])
+    assert ward.service._samples.refused.total() == 3
+    assert ward.service._samples.refused.as_dict()["non_finite"] == 1
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    assert set(ward.client.statuses(0.05)) == {NAME}
+
+
+def test_commands_are_done_audited_and_explained(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    assert ward.command(lambda: ward.client.recalibrate(NAME, "nurse", "strap")).accepted
+    assert ward.latest().state is State.AWAITING_STILL
+    assert ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
+    assert ward.latest().state is State.TRACKING
+    assert not ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
+    assert ward.command(lambda: ward.client.note(NAME, "nurse", "fell down")).message == "noted"
+    assert not ward.command(lambda: ward.client.note(NAME, "nurse", "")).accepted
+    unknown = ward.command(lambda: ward.client.recalibrate("nobody", "nurse"))
+    assert not unknown.accepted
+    assert f"there are: {NAME}" in unknown.message
+    rows = ward.store._db.execute("SELECT verb, who, accepted FROM audit ORDER BY rowid").fetchall()
+    assert rows == [
+        ("recalibrate", "nurse", 1),
+        ("cancel", "nurse", 1),
+        ("cancel", "nurse", 0),
+        ("note", "nurse", 1),
+        ("note", "nurse", 0),
+        ("recalibrate", "nurse", 0),
+    ]
+
+
+def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    ward.broker.stop()
+    time.sleep(0.3)
+    ward.service._every_second(time.monotonic())
+    ward.broker.start()
+    assert ward.latest().state is State.TRACKING
+    time.sleep(0.3)
+    lost = ward.latest()
+    assert (lost.state, lost.quality) == (State.LOST, Quality.DEGRADED)
+    assert "no samples" in lost.reason
+
+
+def test_too_many_devices_are_counted(ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shell, "MAX_DEVICES", 2)
+    (batch,) = once.part(0, 10).batches([])
+    for name in ("a", "b", "c", "d"):
+        ward.put(codec.encode_samples(replace(batch, device=name)), bridge="bridge", device=name)
+    assert ward.service.counts.as_dict() == {"too many devices": 2}
+
+
+def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:
+    alive: dict[str, bool] = {}
+    watcher = MemoryBus(ward.broker)
+    watcher.watch_alive(keys.pattern(WARD, "alive/estimator"), alive.__setitem__)
+    stop = threading.Event()
+    thread = threading.Thread(target=ward.service.run, args=(stop,))
+    thread.start()
+    for batch in once.batches():
+        ward._raw.put(codec.encode_samples(batch))
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and sum(map(len, ward.subscriber)) == 0:
+        time.sleep(0.01)
+    stop.set()
+    thread.join(20)
+    assert not thread.is_alive()
+    key = keys.build(WARD, "alive/estimator", estimator="e1")
+    while time.monotonic() < deadline and alive.get(key, True):
+        time.sleep(0.01)
+    assert alive == {key: False}
+    assert ward.store.recall(NAME, 1) is not None
+    watcher.close()

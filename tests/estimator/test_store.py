@@ -1,0 +1,218 @@
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.wire.messages import Calibration, Verdict
+from estimator.service.store import SCHEMA_VERSION, Store, StoreError
+from estimator.track.bias_filter import BiasState
+from tests.estimator.stream import NAME, info
+from tests.estimator.test_correction import CALIBRATION
+
+BIAS = BiasState(np.array([0.1, -0.2, 0.3]), np.diag([1e-8, 2e-8, 3e-8]), 123.456, 31.5, 30.0, 1.5)
+GOOD = replace(CALIBRATION, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    opened = Store(tmp_path / "a.sqlite3")
+    yield opened
+    opened.close()
+
+
+def sql(store: Store, statement: str) -> list[tuple[object, ...]]:
+    other = sqlite3.connect(store.path)
+    try:
+        with other:
+            return other.execute(statement).fetchall()
+    finally:
+        other.close()
+
+
+def same(a: Calibration | None, b: Calibration) -> bool:
+    return (
+        a is not None
+        and (a.id, a.device, a.boot, a.verdict, a.parameters) == (b.id, b.device, b.boot, b.verdict, b.parameters)
+        and all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("matrix", "bias", "covariance"))
+    )
+
+
+def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
+    first = Store(tmp_path / "a.sqlite3")
+    first.add_calibration(GOOD)
+    first.save_bias(NAME, 1, 5, BIAS, history=True)
+    first.close()
+    again = Store(tmp_path / "a.sqlite3")
+    remembered = again.recall(NAME, 1)
+    again.close()
+    assert remembered is not None
+    assert same(remembered.calibration, GOOD)
+    assert remembered.bias is not None
+    np.testing.assert_array_equal(remembered.bias.x, BIAS.x)
+    np.testing.assert_array_equal(remembered.bias.P, BIAS.P)
+    got = remembered.bias
+    assert (got.time, got.temperature_c, got.reference_c, got.farthest_k) == (123.456, 31.5, 30.0, 1.5)
+
+
+def test_an_unknown_temperature_stays_unknown(store: Store) -> None:
+    store.add_calibration(GOOD)
+    store.save_bias(NAME, 1, 5, BiasState(BIAS.x, BIAS.P, 1.0), history=True)
+    remembered = store.recall(NAME, 1)
+    assert remembered is not None
+    assert remembered.bias is not None
+    assert np.isnan(remembered.bias.temperature_c)
+    assert np.isnan(remembered.bias.reference_c)
+
+
+def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:
+    store.add_calibration(GOOD)
+    assert store.recall(NAME, 2) is None
+    assert store.recall("other", 1) is None
+
+
+@pytest.mark.parametrize("verdict", [Verdict.REPEAT, Verdict.REFUSED, Verdict.UNKNOWN])
+def test_only_an_accepted_calibration_is_kept(store: Store, verdict: Verdict) -> None:
+    with pytest.raises(ValueError, match=verdict.name):
+        store.add_calibration(replace(GOOD, verdict=verdict))
+    assert store.calibrations(NAME) == []
+
+
+def test_it_is_append_only(store: Store) -> None:
+    store.add_calibration(GOOD)
+    store.add_calibration(replace(GOOD, matrix=np.eye(3)))  # the same id, other numbers
+    store.add_calibration(replace(GOOD, id="c2", time_ns=2))
+    found = store.calibrations(NAME)
+    assert [c.id for c in found] == ["c1", "c2"]
+    assert same(found[0], GOOD)
+    latest = store.recall(NAME, 1)
+    assert latest is not None
+    assert latest.calibration.id == "c2"
+
+
+def test_bias_history_grows_and_the_latest_bias_is_one(store: Store) -> None:
+    store.add_calibration(GOOD)
+    for second in range(5):
+        store.save_bias(NAME, 1, second, replace(BIAS, time=float(second)), history=second % 2 == 0)
+    assert sql(store, "SELECT count(*) FROM bias_history") == [(3,)]
+    assert sql(store, "SELECT count(*) FROM bias") == [(1,)]
+    remembered = store.recall(NAME, 1)
+    assert remembered is not None
+    assert remembered.bias is not None
+    assert remembered.bias.time == 4.0
+
+
+@pytest.mark.parametrize("change", ["model", "firmware", "gyro_range", "rate_hz"])
+def test_a_prior_needs_the_whole_restore_key(store: Store, change: str) -> None:
+    store.add_calibration(GOOD)
+    this = info(boot=2)
+    assert same(store.prior(this), GOOD)
+    other = {"model": "n", "firmware": "1.1", "gyro_range": 4.3, "rate_hz": 208.0}[change]
+    assert store.prior(replace(this, **{change: other})) is None  # type: ignore[arg-type]
+    assert store.prior(replace(this, device="other")) is None
+    assert store.prior(replace(this, boot=1)) is None, "this boot's own calibration is no prior"
+
+
+def test_the_prior_is_the_latest(store: Store) -> None:
+    for n in (1, 3, 2):
+        store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=n))
+    prior = store.prior(info(boot=9))
+    assert prior is not None
+    assert prior.id == "c3"
+
+
+@pytest.mark.parametrize("damage", ["payload = x'0102'", "payload = CAST(payload || x'00' AS BLOB)", "digest = 'no'"])
+def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
+    store: Store, damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    store.add_calibration(GOOD)
+    store.add_calibration(replace(GOOD, id="c2", time_ns=2))
+    sql(store, f"UPDATE calibrations SET {damage} WHERE id = 'c2'")
+    remembered = store.recall(NAME, 1)
+    assert remembered is not None
+    assert remembered.calibration.id == "c1"
+    assert "c2 is damaged" in caplog.text
+    assert [c.id for c in store.calibrations(NAME)] == ["c1"]
+
+
+def test_a_payload_of_another_device_is_refused(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    store.add_calibration(GOOD)
+    sql(store, "UPDATE calibrations SET device = 'other'")
+    assert store.recall("other", 1) is None
+    assert "damaged" in caplog.text
+
+
+@pytest.mark.parametrize("damage", ["state = replace(state, '0.1', '0.9')", "digest = ''"])
+def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.LogCaptureFixture) -> None:
+    store.add_calibration(GOOD)
+    store.save_bias(NAME, 1, 5, BIAS, history=False)
+    sql(store, f"UPDATE bias SET {damage}")
+    remembered = store.recall(NAME, 1)
+    assert remembered is not None
+    assert remembered.bias is None
+    assert "damaged" in caplog.text
+
+
+def test_a_file_that_goes_bad_under_it_is_a_store_error(store: Store) -> None:
+    store.add_calibration(GOOD)
+    for table in ("bias", "calibrations"):
+        sql(store, f"DROP TABLE {table}")
+        with pytest.raises(StoreError, match="backup"):
+            store.recall(NAME, 1)
+        with pytest.raises(StoreError, match="disk"):
+            store.save_bias(NAME, 1, 5, BIAS, history=False)
+    with pytest.raises(StoreError, match="backup"):
+        store.calibrations(NAME)
+    with pytest.raises(StoreError, match="backup"):
+        store.prior(info(boot=2))
+
+
+def test_a_schema_of_the_future_is_refused(store: Store) -> None:
+    sql(store, f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
+    with pytest.raises(StoreError, match="update truerate"):
+        Store(store.path)
+
+
+def test_what_is_no_store_is_refused_with_advice(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("this is no database, whatever its length may be " * 100)
+    for path in (tmp_path / "nowhere" / "a.sqlite3", tmp_path, tmp_path / "text"):
+        with pytest.raises(StoreError, match="check that the folder exists") as refused:
+            Store(path)
+        assert str(path) in str(refused.value)
+    foreign = sqlite3.connect(tmp_path / "foreign")
+    foreign.execute("CREATE TABLE calibrations (a)")
+    foreign.close()
+    with pytest.raises(StoreError, match="already exists"):
+        Store(tmp_path / "foreign")
+
+
+def test_its_settings_survive_a_kill(store: Store) -> None:
+    assert store._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)
+    store.add_calibration(GOOD)
+    # Another process sees it although this one has not closed.
+    assert sql(store, "SELECT id FROM calibrations") == [("c1",)]
+
+
+def test_boots_and_audit(store: Store) -> None:
+    store.add_boot(info(1), 10)
+    store.add_boot(info(1), 20)
+    store.add_boot(info(2), 30)
+    assert sql(store, "SELECT boot, time_ns, cause FROM boots") == [
+        ("0000000000000001", 10, "POWER_UP"),
+        ("0000000000000002", 30, "POWER_UP"),
+    ]
+    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
+    assert sql(store, "SELECT * FROM audit") == [(5, NAME, "recalibrate", "r1", "nurse", "strap", 1, "done")]
+
+
+def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
+    boot = 2**64 - 1
+    store.add_calibration(replace(GOOD, boot=boot))
+    store.save_bias(NAME, boot, 5, BIAS, history=False)
+    remembered = store.recall(NAME, boot)
+    assert remembered is not None
+    assert remembered.calibration.boot == boot
+    assert remembered.bias is not None
