@@ -278,6 +278,7 @@ class DeviceSession:
             # The rest after the last turn is newer than the one the bias came from.
             self.filter.predict(rest.middle, self._temperature_at(rest.middle))
             self.filter.update("zaru", rest.bias, self._rest_cov(rest), rest.rounding_var)
+        self.filter.predict(rest.end, self._temperature_at(rest.end))
         self._evidence_time = rest.end
         self._contradictions, self._doubted = 0, False
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)

@@ -6,6 +6,7 @@ Sample i holds over the interval that ends at it, and its rate turns one attitud
 """
 
 from dataclasses import dataclass
+from functools import reduce
 from math import comb
 
 import numpy as np
@@ -20,7 +21,7 @@ _DEGREE = 5
 class PaperPlan:
     """What a study varies. noise_dps: white, °/s; times in s.
 
-    wobble_deg: how far the device swings to either side about each of the two axes across a turn, which still closes.
+    wobble_deg: how far a turn's axis swings in space, to either side in both directions across it; it still closes.
     replacement_deg: by how much a turn misses its start, standard deviation per axis.
     """
 
@@ -86,10 +87,8 @@ def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array
     swings = rng.integers(3, 11, (*counts.shape, 1, 3)) * rng.choice([-1.0, 1.0], (*counts.shape, 1, 3))
     tilt = np.radians(plan.wobble_deg) * np.sin(np.pi * done[..., None] * swings) * (1 - np.eye(3))[:, None]
     miss = done[..., None] * np.radians(plan.replacement_deg) * rng.standard_normal((*counts.shape, 1, 3))
-    attitude = multiply(
-        multiply(*(from_rotvec(v.reshape(-1, 3)) for v in (spin, tilt))), from_rotvec(miss.reshape(-1, 3))
-    )
-    attitude = attitude.reshape(*done.shape, 4)
+    parts = (from_rotvec(part.reshape(-1, 3)) for part in (tilt, spin, miss))
+    attitude = reduce(multiply, parts).reshape(*done.shape, 4)
     before, after = attitude[:, :, :-1].reshape(-1, 4), attitude[:, :, 1:].reshape(-1, 4)
     return to_rotvec(multiply(conjugate(before), after)).reshape(*dt.shape, 3) * plan.rate_hz
 

@@ -19,7 +19,7 @@ def test_its_accuracy_is_the_papers_best() -> None:
     k, bias = [], []
     for seed in range(200):
         s = simulate_session(seed, rests_s=3.0, turn_s=(4.0, 6.0))
-        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""))
+        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""), "turn360")
         assert result.verdict is Verdict.ACCEPTED, result.reason
         k.append(result.scale - s.truth.k)
         bias.append(np.degrees(result.bias - s.bias[0]))
@@ -51,7 +51,7 @@ def test_good_sessions_of_all_kinds_are_accepted_and_right() -> None:
             spec=ImuSpec(scale=(0.75, 1.35), bias_limit_dps=10.0, step_dps=float(rng.choice([0.0, 0.0076, 0.061]))),
         )
         result, passed = offline.calibrate(
-            Recording(s.time_s, s.gyro, s.accel if seed % 2 else None, None, s.rate_hz, "")
+            Recording(s.time_s, s.gyro, s.accel if seed % 2 else None, None, s.rate_hz, ""), "turn360"
         )
         if result.verdict is not Verdict.ACCEPTED:
             refused.append(f"{seed}: {result.reason} {passed}")
@@ -108,7 +108,9 @@ def test_no_bad_protocol_is_accepted(plan: Plan, accel: bool) -> None:
     for seed in range(25):
         rng = np.random.default_rng(seed)
         s = simulate_session(seed, turns=plan(rng), rests_s=3.2, spec=ImuSpec(scale=(0.95, 1.05)))
-        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, ""))
+        result, _ = offline.calibrate(
+            Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, ""), "turn360"
+        )
         assert result.verdict is not Verdict.ACCEPTED, (seed, result.reason, result.scale, s.truth.k)
 
 
@@ -131,5 +133,5 @@ def test_a_spoilt_good_session_is_never_accepted_wrong(seed: int) -> None:
             gyro[rest] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
         case _:
             gyro[turn.start + 50 :] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
-    result, _ = offline.calibrate(Recording(time[keep], gyro[keep], s.accel[keep], None, s.rate_hz, ""))
+    result, _ = offline.calibrate(Recording(time[keep], gyro[keep], s.accel[keep], None, s.rate_hz, ""), "turn360")
     assert not wrong(result, s.truth.k), (result.scale - s.truth.k, result.scale_std)
