@@ -125,5 +125,6 @@ def boxes(panels: Sequence[Boxes], title: str, path: Path) -> None:
             axes.axhline(level, color="black", linewidth=1, linestyle=("--", ":")[number % 2], label=name)
         axes.set(title=panel.title, ylabel=panel.unit, yscale="log")
         axes.set_xticks(range(3), _AXES)
-    rooms[0].legend(fontsize=8)
+    handles, labels = rooms[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.savefig(path)

@@ -72,10 +72,15 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
     told = evidence(capture, knobs)
-    first = found = fit(told)
-    if first.converged[0]:
-        shown = _as_shown(told, first, knobs)
-        found = first if shown is told else fit(shown)
+    try:
+        first = found = fit(told)
+        if first.converged[0]:
+            shown = _as_shown(told, first, knobs)
+            found = first if shown is told else fit(shown)
+    except np.linalg.LinAlgError:
+        raise NotConverged(
+            "the turns do not determine the three scale factors: one about each axis is needed"
+        ) from None
     if not found.converged[0] or np.any(found.k[0] > 100):
         raise NotConverged(
             f"no scale factors close the three turns (after {found.iterations} steps k = {np.round(found.k[0], 3)})"

@@ -214,3 +214,25 @@ def test_axes_that_are_not_orthogonal_make_it_less_sure_where_turns_tilt() -> No
     told = replace(EXACT, misalignment_std=0.006)
     assert std_of(closure.estimate(straight, told))[3:].max() < 1.5e-4
     assert std_of(closure.estimate(tilted, told))[3:].max() > 5e-4
+
+
+def test_three_turns_about_one_axis_determine_nothing() -> None:
+    found = capture(calibration(seed=45))
+    result = METHODS["closure"](replace(found, turns=(found.turns[0],) * 3))
+    assert result.verdict is not Verdict.ACCEPTED
+
+
+def test_the_order_of_the_turns_is_of_no_account() -> None:
+    found = capture(calibration(seed=46), accel=True)
+    x, y, z = found.turns
+    other = closure.estimate(replace(found, turns=(z, x, y)))
+    ours = closure.estimate(found)
+    np.testing.assert_allclose(other.k, ours.k, atol=1e-8)
+    np.testing.assert_allclose(other.covariance, ours.covariance, rtol=1e-4, atol=1e-12)
+
+
+def test_only_the_first_rest_will_do() -> None:
+    of = calibration(seed=47)
+    found = closure.estimate(replace(capture(of), rests=()))
+    assert np.all(np.abs(found.k - of.truth.k) < 4 * std_of(found)[3:])
+    assert found.time == capture(of).rest.middle
