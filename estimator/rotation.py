@@ -100,9 +100,9 @@ def _multiply(a: Complex, b: Complex, c: Complex, d: Complex) -> tuple[Complex, 
 
 def _quaternions(steps: Floats) -> tuple[Complex, Complex]:
     """The rotations by rotation vectors (…, 3)."""
-    half = np.sqrt(np.einsum("...i,...i", steps, steps)) / 2
-    # np.sinc(x) is sin(πx) / (πx), exact at zero.
-    sine = np.sinc(half / np.pi) / 2
+    # Next to nothing is added, so that no rotation is no division by zero.
+    half = np.sqrt(np.einsum("...i,...i", steps, steps) + 1e-300) / 2
+    sine = np.sin(half) / (2 * half)
     x, y, z = np.moveaxis(steps, -1, 0)
     return np.cos(half) + 1j * (sine * x), sine * y + 1j * (sine * z)
 

@@ -70,7 +70,9 @@ def algorithm1(sessions: PaperSessions, tolerance: float = 1e-5, max_iterations:
     read = (sessions.turns - bias[:, None, None]) * sessions.dt[..., None]
     for _ in range(max_iterations):
         step = K[open_, None, None] * read[open_]
-        S = np.einsum("...tij,...tj->...ij", rotation.chained(step)[..., 1:, :, :], step)
+        C = rotation.chained(step)[..., 1:, :, :]
+        elements = C.reshape(*step.shape[:-1], 9).swapaxes(-1, -2)
+        S = np.einsum("...ijj->...ij", (elements @ step).reshape(*step.shape[:2], 3, 3, 3))
         dK = _criteria(S)
         K[open_] *= dK
         open_ = open_[np.linalg.norm(dK - 1, axis=1) > tolerance]
