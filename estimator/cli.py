@@ -21,6 +21,7 @@ from bridge.recording import load as load_recording
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Verdict
 from bridge.wire.refusal import Refusal
+from estimator.batch.methods import DEFAULT, METHODS
 
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -137,6 +138,7 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
+    verb.add_argument("--method", choices=METHODS, default=DEFAULT, help="how (default: %(default)s)")
     verb.add_argument(
         "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
     )
@@ -156,6 +158,21 @@ def _add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help="white noise of a reading, °/s")
     verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
     verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
+    verb = _verb(
+        inner,
+        "paper",
+        _study_paper,
+        "the paper's simulation: Algorithm 1 and closure against truth and the best possible",
+    )
+    verb.add_argument("--runs", type=int, default=15_000, help="sessions at each noise (default: %(default)s)")
+    verb.add_argument(
+        "--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help="white noise of a reading, °/s"
+    )
+    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
+    verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
+    verb.add_argument("--seed", type=int, default=1)
+    verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
+    verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
 
 
 def _ward_of(given: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
@@ -214,7 +231,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.report import as_json, as_table  # noqa: PLC0415
 
     recording = load_recording(given.file, given.rate_hz)
-    result, passed_over = calibrate(recording, gyro_range=radians(given.range_dps))
+    result, passed_over = calibrate(recording, given.method, radians(given.range_dps))
     if given.json:
         print(json.dumps(as_json(result)))
     else:
@@ -242,6 +259,14 @@ def _study(given: argparse.Namespace) -> None:
     from estimator.study.algorithm1 import run  # noqa: PLC0415
 
     run(Console(), given.sessions, given.noise, given.wobble, given.picture)
+
+
+def _study_paper(given: argparse.Namespace) -> None:
+    from estimator.study.paper import run  # noqa: PLC0415
+    from estimator.study.paper_runs import Scenario  # noqa: PLC0415
+
+    scenario = Scenario(given.runs, tuple(given.noise), given.wobble, given.replacement, given.seed)
+    run(Console(), scenario, given.workers, given.picture)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ class Samples:
 class Rest:
     """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
 
-    accel (3,) mean m/s² or None.
+    accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
     """
 
     start: float
@@ -43,6 +43,7 @@ class Rest:
     step: Floats
     n: int
     accel: Floats | None
+    accel_std: Floats | None = None
 
     @property
     def middle(self) -> float:
@@ -72,10 +73,14 @@ class TurnCapture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z."""
+    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z.
+
+    rests: every rest from that one to the one after the last turn, in the order of time.
+    """
 
     rest: Rest
     turns: tuple[TurnCapture, ...]
+    rests: tuple[Rest, ...] = ()
 
 
 class History:

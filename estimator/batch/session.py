@@ -66,6 +66,7 @@ class CalibrationSession:
         self._stages = Stages(self._history, stages)
         self._turn_knobs = turn_knobs or TurnKnobs()
         self.turns: dict[int, TurnCapture] = {}
+        self._rests: list[Rest] = []
         self.last_reason = ""
 
     @property
@@ -84,6 +85,7 @@ class CalibrationSession:
             return []
         progress: list[Progress] = [RestFound(settled.after)]
         if settled.before is not None:
+            self._keep(settled.before)
             movement = self._stages.movement(settled.before, settled.after)
             found = recognise(movement, self._k, self._turn_knobs)
             progress += self._ignored(found) if isinstance(found, NoTurn) else self._turned(found)
@@ -101,6 +103,11 @@ class CalibrationSession:
         reason = f"no full turn about {names} was seen{because}"
         return nothing(self.method, Verdict.REPEAT, reason, missing)
 
+    def _keep(self, rest: Rest) -> None:
+        """Keep a rest that has ended, and those since the first turn that still counts."""
+        since = min((turn.before.start for turn in self.turns.values()), default=rest.start)
+        self._rests = [r for r in self._rests if r.start >= since] + [rest]
+
     def _ignored(self, no_turn: NoTurn) -> list[Progress]:
         self.last_reason = no_turn.reason
         return [Ignored(no_turn)]
@@ -117,7 +124,8 @@ class CalibrationSession:
         if not self.missing():
             turns = tuple(self.turns[axis] for axis in range(3))
             first = min(turns, key=lambda t: float(t.samples.time[0]))
-            result = self._run(Capture(first.before, turns))
+            rests = (*(rest for rest in self._rests if rest.start >= first.before.start), turn.after)
+            result = self._run(Capture(first.before, turns, rests))
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
             progress.append(Finished(result, turn.after))
         return progress

@@ -71,9 +71,10 @@ class Stages:
     def _measure(self, start: float, end: float) -> Rest:
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
         accel = None if still.accel is None else still.accel.mean(axis=0)
+        accel_std = None if still.accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
-        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel)
+        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel, accel_std)
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """The samples between two rests with some of either, at most half of it."""

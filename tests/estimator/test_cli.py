@@ -35,6 +35,12 @@ def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.Capture
     assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
 
 
+@pytest.mark.parametrize("method", ["closure", "turn360"])
+def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0
+    assert f"accepted ({method})" in capsys.readouterr().out
+
+
 def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
     assert "accepted" in capsys.readouterr().out
@@ -141,7 +147,8 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
-     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"]],
+     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"],
+     ["study", "paper"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
