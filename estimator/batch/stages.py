@@ -31,11 +31,12 @@ class Settled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Movement:
-    """What lay between two rests, with a little of both."""
+    """What lay between two rests, with a little of both; full_turn: it is known to have ended where it began."""
 
     before: Rest
     after: Rest
     samples: Samples
+    full_turn: bool = False
 
 
 class Stages:
