@@ -4,7 +4,7 @@ import numpy as np
 
 from bridge.recording import Recording
 from estimator.batch.capture import Samples
-from estimator.batch.methods import DEFAULT
+from estimator.batch.methods import BY_MOVEMENTS, DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
 from estimator.stillness import Stillness
@@ -13,9 +13,10 @@ from estimator.stillness import Stillness
 def calibrate(recording: Recording, method: str = DEFAULT, gyro_range: float = 0.0) -> tuple[Result, list[str]]:
     """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
 
-    gyro_range in rad/s, 0 when unknown: readings at 99 % of it count as clipped.
+    A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
+    count as clipped.
     """
-    stillness, session = Stillness(), CalibrationSession(method)
+    stillness, session = Stillness(), CalibrationSession(method, whole=method in BY_MOVEMENTS)
     limit = 0.99 * gyro_range if gyro_range else np.inf
     clipped = np.any(np.abs(recording.gyro) >= limit, axis=1)
     session.add(Samples(recording.time_s, recording.gyro, recording.accel, clipped))

@@ -34,7 +34,7 @@ class AccelKnobs:
     #: relative; it takes in that local gravity differs from 9.80665 by 0.3 %
     scale: float = 0.03
     #: rad between two axes
-    shear: float = 0.01
+    shear: float = 0.005
 
     def std(self) -> Floats:
         """(9,) standard deviations of PARAMETERS."""

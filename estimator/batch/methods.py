@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from bridge.wire.messages import Verdict
-from estimator.batch import turn360
+from estimator.batch import transitions, turn360
 from estimator.batch.capture import Capture
 from estimator.batch.result import Result, judge, nothing
 
@@ -19,5 +19,7 @@ def by_turn360(capture: Capture) -> Result:
     return judge("turn360", capture, found.k, found.bias, found.covariance)
 
 
-METHODS: dict[str, Method] = {"turn360": by_turn360}
+METHODS: dict[str, Method] = {"turn360": by_turn360, "transitions": transitions.by_transitions}
+#: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
+BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST}
 DEFAULT = "turn360"

@@ -17,7 +17,8 @@ class Path:
     """end (3, 3) takes vectors of the last attitude to the first; by_matrix (3, 3, 3): phi per element of the matrix.
 
     by_bias (3, 3): phi per rad/s of bias. noise (3, 3): covariance of phi from the readings' white noise. way: rad turned
-    in all, there and back; seconds: how long it took.
+    in all, there and back; seconds: how long it took. coning: rad by which the axis of rotation moved within the samples'
+    intervals, summed without sign: what happened between samples is unknown by a part of it.
     """
 
     end: Floats
@@ -26,6 +27,7 @@ class Path:
     noise: Floats
     way: float
     seconds: float
+    coning: float
 
 
 def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats) -> Path:
@@ -38,11 +40,13 @@ def integrate(samples: Samples, matrix: Floats, bias: Floats, noise_std: Floats)
     mid = 0.5 * (attitude[:-1] + attitude[1:])
     by_reading = (mid @ matrix) * dt[:, None, None]
     spread = by_reading * noise_std
+    steps = rate * dt[:, None]
     return Path(
         end=attitude[-1],
         by_matrix=np.einsum("tik,tl,t->ikl", mid, reading, dt),
         by_bias=-by_reading.sum(axis=0),
         noise=np.einsum("tij,tkj->ik", spread, spread),
-        way=float(np.linalg.norm(rate, axis=1) @ dt),
+        way=float(np.linalg.norm(steps, axis=1).sum()),
         seconds=float(dt.sum()),
+        coning=float(np.linalg.norm(np.cross(steps[:-1], steps[1:]), axis=1).sum()) / 12,
     )

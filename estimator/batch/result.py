@@ -27,7 +27,9 @@ class VerdictKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (6, 6) of `parameters`.
+    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters`.
+
+    The first six parameters are always the bias and the diagonal of the matrix; a full matrix has its other elements after.
 
     Without an estimate (verdict repeat or refused before a method could run) matrix is the identity, the covariance all
     infinite.
@@ -53,7 +55,7 @@ class Result:
     @property
     def scale_std(self) -> Floats:
         """(3,) relative standard deviation of the scale factors."""
-        std: Floats = np.sqrt(np.diag(self.covariance)[3:]) / np.abs(self.scale)
+        std: Floats = np.sqrt(np.diag(self.covariance)[3:6]) / np.abs(self.scale)
         return std
 
 
@@ -81,11 +83,10 @@ def judge(
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
     turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
     open_axes = tuple(turn.axis for turn in turns if turn.closure_error > knobs.closure)
-    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
     loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
-    if outside:
-        verdict, repeat = Verdict.REFUSED, outside
-        reason = f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+    outside = unbelievable(k, knobs)
+    if outside is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *outside
     elif open_axes:
         verdict, repeat = Verdict.REPEAT, open_axes
         errors = ", ".join(f"{AXES[t.axis]} by {degrees(t.closure_error):.1f}°" for t in turns if t.axis in open_axes)
@@ -100,6 +101,14 @@ def judge(
     return Result(
         method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time=capture.rest.middle
     )
+
+
+def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] | None:
+    """Which of the scale factors k (3,) are outside what is accepted, and the likely cause; None when all are inside."""
+    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    if not outside:
+        return None
+    return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
 
 
 def _likely(k: Floats) -> str:

@@ -1,321 +1,150 @@
-"""The whole matrix of a gyro from gravity: each movement between two rests must carry the one measured gravity to the other.
+"""The whole matrix of a gyro from gravity before and after every movement: full 3x3 where the poses support it.
 
-Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA 2014;
-here as one weighted least-squares problem with the accelerometer's errors, the bias and every rest in it. Letters:
-
-    theta   bias (3) | diagonal of M (3) | the rest of M (6) | accelerometer (9, gravity.PARAMETERS)
-    u_i     direction of gravity at rest i as the accelerometer says, |g_i| - G its other residual
-    R_j     integral of M (reading - bias) over movement j; e_j = the rotation, across u, from u_before to R_j u_after
-    J, C    slopes of the residuals by theta, and their covariance: gyro noise, accelerometer, floors of either
-
-Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must moreover end in the
-heading it began with. What the poses do not determine is not estimated: see `choose`.
+Full turns alone determine the diagonal and nothing else: what a misalignment does in the first half of a turn it undoes in
+the second. Movements between poses that differ show it. How well is a matter of geometry, and the standard deviations say
+it: where one off-diagonal element stays too uncertain all of them are left at zero, and the diagonal stands alone, as
+uncertain as what is not known of the others makes it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import radians
+from dataclasses import dataclass, replace
+from math import degrees
 
 import numpy as np
 
+from bridge.wire.messages import Verdict
 from estimator import rotation
-from estimator.batch import gravity
-from estimator.batch.capture import Floats, Rest, Samples
-from estimator.batch.gravity import G, AccelKnobs
-from estimator.batch.path import Path, integrate
-from estimator.batch.stages import Movement
+from estimator.batch.capture import Capture, Floats, Samples
+from estimator.batch.carry import ACROSS, MATRIX_PARAMETERS, Problem, TransitionKnobs, Transitions, collect, matrix_of
+from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
 from estimator.gyro import AXES, reading_std
 
-OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-BIAS = ("bias_x", "bias_y", "bias_z")
-SCALE = ("k_x", "k_y", "k_z")
-ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in OFF_DIAGONAL)
-PARAMETERS = (*BIAS, *SCALE, *ACROSS, *gravity.PARAMETERS)
-_ROW, _COLUMN = np.array([*((i, i) for i in range(3)), *OFF_DIAGONAL]).T
-_DIAGONAL = np.array([*range(6), *range(12, len(PARAMETERS))])
-
-
-@dataclass(frozen=True, slots=True)
-class TransitionKnobs:
-    """How far each measurement is believed. Angles in rad."""
-
-    #: m/s², error of a rest's mean acceleration that no averaging removes: a swaying hand, an accelerometer's curvature
-    accel_floor: float = 0.02
-    #: of a path, whatever its length
-    path_floor: float = radians(0.05)
-    #: of a path, per rad turned: the gyro's non-linearity and what gravity does to it
-    path_share: float = 5e-4
-    #: rad/s, how far the bias of one movement may be from that of the rests around it
-    bias_floor: float = radians(0.003)
-    #: how well a hand brings a full turn back to its heading
-    heading_std: float = radians(0.5)
-    #: misalignment of a gyro whose off-diagonal elements cannot be estimated
-    misalignment: float = 0.01
-    #: a movement shorter than this is carried right enough by a datasheet's scale to start from
-    short: float = radians(120.0)
-    #: the off-diagonal elements are worth estimating when each is known better than this
-    element_std: float = 0.005
-    #: a movement this many standard deviations off was none between two rests
-    gate: float = 5.0
-    accel: AccelKnobs = field(default_factory=AccelKnobs)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Transitions:
-    """Rests once each, and the movements between them by their numbers; `turns` says which were full turns."""
-
-    rests: tuple[Rest, ...]
-    links: tuple[tuple[int, int], ...]
-    samples: tuple[Samples, ...]
-    turns: tuple[bool, ...]
-
-    def only(self, chosen: Sequence[int]) -> "Transitions":
-        """Some of the movements, with the rests they join."""
-        kept = sorted({rest for j in chosen for rest in self.links[j]})
-        number = {rest: i for i, rest in enumerate(kept)}
-        return Transitions(
-            tuple(self.rests[rest] for rest in kept),
-            tuple((number[a], number[b]) for a, b in (self.links[j] for j in chosen)),
-            tuple(self.samples[j] for j in chosen),
-            tuple(self.turns[j] for j in chosen),
-        )
+#: fewer movements cannot determine nine elements, two equations each
+FEWEST = 6
+#: chi-square over degrees of freedom beyond which movements contradict each other
+MISFIT = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta (21,) of PARAMETERS and its covariance (21, 21); `free` numbers what was estimated, the rest is as assumed.
+    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), widened by the misfit where that is above 1.
 
-    misfit: chi-square over degrees of freedom, which the covariance was widened by where it is above 1. condition: of the
-    estimated elements of M. angles (m,): rad by which each movement missed; ratio (m,): in standard deviations.
+    misfit: chi-square of gravity and heading over degrees of freedom. condition: of what the data say of M. angles (m,):
+    rad by which each movement missed; ratio (m,): the same in standard deviations; left_out: movements that contradicted.
+    unknown: off-diagonal elements that the poses did not determine, the worst first, with their standard deviations.
     """
 
     theta: Floats
     covariance: Floats
-    free: tuple[int, ...]
     misfit: float
     condition: float
     angles: Floats
     ratio: Floats
+    full: bool = True
+    left_out: int = 0
+    unknown: tuple[tuple[str, float], ...] = ()
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3)."""
-        return matrix_of(self.theta)
-
-    @property
-    def full(self) -> bool:
-        """Whether the off-diagonal elements were estimated."""
-        return 6 in self.free
+        """(3, 3): M, or its diagonal where the rest was not estimated."""
+        M = matrix_of(self.theta)
+        return M if self.full else np.diag(np.diag(M))
 
 
-def matrix_of(theta: Floats) -> Floats:
-    """M (3, 3) of theta."""
-    M = np.empty((3, 3))
-    M[_ROW, _COLUMN] = theta[3:12]
-    return M
-
-
-def collect(movements: Sequence[Movement]) -> Transitions:
-    """Movements in the order of time: the rest after one and before the next are the same rest."""
-    rests: list[Rest] = []
-    links = []
-    for movement in movements:
-        before, after = movement.before, movement.after
-        if rests and rests[-1].start <= before.end and before.start <= rests[-1].end:
-            rests[-1] = before  # the same rest, seen to its end
-        else:
-            rests.append(before)
-        rests.append(after)
-        links.append((len(rests) - 2, len(rests) - 1))
-    turns = tuple(movement.full_turn for movement in movements)
-    return Transitions(tuple(rests), tuple(links), tuple(m.samples for m in movements), turns)
-
-
-def fit(data: Transitions, knobs: TransitionKnobs | None = None, *, full: bool = True) -> Fit:
-    """Weighted least squares over theta, or with full=False over all of it but the off-diagonal elements of M."""
+def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
+    """Weighted least squares over all of theta and all movements."""
     knobs = knobs or TransitionKnobs()
-    problem = _Problem(data, knobs)
+    problem = Problem(data, knobs)
     theta = problem.prior_mean.copy()
     short = [j for j, samples in enumerate(data.samples) if _way(samples, theta[:3]) < knobs.short]
     if 0 < len(short) < len(data.links):
-        theta[3:6] = _Problem(data.only(short), knobs).solve(theta, _DIAGONAL)[3:6]
-    free = np.arange(len(PARAMETERS)) if full else _DIAGONAL
-    theta = problem.solve(theta, free)
+        # An angle missed by a whole turn looks like none: the scale is found on short movements first.
+        few = data.only(short)
+        theta[3:6] = Problem(few, knobs).solve(theta)[3:6]
+    theta = problem.solve(theta)
     r, J, _ = problem.whitened(theta)
-    rows, own = problem.rows, J[:, free]
-    leverage = np.einsum("ij,ji->i", own, np.linalg.pinv(own))
+    rows = problem.rows
+    leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
-    own[:rows] /= max(misfit, 1.0) ** 0.5
-    information = own.T @ own
-    covariance = np.zeros((len(theta), len(theta)))
-    covariance[np.ix_(free, free)] = np.linalg.inv(information)
-    if not full:
-        # What an assumed misalignment would do to the estimate.
-        across = np.arange(6, 12)
-        moved = -np.linalg.solve(information, own.T @ J[:, across]) * knobs.misalignment
-        covariance[np.ix_(free, free)] += moved @ moved.T
-        covariance[across, across] = knobs.misalignment**2
+    condition = _condition(J[:rows])
+    J[:rows] /= max(misfit, 1.0) ** 0.5
     angles, ratio = problem.misses(theta)
-    return Fit(theta, covariance, tuple(map(int, free)), misfit, _condition(J[:rows], free), angles, ratio)
+    covariance: Floats = np.linalg.inv(J.T @ J)
+    return Fit(theta, covariance, misfit, condition, angles, ratio)
 
 
 def _way(samples: Samples, bias: Floats) -> float:
     return float(np.linalg.norm(samples.gyro - bias, axis=1) @ rotation.intervals(samples.time))
 
 
-def _condition(J: Floats, free: Floats) -> float:
-    """Condition number of what the rows J say of the free elements of M alone, whatever the other parameters are."""
-    M = [p for p in free if 3 <= p < 12]
-    others = J[:, [p for p in free if not 3 <= p < 12]]
-    alone = J[:, M] - others @ np.linalg.lstsq(others, J[:, M], rcond=None)[0]
-    return float(np.linalg.cond(alone))
+def _condition(J: Floats) -> float:
+    """Condition number of what the rows J say of M alone, whatever bias and accelerometer are."""
+    M, others = J[:, 3:12], np.delete(J, np.s_[3:12], axis=1)
+    return float(np.linalg.cond(M - others @ np.linalg.lstsq(others, M, rcond=None)[0]))
 
 
-class _Problem:
-    """Residuals of theta with their slopes and covariance."""
+def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
+    """The full matrix if every element of it is known well enough, else the diagonal.
 
-    def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
-        self.data, self.knobs = data, knobs
-        self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
-        self._bias_var, mean, self._local = _biases(data, knobs)
-        #: how many residuals come from gravity and heading
-        self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
-        #: a weak belief in a datasheet keeps what the data say nothing of finite, and is felt nowhere else
-        self.prior_mean = np.concatenate([mean, np.ones(3), np.zeros(6 + gravity.N)])
-        self._prior_std = np.concatenate([np.full(3, np.inf), np.full(9, 0.5), knobs.accel.std()])
-
-    def solve(self, theta: Floats, free: Floats) -> Floats:
-        """Levenberg-Marquardt from theta over its free elements."""
-        damping = 1e-3
-        for _ in range(60):
-            r, J, factor = self.whitened(theta)
-            own = J[:, free]
-            A, g, cost = own.T @ own, own.T @ r, float(r @ r)
-            while True:
-                step = -np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
-                tried = theta.copy()
-                tried[free] += step
-                # The weights follow the estimate; a step is judged under the old ones.
-                if float(np.sum(self.whitened(tried, factor)[0] ** 2)) <= cost * (1 + 1e-12) + 1e-12:
-                    break
-                if damping > 1e8:
-                    return theta
-                damping *= 10
-            theta, damping = tried, max(damping / 10, 1e-12)
-            if float(step @ A @ step) < 1e-10 * max(cost, 1.0):
-                break
-        return theta
-
-    def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
-        r, J, C = self._gravity(theta)
-        factor = np.linalg.cholesky(C) if factor is None else factor
-        both = np.linalg.solve(factor, np.column_stack([r, J]))
-        rest_r, rest_J = self._rest_rows(theta)
-        priors = np.flatnonzero(np.isfinite(self._prior_std))
-        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
-        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
-        r = np.concatenate([both[:, 0], rest_r, prior_r])
-        return r, np.vstack([both[:, 1:], rest_J, prior_J]), factor
-
-    def misses(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
-        r, _, C = self._gravity(theta)
-        m = len(self.data.links)
-        e = r[: 2 * m].reshape(m, 2)
-        blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
-        ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
-        return np.linalg.norm(e, axis=1), ratio
-
-    def _rest_rows(self, theta: Floats) -> tuple[Floats, Floats]:
-        std = np.sqrt(self._bias_var)
-        r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
-        J = np.zeros((r.size, len(theta)))
-        J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
-        return r.ravel(), J
-
-    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Rows: two for each movement, one for each rest, one for each full turn."""
-        data, knobs, M = self.data, self.knobs, matrix_of(theta)
-        m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
-        r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
-        by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
-        noise = np.zeros((3 * m, 3 * m))
-        g, slope, shape = zip(*(gravity.measured(_accel(rest), theta[12:]) for rest in data.rests), strict=True)
-        size = [float(np.linalg.norm(g_i)) for g_i in g]
-        u = [g_i / s for g_i, s in zip(g, size, strict=True)]
-        across = [(np.eye(3) - np.outer(u_i, u_i)) / s for u_i, s in zip(u, size, strict=True)]
-        for i in range(n):
-            row, own = 2 * m + i, slice(3 * i, 3 * i + 3)
-            r[row], J[row, 12:], by_accel[row, own] = size[i] - G, u[i] @ slope[i], u[i] @ shape[i]
-        for j, (a, b) in enumerate(data.links):
-            path = integrate(data.samples[j], M, theta[:3] + self._local[j], self._noise_std)
-            rows, own = slice(2 * j, 2 * j + 2), slice(3 * j, 3 * j + 3)
-            arrived = path.end @ u[b]
-            plane = _tangents(u[a])
-            r[rows] = plane @ _to(u[a], arrived)
-            # A small rotation phi moves `arrived` by phi x arrived: the rotation across u that is missed grows by phi.
-            by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
-            J[rows, 3:12] = plane @ path.by_matrix[:, _ROW, _COLUMN]
-            J[rows, :3] = plane @ path.by_bias
-            J[rows, 12:] = plane @ (by_a @ slope[a] + by_b @ slope[b])
-            by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
-            by_accel[rows, 3 * b : 3 * b + 3] = plane @ by_b @ shape[b]
-            by_path[rows, own] = plane
-            noise[own, own] = self._path_cov(path)
-            if data.turns[j]:
-                row = 2 * m + n + int(np.searchsorted(turned, j))
-                r[row] = u[a] @ rotation.log(path.end)
-                J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, _ROW, _COLUMN], u[a] @ path.by_bias
-                by_path[row, own] = u[a]
-        accel_var = np.full(3 * n, knobs.accel_floor**2)
-        C = (by_accel * accel_var) @ by_accel.T + by_path @ noise @ by_path.T
-        heading = np.arange(2 * m + n, len(r))
-        C[heading, heading] += knobs.heading_std**2
-        return r, J, C
-
-    def _path_cov(self, path: Path) -> Floats:
-        knobs = self.knobs
-        floor = knobs.path_floor**2 + (knobs.path_share * path.way) ** 2 + (knobs.bias_floor * path.seconds) ** 2
-        return path.noise + floor * np.eye(3)
-
-
-def _biases(data: Transitions, knobs: TransitionKnobs) -> tuple[Floats, Floats, Floats]:
-    """Variance (n, 3) of each rest's mean reading as the session's bias, its mean (3,), and (m, 3) how far off it
-    was in each movement: rests that scatter more than their noise show a bias that moved.
+    Movements that contradict the others are left out of a full matrix, at most one in five.
     """
-    reading = np.array([rest.bias for rest in data.rests])
-    own_var = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
-    weight = 1 / own_var
-    mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
-    scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
-    moved_var = np.maximum(scatter, 0.0) / weight.sum(axis=0)
-    var = own_var + moved_var
-    mean = (reading / var).sum(axis=0) / (1 / var).sum(axis=0)
-    off = moved_var / var * (reading - mean)
-    return var, mean, np.array([(off[a] + off[b]) / 2 for a, b in data.links])
+    knobs = knobs or TransitionKnobs()
+    found, kept = fit(data, knobs), list(range(len(data.links)))
+    while found.misfit > MISFIT and len(kept) > max(FEWEST, 0.8 * len(data.links)):
+        del kept[int(np.argmax(found.ratio))]
+        found = fit(data.only(kept), knobs)
+    std = np.sqrt(np.diag(found.covariance)[6:12])
+    unknown = tuple((ACROSS[i], float(std[i])) for i in np.argsort(-std) if std[i] > knobs.element_std)
+    full = len(kept) >= FEWEST and not unknown
+    return replace(found, full=full, left_out=len(data.links) - len(kept), unknown=unknown)
 
 
-def _accel(rest: Rest) -> Floats:
-    if rest.accel is None:
-        raise ValueError("a rest without acceleration: transitions need an accelerometer")
-    return rest.accel
+def by_transitions(capture: Capture) -> Result:
+    """The method: bias and the full matrix, or its diagonal, from all movements of a capture."""
+    movements = tuple(m for m in capture.movements if m.before.accel is not None and m.after.accel is not None)
+    if not movements:
+        why = "no accelerometer" if capture.movements else "no movement between two rests"
+        return nothing("transitions", Verdict.REFUSED, f"{why}: gravity must be measured before and after movements")
+    data = collect(movements)
+    return judge_fit(capture, data, estimate(data))
 
 
-def _tangents(u: Floats) -> Floats:
-    """(2, 3) two unit vectors across u."""
-    first = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(u, first)])
+def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
+    """Put a verdict on a fit."""
+    knobs = knobs or VerdictKnobs()
+    matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
+    covariance = found.covariance[: len(parameters), : len(parameters)]
+    k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
+    loose = tuple(axis for axis in range(3) if not std[axis] < knobs.scale_std * k[axis])
+    missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
+    carried = f"gravity carried through {len(found.angles)} movements to {missed:.2f}° rms"
+    repeat: tuple[int, ...] = ()
+    if loose:
+        verdict, repeat = Verdict.REPEAT, loose
+        names = ", ".join(AXES[axis] for axis in loose)
+        reason = f"the movements leave the scale of {names} uncertain: turn it about {names} while that axis is level"
+    elif (refused := unbelievable(k, knobs)) is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *refused
+    elif found.misfit > MISFIT:
+        verdict = Verdict.REFUSED
+        reason = (
+            f"{carried}, {found.misfit**0.5:.1f} times worse than sensors err: hold it quite still between movements"
+        )
+    elif found.full:
+        verdict = Verdict.ACCEPTED
+        out = f", {found.left_out} that contradicted left out" if found.left_out else ""
+        reason = f"full matrix (condition number {found.condition:.0f}): {carried}{out}"
+    else:
+        verdict, reason = Verdict.ACCEPTED, f"diagonal only, {_why(found)}; {carried}"
+    rests = data.rests
+    noise_std = np.median([reading_std(rest.std) for rest in rests], axis=0)
+    turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
+    time = float(np.mean([rest.middle for rest in rests]))
+    return Result("transitions", verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, time, parameters)
 
 
-def _to(u: Floats, v: Floats) -> Floats:
-    """The shortest rotation vector (3,) from unit vector u to v."""
-    axis = np.cross(u, v)
-    sine = float(np.linalg.norm(axis))
-    return axis * (np.arctan2(sine, u @ v) / sine) if sine > 1e-12 else axis
-
-
-def _cross(u: Floats) -> Floats:
-    """(3, 3) u x as a matrix."""
-    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+def _why(found: Fit) -> str:
+    if len(found.angles) < FEWEST:
+        return f"{len(found.angles)} movements are too few for a full matrix ({FEWEST} at least)"
+    name, std = found.unknown[0]
+    others = f" and {len(found.unknown) - 1} more" if len(found.unknown) > 1 else ""
+    return f"{name}{others} known to {degrees(std):.1f}° only: rest it on its other sides too, turning a quarter turn between"
