@@ -8,7 +8,7 @@ import os
 import secrets
 import sys
 from collections.abc import Callable, Sequence
-from math import radians
+from math import isfinite, radians
 from pathlib import Path
 
 from rich.console import Console
@@ -31,6 +31,22 @@ EPILOG = """examples:
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate watch chest --config configs/ward.toml
   truerate calibrate session.npz --json          calibrate from a recording"""
+
+METHODS = """methods:
+  turn360      three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and scale
+               (Algorithm 1 of Wang et al. 2024).
+  transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
+               after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
+               of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
+  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
+  turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
+               against the fixture. Say the rates.
+  servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each
+               spin: bias and scale. Needs an accelerometer. Say the rate.
+examples:
+  truerate calibrate session.npz
+  truerate calibrate poses.csv --method transitions --json
+  truerate calibrate table.npz --method turntable --rates 30,60,90"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -133,7 +149,12 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         _calibrate,
         "calibrate from a recording (.npz, .csv): still, turn, still, turn, still, turn, still",
     )
+    verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path)
+    verb.add_argument("--method", metavar="NAME", help="how (default: the one a ward uses); see below")
+    verb.add_argument(
+        "--rates", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+    )
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
@@ -156,6 +177,16 @@ def _add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help="white noise of a reading, °/s")
     verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
     verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} are no rates; numbers in °/s are expected, as 30,60,90") from None
+    if not all(0.1 <= rate <= 5000 for rate in rates):
+        raise argparse.ArgumentTypeError(f"{text!r}: each rate is said once, without a sign, from 0.1 to 5000 °/s")
+    return rates
 
 
 def _ward_of(given: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
@@ -210,8 +241,9 @@ def _command(given: argparse.Namespace) -> int:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
+    from estimator.batch.result import PARAMETERS  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
-    from estimator.report import as_json, as_table  # noqa: PLC0415
+    from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
 
     recording = load_recording(given.file, given.rate_hz)
     result, passed_over = calibrate(recording, gyro_range=radians(given.range_dps))
@@ -221,8 +253,10 @@ def _calibrate(given: argparse.Namespace) -> int:
         console = Console()
         for words in passed_over:
             console.print(f"passed over: {words}", style="dim", highlight=False)
-        if result.turns:
+        if isfinite(result.covariance.sum()):
             console.print(as_table(result))
+            if len(result.parameters) > len(PARAMETERS):
+                console.print(as_matrix(result))
         console.print(f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False)
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 

@@ -31,7 +31,7 @@ SCALE = ("k_x", "k_y", "k_z")
 ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in _OFF_DIAGONAL)
 MATRIX_PARAMETERS = (*BIAS, *SCALE, *ACROSS)
 PARAMETERS = (*MATRIX_PARAMETERS, *gravity.PARAMETERS)
-_ROW, _COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
+ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Transitions:
 def matrix_of(theta: Floats) -> Floats:
     """M (3, 3) of theta."""
     M = np.empty((3, 3))
-    M[_ROW, _COLUMN] = theta[3:12]
+    M[ROW, COLUMN] = theta[3:12]
     return M
 
 
@@ -141,7 +141,7 @@ class Problem:
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
         r, J, C = self._gravity(theta)
-        lower: Floats = np.linalg.cholesky(C) if factor is None else factor
+        lower = np.asarray(np.linalg.cholesky(C)) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
         rest_r, rest_J = self._rest_rows(theta)
         priors = np.flatnonzero(np.isfinite(self._prior_std))
@@ -188,7 +188,7 @@ class Problem:
             r[rows] = plane @ _to(u[a], arrived)
             # A small rotation phi moves `arrived` by phi x arrived: the rotation across u that is missed grows by phi.
             by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
-            J[rows, 3:12] = plane @ path.by_matrix[:, _ROW, _COLUMN]
+            J[rows, 3:12] = plane @ path.by_matrix[:, ROW, COLUMN]
             J[rows, :3] = plane @ path.by_bias
             J[rows, 12:] = plane @ (by_a @ slope[a] + by_b @ slope[b])
             by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
@@ -198,7 +198,7 @@ class Problem:
             if data.turns[j]:
                 row = 2 * m + n + int(np.searchsorted(turned, j))
                 r[row] = u[a] @ rotation.log(path.end)
-                J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, _ROW, _COLUMN], u[a] @ path.by_bias
+                J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, ROW, COLUMN], u[a] @ path.by_bias
                 by_path[row, own] = u[a]
         accel_var = np.full(3 * n, knobs.accel_floor**2)
         C = (by_accel * accel_var) @ by_accel.T + by_path @ noise @ by_path.T

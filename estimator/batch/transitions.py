@@ -68,8 +68,7 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     condition = _condition(J[:rows])
     J[:rows] /= max(misfit, 1.0) ** 0.5
     angles, ratio = problem.misses(theta)
-    covariance: Floats = np.linalg.inv(J.T @ J)
-    return Fit(theta, covariance, misfit, condition, angles, ratio)
+    return Fit(theta, np.asarray(np.linalg.inv(J.T @ J)), misfit, condition, angles, ratio)
 
 
 def _way(samples: Samples, bias: Floats) -> float:
