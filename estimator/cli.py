@@ -46,7 +46,7 @@ METHODS = """methods:
 examples:
   truerate calibrate session.npz
   truerate calibrate poses.csv --method transitions --json
-  truerate calibrate table.npz --method turntable --rates 30,60,90"""
+  truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -153,7 +153,7 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("file", type=Path)
     verb.add_argument("--method", metavar="NAME", help="how (default: the one a ward uses); see below")
     verb.add_argument(
-        "--rates", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+        "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
     )
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
@@ -241,12 +241,22 @@ def _command(given: argparse.Namespace) -> int:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
+    from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
+    from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
     from estimator.batch.result import PARAMETERS  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
 
+    method = given.method or DEFAULT
+    if method not in (names := (*BY_HAND, *BY_RATES)):
+        raise ConfigError(f"there is no method {method!r}; there are {', '.join(names)}")
+    if bool(given.rates_dps) != (method in BY_RATES):
+        raise ConfigError(
+            f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
+        )
     recording = load_recording(given.file, given.rate_hz)
-    result, passed_over = calibrate(recording, gyro_range=radians(given.range_dps))
+    rates = tuple(map(radians, given.rates_dps))
+    result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
     if given.json:
         print(json.dumps(as_json(result)))
     else:

@@ -12,12 +12,13 @@ knows nothing of full turns. Its covariance is the classical one, from the resid
 """
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, radians
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from bridge.wire.messages import Verdict
+from estimator import rotation
 from estimator.batch.capture import Capture, Floats, Movement, Rest
 from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW, collect
 from estimator.batch.path import integrate
@@ -36,8 +37,9 @@ def by_accel_aided(capture: Capture) -> Result:
         return nothing("accel_aided", Verdict.REFUSED, "no movement between two rests with an accelerometer")
     data = collect(movements)
     accel = np.array([rest.accel for rest in data.rests])
-    if len(accel) < FEWEST_POSES:
-        reason = f"{len(accel)} poses; {FEWEST_POSES} that differ are needed for the accelerometer's own errors"
+    differ = _that_differ(accel)
+    if differ < FEWEST_POSES:
+        reason = f"{differ} poses that differ; {FEWEST_POSES} are needed for the accelerometer's own errors"
         return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
     u = gravity_of(accel)
     b, b_cov = _bias(data.rests)
@@ -86,6 +88,15 @@ def gravity_of(accel: Floats) -> Floats:
     fit = least_squares(lambda x: np.linalg.norm(corrected(x), axis=1) - G, start, method="lm")
     g = corrected(fit.x)
     return np.asarray(g / np.linalg.norm(g, axis=1)[:, None])
+
+
+def _that_differ(accel: Floats) -> int:
+    """How many of the readings (n, 3) are 20 degrees or more from all that are counted before them."""
+    counted: list[Floats] = []
+    for a in accel:
+        if all(rotation.angle_between(a, b) > radians(20) for b in counted):
+            counted.append(a)
+    return len(counted)
 
 
 def _matrix(x: Floats) -> Floats:

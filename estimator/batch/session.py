@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.wire.messages import Verdict
-from estimator.batch.capture import Capture, Floats, History, Rest, Samples, TurnCapture
+from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
 from estimator.batch.methods import BY_MOVEMENTS, DEFAULT, METHODS
 from estimator.batch.movements import Movements
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, same_bias
@@ -108,6 +108,11 @@ class CalibrationSession:
         """Axes without a turn so far."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
 
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        """What was kept of all that lay between rests, full turns or not."""
+        return self._movements.all()
+
     def unfinished(self) -> Result:
         """The result when nothing more will come: which turns are missing, and the last reason why."""
         if self._by_movements and len(self._movements):
@@ -146,6 +151,6 @@ class CalibrationSession:
 
     def _capture(self) -> Capture:
         turns = tuple(self.turns[axis] for axis in sorted(self.turns))
-        movements = self._movements.all()
+        movements = self.movements
         befores = [turn.before for turn in turns] or [movement.before for movement in movements]
         return Capture(min(befores, key=lambda rest: rest.start), turns, movements)
