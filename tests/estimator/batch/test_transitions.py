@@ -42,7 +42,8 @@ def test_without_noise_it_finds_the_truth_of_gyro_and_accelerometer() -> None:
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
-    exact, default = [], []
+    exact: list[float] = []
+    default: list[float] = []
     for seed in range(16):
         of = in_poses(seed + 20)
         data = movements(of)

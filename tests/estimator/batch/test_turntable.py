@@ -23,7 +23,8 @@ def test_without_noise_it_is_the_truth() -> None:
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
-    exact, default = [], []
+    exact: list[float] = []
+    default: list[float] = []
     for seed in range(15):
         of = on_a_turntable(seed)
         for scores, knobs in ((exact, TurntableKnobs(1e-9, 1e-9)), (default, TurntableKnobs())):
@@ -31,7 +32,7 @@ def test_its_covariance_is_what_repeating_shows() -> None:
             M = result.matrix
             found = np.concatenate([result.bias, np.diag(M), M[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]]])
             error = found - true_parameters(of)
-            scores.append(error @ np.linalg.solve(result.covariance, error) / 12)
+            scores.append(float(error @ np.linalg.solve(result.covariance, error)) / 12)
     assert 0.65 < np.mean(exact) < 1.4
     assert np.mean(default) < 1.0, "the simulated table is perfect"
 
