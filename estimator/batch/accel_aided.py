@@ -32,9 +32,7 @@ G = 9.80665
 
 def by_accel_aided(capture: Capture) -> Result:
     """The method: bias and full matrix from at least nine poses and the movements between them."""
-    movements = tuple(m for m in capture.movements if m.before.accel is not None and m.after.accel is not None)
-    if not movements:
-        return nothing("accel_aided", Verdict.REFUSED, "no movement between two rests with an accelerometer")
+    movements = capture.movements
     data = collect(movements)
     accel = np.array([rest.accel for rest in data.rests])
     differ = _that_differ(accel)

@@ -115,8 +115,8 @@ class CalibrationSession:
 
     def unfinished(self) -> Result:
         """The result when nothing more will come: which turns are missing, and the last reason why."""
-        if self._by_movements and len(self._movements):
-            return self._run(self._capture())
+        if self._by_movements:
+            return self._run(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
         because = f" (last movement: {self.last_reason})" if self.last_reason else ""
@@ -148,6 +148,11 @@ class CalibrationSession:
         result = self._run(self._capture())
         enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)
         return [Finished(result, rest)] if enough else []
+
+    def _without_movements(self) -> Result:
+        because = f" (last movement: {self.last_reason})" if self.last_reason else ""
+        reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
+        return nothing(self.method, Verdict.REFUSED, reason)
 
     def _capture(self) -> Capture:
         turns = tuple(self.turns[axis] for axis in sorted(self.turns))

@@ -13,9 +13,10 @@ import numpy as np
 
 from bridge.wire.messages import Verdict
 from estimator import rotation
+from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, Samples
 from estimator.batch.carry import ACROSS, MATRIX_PARAMETERS, Problem, TransitionKnobs, Transitions, collect, matrix_of
-from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
+from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, turn_report, unbelievable
 from estimator.gyro import AXES, reading_std
 
 #: fewer movements cannot determine nine elements, two equations each
@@ -99,17 +100,13 @@ def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
 
 def by_transitions(capture: Capture) -> Result:
     """The method: bias and the full matrix, or its diagonal, from all movements of a capture."""
-    movements = tuple(m for m in capture.movements if m.before.accel is not None and m.after.accel is not None)
-    if not movements:
-        why = "no accelerometer" if capture.movements else "no movement between two rests"
-        return nothing("transitions", Verdict.REFUSED, f"{why}: gravity must be measured before and after movements")
-    data = collect(movements)
+    data = collect(capture.movements)
     return judge_fit(capture, data, estimate(data))
 
 
 def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
-    """Put a verdict on a fit."""
-    knobs = knobs or VerdictKnobs()
+    """Put a verdict on a fit to the movements of a capture."""
+    knobs, movements = knobs or VerdictKnobs(), capture.movements
     matrix, bias, parameters = found.matrix, found.theta[:3], MATRIX_PARAMETERS if found.full else PARAMETERS
     covariance = found.covariance[: len(parameters), : len(parameters)]
     k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
@@ -117,12 +114,17 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKno
     missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
     carried = f"gravity carried through {len(found.angles)} movements to {missed:.2f}° rms"
     repeat: tuple[int, ...] = ()
-    if loose:
+    outside = unbelievable(k, knobs)
+    if (outside or found.misfit > MISFIT) and (
+        foreign := foreign_axes([(m.before, m.samples) for m in movements], np.eye(3))
+    ):
+        verdict, reason = Verdict.REFUSED, foreign
+    elif loose:
         verdict, repeat = Verdict.REPEAT, loose
         names = ", ".join(AXES[axis] for axis in loose)
         reason = f"the movements leave the scale of {names} uncertain: turn it about {names} while that axis is level"
-    elif (refused := unbelievable(k, knobs)) is not None:
-        verdict, repeat, reason = Verdict.REFUSED, *refused
+    elif outside is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *outside
     elif found.misfit > MISFIT:
         verdict = Verdict.REFUSED
         reason = (

@@ -139,9 +139,11 @@ def test_many_movements_that_show_no_misalignment_name_what_is_missing() -> None
     assert "other sides" in result.reason
 
 
-def test_without_an_accelerometer_it_is_refused() -> None:
-    result, _ = offline.calibrate(in_poses(6, 4).recording(accel=False), "transitions")
-    assert result.verdict is Verdict.REPEAT or result.verdict is Verdict.REFUSED
+@pytest.mark.parametrize("method", ["transitions", "accel_aided"])
+def test_without_an_accelerometer_it_is_refused(method: str) -> None:
+    result, _ = offline.calibrate(in_poses(6, 4).recording(accel=False), method)
+    assert result.verdict is Verdict.REFUSED
+    assert "accelerometer" in result.reason
     assert not np.isfinite(result.covariance).any()
 
 
@@ -171,3 +173,12 @@ def test_a_device_is_calibrated_by_poses_alone_and_its_misalignment_corrected_li
     start = during[0].sequence
     rate = np.concatenate([b.rate for b in during])
     np.testing.assert_allclose(rate, of.rate[start : start + len(rate)], atol=np.radians(0.5))
+
+
+@pytest.mark.parametrize(("swap", "word"), [([1, 0, 2], "x"), ([0, 2, 1], "z")])
+def test_swapped_axes_are_named(swap: list[int], word: str) -> None:
+    of = in_poses(9)
+    result, _ = offline.calibrate(replace(of, gyro=of.gyro[:, swap]).recording(), "transitions")
+    assert result.verdict is Verdict.REFUSED
+    assert "axes are not the accelerometer's" in result.reason
+    assert word in result.reason
