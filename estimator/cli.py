@@ -8,7 +8,7 @@ import os
 import secrets
 import sys
 from collections.abc import Callable, Sequence
-from math import radians
+from math import isfinite, radians
 from pathlib import Path
 
 from rich.console import Console
@@ -21,7 +21,6 @@ from bridge.recording import load as load_recording
 from bridge.wire.keys import check_id
 from bridge.wire.messages import Verdict
 from bridge.wire.refusal import Refusal
-from estimator.batch.methods import DEFAULT, METHODS
 
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -32,6 +31,23 @@ EPILOG = """examples:
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate watch chest --config configs/ward.toml
   truerate calibrate session.npz --json          calibrate from a recording"""
+
+METHODS = """methods:
+  closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
+               scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.
+  turn360      the same session by Algorithm 1 of Wang et al. 2024: exact, but biased when the hand wobbles.
+  transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
+               after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
+               of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
+  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
+  turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
+               against the fixture. Say the rates.
+  servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each
+               spin: bias and scale. Needs an accelerometer. Say the rate.
+examples:
+  truerate calibrate session.npz
+  truerate calibrate poses.csv --method transitions --json
+  truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -134,11 +150,15 @@ def _add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         _calibrate,
         "calibrate from a recording (.npz, .csv): still, turn, still, turn, still, turn, still",
     )
+    verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path)
+    verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
+    verb.add_argument(
+        "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+    )
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
-    verb.add_argument("--method", choices=METHODS, default=DEFAULT, help="how (default: %(default)s)")
     verb.add_argument(
         "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
     )
@@ -173,6 +193,16 @@ def _add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--seed", type=int, default=1)
     verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
     verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} are no rates; numbers in °/s are expected, as 30,60,90") from None
+    if not all(0.1 <= rate <= 5000 for rate in rates):
+        raise argparse.ArgumentTypeError(f"{text!r}: each rate is said once, without a sign, from 0.1 to 5000 °/s")
+    return rates
 
 
 def _ward_of(given: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
@@ -227,19 +257,33 @@ def _command(given: argparse.Namespace) -> int:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
+    from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
+    from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
+    from estimator.batch.result import PARAMETERS  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
-    from estimator.report import as_json, as_table  # noqa: PLC0415
+    from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
 
+    method = given.method or DEFAULT
+    if method not in (names := (*BY_HAND, *BY_RATES)):
+        raise ConfigError(f"there is no method {method!r}; there are {', '.join(names)}")
+    if bool(given.rates_dps) != (method in BY_RATES):
+        raise ConfigError(
+            f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
+        )
     recording = load_recording(given.file, given.rate_hz)
     result, passed_over = calibrate(recording, given.method, radians(given.range_dps))
+    rates = tuple(map(radians, given.rates_dps))
+    result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
     if given.json:
         print(json.dumps(as_json(result)))
     else:
         console = Console()
         for words in passed_over:
             console.print(f"passed over: {words}", style="dim", highlight=False)
-        if result.turns:
+        if isfinite(result.covariance.sum()):
             console.print(as_table(result))
+            if len(result.parameters) > len(PARAMETERS):
+                console.print(as_matrix(result))
         console.print(f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False)
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 

@@ -6,8 +6,8 @@ from math import radians
 import numpy as np
 
 from bridge.wire.messages import Verdict
-from estimator.batch import closure, turn360
-from estimator.batch.capture import Capture
+from estimator.batch import accel_aided, closure, servomotor, transitions, turn360, turntable
+from estimator.batch.capture import Capture, Samples
 from estimator.batch.result import Result, VerdictKnobs, judge, nothing
 
 Method = Callable[[Capture], Result]
@@ -44,5 +44,17 @@ def by_closure(capture: Capture) -> Result:
     )
 
 
-METHODS: dict[str, Method] = {"closure": by_closure, "turn360": by_turn360}
+METHODS: dict[str, Method] = {
+    "closure": by_closure,
+    "turn360": by_turn360,
+    "transitions": transitions.by_transitions,
+    "accel_aided": accel_aided.by_accel_aided,
+}
+#: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
+BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
+#: methods for recordings on a machine that turns at known rates (rad/s)
+BY_RATES: dict[str, Callable[[Samples, tuple[float, ...]], Result]] = {
+    "turntable": turntable.by_turntable,
+    "servomotor": servomotor.by_servomotor,
+}
 DEFAULT = "closure"

@@ -29,7 +29,9 @@ class VerdictKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (6, 6) of `parameters`.
+    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters`.
+
+    The first six parameters are always the bias and the diagonal of the matrix; a full matrix has its other elements after.
 
     Without an estimate (verdict repeat or refused before a method could run) matrix is the identity, the covariance all
     infinite.
@@ -55,7 +57,7 @@ class Result:
     @property
     def scale_std(self) -> Floats:
         """(3,) relative standard deviation of the scale factors."""
-        std: Floats = np.sqrt(np.diag(self.covariance)[3:]) / np.abs(self.scale)
+        std: Floats = np.sqrt(np.diag(self.covariance)[3:6]) / np.abs(self.scale)
         return std
 
 
@@ -101,11 +103,10 @@ def judge(
     missed = np.array([turn.closure_error for turn in turns]) if unclosed is None else unclosed
     is_open = (missed > knobs.closure) | (np.zeros(3) if misfit is None else misfit > knobs.misfit).astype(bool)
     open_axes = tuple(turn.axis for turn, is_so in zip(turns, is_open, strict=True) if is_so)
-    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
     loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
-    if outside:
-        verdict, repeat = Verdict.REFUSED, outside
-        reason = f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+    outside = unbelievable(k, knobs)
+    if outside is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *outside
     elif open_axes:
         verdict, repeat = Verdict.REPEAT, open_axes
         errors = ", ".join(f"{AXES[t.axis]} by {degrees(missed[i]):.1f}°" for i, t in enumerate(turns) if is_open[i])
@@ -119,6 +120,14 @@ def judge(
         reason = f"three turns closed to {worst:.2f}°"
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
+
+
+def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] | None:
+    """Which of the scale factors k (3,) are outside what is accepted, and the likely cause; None when all are inside."""
+    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    if not outside:
+        return None
+    return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
 
 
 def _likely(k: Floats) -> str:

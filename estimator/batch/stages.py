@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from estimator.batch.capture import History, Rest, Samples
+from estimator.batch.capture import History, Movement, Rest
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
@@ -27,15 +27,6 @@ class Settled:
 
     before: Rest | None
     after: Rest
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Movement:
-    """What lay between two rests, with a little of both."""
-
-    before: Rest
-    after: Rest
-    samples: Samples
 
 
 class Stages:
