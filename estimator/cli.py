@@ -271,7 +271,6 @@ def _calibrate(given: argparse.Namespace) -> int:
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
         )
     recording = load_recording(given.file, given.rate_hz)
-    result, passed_over = calibrate(recording, given.method, radians(given.range_dps))
     rates = tuple(map(radians, given.rates_dps))
     result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
     if given.json:
