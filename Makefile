@@ -44,10 +44,11 @@ proto: setup-dev
 	$(BIN)/python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. bridge/wire/truerate.proto bridge/wire/columns.proto
 
 study: setup
-	$(BIN)/truerate study algorithm1
+	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: recovery times of a ward.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward.
 bench: setup-dev
+	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 
 clean:

@@ -4,21 +4,27 @@ import numpy as np
 
 from bridge.recording import Recording
 from estimator.batch.capture import Samples
-from estimator.batch.methods import DEFAULT
+from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
 from estimator.stillness import Stillness
 
 
-def calibrate(recording: Recording, method: str = DEFAULT, gyro_range: float = 0.0) -> tuple[Result, list[str]]:
+def calibrate(
+    recording: Recording, method: str = DEFAULT, gyro_range: float = 0.0, rates: tuple[float, ...] = ()
+) -> tuple[Result, list[str]]:
     """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
 
-    gyro_range in rad/s, 0 when unknown: readings at 99 % of it count as clipped.
+    A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
+    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them.
     """
-    stillness, session = Stillness(), CalibrationSession(method)
     limit = 0.99 * gyro_range if gyro_range else np.inf
     clipped = np.any(np.abs(recording.gyro) >= limit, axis=1)
-    session.add(Samples(recording.time_s, recording.gyro, recording.accel, clipped))
+    samples = Samples(recording.time_s, recording.gyro, recording.accel, clipped)
+    if method in BY_RATES:
+        return BY_RATES[method](samples, rates), []
+    stillness, session = Stillness(), CalibrationSession(method, whole=method in BY_MOVEMENTS)
+    session.add(samples)
     passed_over: list[str] = []
     last: Result | None = None
     for window in stillness.feed(recording.time_s, recording.gyro, recording.accel):

@@ -57,3 +57,15 @@ def as_table(result: Result) -> Table:
             ),
         )
     return table
+
+
+def as_matrix(result: Result) -> Table:
+    """The whole matrix, row by row, each element with its standard deviation in brackets."""
+    table = Table(title=None, box=None, pad_edge=False)
+    for heading in ("corrected", "of reading x", "of reading y", "of reading z"):
+        table.add_column(heading, justify="right")
+    std = dict(zip(result.parameters, np.sqrt(np.diag(result.covariance)), strict=True))
+    for i, row in enumerate(AXES):
+        names = [f"k_{row}" if row == column else f"m_{row}{column}" for column in AXES]
+        table.add_row(row, *(f"{result.matrix[i, j]:+.5f} ({std[name]:.5f})" for j, name in enumerate(names)))
+    return table

@@ -274,9 +274,11 @@ class DeviceSession:
             BiasState(result.bias, result.covariance[:3, :3], result.bias_time, self._temperature_at(result.bias_time)),
             self.knobs.bias,
         )
-        # The rest after the last turn is newer than the one the bias came from.
-        self.filter.predict(rest.middle, self._temperature_at(rest.middle))
-        self.filter.update("zaru", rest.bias, self._rest_cov(rest), rest.rounding_var)
+        if result.bias_time < rest.middle:
+            # The rest after the last turn is newer than the one the bias came from.
+            self.filter.predict(rest.middle, self._temperature_at(rest.middle))
+            self.filter.update("zaru", rest.bias, self._rest_cov(rest), rest.rounding_var)
+        self.filter.predict(rest.end, self._temperature_at(rest.end))
         self._evidence_time = rest.end
         self._contradictions, self._doubted = 0, False
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)

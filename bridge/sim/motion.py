@@ -78,6 +78,25 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Spin:
+    """A machine turns it about the unit `axis` (3,): up to `rate` rad/s within ramp_s, at that rate, and down again."""
+
+    duration_s: float
+    axis: Array
+    rate: float
+    ramp_s: float = 0.5
+    lever: tuple[float, float, float] = NO_LEVER
+
+    def attitude(self, time_s: Array) -> Array:
+        """See Piece."""
+        up = np.clip(time_s, 0.0, self.ramp_s)
+        down = np.clip(time_s - (self.duration_s - self.ramp_s), 0.0, self.ramp_s)
+        steady = np.clip(time_s, 0.0, self.duration_s) - self.ramp_s
+        angle = self.rate * (up**2 / (2 * self.ramp_s) - down**2 / (2 * self.ramp_s) + np.maximum(steady, 0.0))
+        return from_rotvec(angle[:, None] * self.axis)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Swing:
     """Natural movement: the rotation vector is a sum of harmonics under a smooth envelope, plus a net change of pose.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.sim.motion import Motion, Piece, Still, Swing, Turn
+from bridge.sim.motion import Motion, Piece, Spin, Still, Swing, Turn
 from bridge.sim.quaternion import Array
 
 SESSION_LEVER = (0.02, 0.01, 0.005)  # turned on a table: the sensor sits near the centre
@@ -59,6 +59,41 @@ def session(rng: np.random.Generator, plan: SessionPlan | None = None) -> list[P
     pieces: list[Piece] = [Still(rests[0])]
     for turn, rest in zip(turns, rests[1:], strict=True):
         pieces += [_turn(rng, plan, turn), Still(rest)]
+    return pieces
+
+
+def poses(rng: np.random.Generator, movements: int, *, rest_s: float = 3.0, turn_s: float = 2.0) -> list[Piece]:
+    """A device laid down in one pose after another, by turns of 60 to 170 degrees about any axis with a wobbling hand."""
+    pieces: list[Piece] = [Still(rest_s)]
+    for _ in range(movements):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        angle = rng.choice([-1, 1]) * rng.uniform(np.radians(60), np.radians(170))
+        wobble = np.radians(rng.normal(size=(_WOBBLE_HARMONICS, 3)))
+        goes = np.array([[0.0, turn_s, 1.0]])
+        pieces += [Turn(turn_s, axis, float(angle), goes, wobble, lever=SESSION_LEVER), Still(rest_s)]
+    return pieces
+
+
+def machine(
+    mounts: Array, rates_dps: tuple[float, ...], *, rest_s: float = 3.0, spin_s: float = 5.0, up: Array | None = None
+) -> list[Piece]:
+    """A turntable or servo with a vertical axis: for each mount (m, 3), the sensor's unit vector then up, every rate.
+
+    Rest, spin, rest, spin … in one mount, then it is mounted anew by a movement of 1 s. up (3,): the vector up at first.
+    """
+    up = np.array([0.0, 0.0, 1.0]) if up is None else up
+    pieces: list[Piece] = [Still(rest_s)]
+    for mount in mounts:
+        across = np.cross(mount, up)
+        angle = float(np.arctan2(np.linalg.norm(across), mount @ up))
+        if np.pi - angle < 1e-9:
+            across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+        if angle > 1e-9:
+            pieces += [Turn(1.0, across / np.linalg.norm(across), angle, np.array([[0.0, 1.0, 1.0]])), Still(rest_s)]
+        for rate in np.radians(rates_dps):
+            pieces += [Spin(spin_s, mount, float(rate)), Still(rest_s)]
+        up = mount
     return pieces
 
 

@@ -33,7 +33,7 @@ class Samples:
 class Rest:
     """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
 
-    accel (3,) mean m/s² or None.
+    accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
     """
 
     start: float
@@ -43,6 +43,7 @@ class Rest:
     step: Floats
     n: int
     accel: Floats | None
+    accel_std: Floats | None = None
 
     @property
     def middle(self) -> float:
@@ -71,11 +72,27 @@ class TurnCapture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Movement:
+    """What lay between two rests, with a little of both; full_turn: it is known to have ended where it began."""
+
+    before: Rest
+    after: Rest
+    samples: Samples
+    full_turn: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z."""
+    """All a method needs: the rest before the first turn, and one turn about each axis in the order x, y, z.
+
+    rests: every rest from that one to the one after the last turn, in the order of time.
+    movements: all that lay between two rests, full turns or not; with them alone turns may be missing.
+    """
 
     rest: Rest
     turns: tuple[TurnCapture, ...]
+    rests: tuple[Rest, ...] = ()
+    movements: tuple[Movement, ...] = ()
 
 
 class History:

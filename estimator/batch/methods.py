@@ -1,13 +1,18 @@
 """The calibration methods by name: each takes a Capture and gives a Result."""
 
 from collections.abc import Callable
+from math import radians
+
+import numpy as np
 
 from bridge.wire.messages import Verdict
-from estimator.batch import turn360
-from estimator.batch.capture import Capture
-from estimator.batch.result import Result, judge, nothing
+from estimator.batch import accel_aided, closure, servomotor, transitions, turn360, turntable
+from estimator.batch.capture import Capture, Samples
+from estimator.batch.result import Result, VerdictKnobs, judge, nothing
 
 Method = Callable[[Capture], Result]
+#: wobble leaves nothing open here, as it does in Algorithm 1
+CLOSURE_VERDICT = VerdictKnobs(closure=radians(3.0))
 
 
 def by_turn360(capture: Capture) -> Result:
@@ -19,5 +24,37 @@ def by_turn360(capture: Capture) -> Result:
     return judge("turn360", capture, found.k, found.bias, found.covariance)
 
 
-METHODS: dict[str, Method] = {"turn360": by_turn360}
-DEFAULT = "turn360"
+def by_closure(capture: Capture) -> Result:
+    """Maximum likelihood over bias and scale: every turn ends where it began."""
+    try:
+        found = closure.estimate(capture)
+    except closure.NotConverged as error:
+        return nothing("closure", Verdict.REFUSED, str(error), repeat=(0, 1, 2))
+    return judge(
+        "closure",
+        capture,
+        found.k,
+        found.bias,
+        found.covariance,
+        CLOSURE_VERDICT,
+        turn_bias=found.turn_bias,
+        unclosed=np.linalg.norm(found.residual, axis=1),
+        misfit=found.misfit,
+        bias_time=found.time,
+    )
+
+
+METHODS: dict[str, Method] = {
+    "closure": by_closure,
+    "turn360": by_turn360,
+    "transitions": transitions.by_transitions,
+    "accel_aided": accel_aided.by_accel_aided,
+}
+#: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
+BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
+#: methods for recordings on a machine that turns at known rates (rad/s)
+BY_RATES: dict[str, Callable[[Samples, tuple[float, ...]], Result]] = {
+    "turntable": turntable.by_turntable,
+    "servomotor": servomotor.by_servomotor,
+}
+DEFAULT = "closure"

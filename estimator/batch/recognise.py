@@ -6,8 +6,7 @@ from math import degrees, radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch.capture import Floats, Rest, Samples, TurnCapture
-from estimator.batch.stages import Movement
+from estimator.batch.capture import Floats, Movement, Rest, Samples, TurnCapture
 from estimator.gyro import AXES
 
 

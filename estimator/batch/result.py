@@ -21,13 +21,17 @@ class VerdictKnobs:
     k_max: float = 1.4
     #: rad between start and end of a turn, corrected; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
     closure: float = radians(5.0)
+    #: what a turn does not close by, squared over its covariance (3 degrees of freedom): false alarm 1e-6
+    misfit: float = 30.66
     #: relative; more than this and the three turns did not determine the scale
     scale_std: float = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (6, 6) of `parameters`.
+    """corrected = matrix (reading - bias). matrix (3, 3), bias (3,) rad/s, covariance (p, p) of `parameters`.
+
+    The first six parameters are always the bias and the diagonal of the matrix; a full matrix has its other elements after.
 
     Without an estimate (verdict repeat or refused before a method could run) matrix is the identity, the covariance all
     infinite.
@@ -53,7 +57,7 @@ class Result:
     @property
     def scale_std(self) -> Floats:
         """(3,) relative standard deviation of the scale factors."""
-        std: Floats = np.sqrt(np.diag(self.covariance)[3:]) / np.abs(self.scale)
+        std: Floats = np.sqrt(np.diag(self.covariance)[3:6]) / np.abs(self.scale)
         return std
 
 
@@ -74,21 +78,38 @@ def turn_report(turn: TurnCapture, matrix: Floats, bias: Floats) -> Turn:
 
 
 def judge(
-    method: str, capture: Capture, k: Floats, bias: Floats, covariance: Floats, knobs: VerdictKnobs | None = None
+    method: str,
+    capture: Capture,
+    k: Floats,
+    bias: Floats,
+    covariance: Floats,
+    knobs: VerdictKnobs | None = None,
+    *,
+    turn_bias: Floats | None = None,
+    unclosed: Floats | None = None,
+    misfit: Floats | None = None,
+    bias_time: float | None = None,
 ) -> Result:
-    """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6)."""
+    """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6).
+
+    A method may know better than one bias and closed turns: turn_bias (3, 3) rad/s, the bias during each turn;
+    unclosed (3,) rad, by what each misses, and misfit (3,), how unlikely that is as chi-square of 3 degrees of freedom.
+    bias_time: when the bias was so, by default in the middle of the first rest.
+    """
     knobs = knobs or VerdictKnobs()
+    turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
-    turns = tuple(turn_report(turn, matrix, bias) for turn in capture.turns)
-    open_axes = tuple(turn.axis for turn in turns if turn.closure_error > knobs.closure)
-    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    turns = tuple(turn_report(turn, matrix, b) for turn, b in zip(capture.turns, turn_bias, strict=True))
+    missed = np.array([turn.closure_error for turn in turns]) if unclosed is None else unclosed
+    is_open = (missed > knobs.closure) | (np.zeros(3) if misfit is None else misfit > knobs.misfit).astype(bool)
+    open_axes = tuple(turn.axis for turn, is_so in zip(turns, is_open, strict=True) if is_so)
     loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
-    if outside:
-        verdict, repeat = Verdict.REFUSED, outside
-        reason = f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+    outside = unbelievable(k, knobs)
+    if outside is not None:
+        verdict, repeat, reason = Verdict.REFUSED, *outside
     elif open_axes:
         verdict, repeat = Verdict.REPEAT, open_axes
-        errors = ", ".join(f"{AXES[t.axis]} by {degrees(t.closure_error):.1f}°" for t in turns if t.axis in open_axes)
+        errors = ", ".join(f"{AXES[t.axis]} by {degrees(missed[i]):.1f}°" for i, t in enumerate(turns) if is_open[i])
         reason = f"the turn did not end where it began: {errors}. Repeat axis {_axes(open_axes)}"
     elif loose:
         verdict, repeat = Verdict.REPEAT, loose
@@ -97,9 +118,16 @@ def judge(
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
         reason = f"three turns closed to {worst:.2f}°"
-    return Result(
-        method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time=capture.rest.middle
-    )
+    bias_time = capture.rest.middle if bias_time is None else bias_time
+    return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
+
+
+def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] | None:
+    """Which of the scale factors k (3,) are outside what is accepted, and the likely cause; None when all are inside."""
+    outside = tuple(axis for axis in range(3) if not knobs.k_min <= k[axis] <= knobs.k_max)
+    if not outside:
+        return None
+    return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
 
 
 def _likely(k: Floats) -> str:

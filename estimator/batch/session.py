@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.wire.messages import Verdict
-from estimator.batch.capture import Capture, Floats, History, Rest, Samples, TurnCapture
-from estimator.batch.methods import DEFAULT, METHODS
+from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
+from estimator.batch.methods import BY_MOVEMENTS, DEFAULT, METHODS
+from estimator.batch.movements import Movements
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, same_bias
-from estimator.batch.result import Result, nothing
+from estimator.batch.result import PARAMETERS, Result, nothing
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
 from estimator.stillness import Window
@@ -40,7 +41,7 @@ class Ignored:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """Three turns are there and a method has run on them; `rest` is the one after the last turn."""
+    """A method has run on what is there: three turns, or movements enough for a full matrix; `rest` is the newest."""
 
     result: Result
     rest: Rest
@@ -50,7 +51,11 @@ Progress = RestFound | TurnFound | Ignored | Finished
 
 
 class CalibrationSession:
-    """Collects rests and turns in any order of axes until one turn about each is there."""
+    """Collects rests and turns in any order of axes until one turn about each is there.
+
+    A method by movements runs after each of them too, and is done as soon as they determine a full matrix; with `whole`
+    it runs only when asked for what it has, at the end of a recording.
+    """
 
     def __init__(
         self,
@@ -58,6 +63,8 @@ class CalibrationSession:
         k: Floats | None = None,
         stages: StageKnobs | None = None,
         turn_knobs: TurnKnobs | None = None,
+        *,
+        whole: bool = False,
     ) -> None:
         self._run = METHODS[method]
         self.method = method
@@ -65,7 +72,10 @@ class CalibrationSession:
         self._history = History()
         self._stages = Stages(self._history, stages)
         self._turn_knobs = turn_knobs or TurnKnobs()
+        self._movements = Movements(self._turn_knobs)
+        self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
+        self._rests: list[Rest] = []
         self.last_reason = ""
 
     @property
@@ -84,22 +94,41 @@ class CalibrationSession:
             return []
         progress: list[Progress] = [RestFound(settled.after)]
         if settled.before is not None:
+            self._keep(settled.before)
             movement = self._stages.movement(settled.before, settled.after)
             found = recognise(movement, self._k, self._turn_knobs)
-            progress += self._ignored(found) if isinstance(found, NoTurn) else self._turned(found)
+            kept = self._movements.add(movement, full_turn=not isinstance(found, NoTurn)) and self._by_movements
+            if not isinstance(found, NoTurn):
+                progress += self._turned(found)
+            elif not kept:
+                progress += self._ignored(found)
+            if kept and not isinstance(progress[-1], Finished):
+                progress += self._moved(settled.after)
         return progress
 
     def missing(self) -> tuple[int, ...]:
         """Axes without a turn so far."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
 
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        """What was kept of all that lay between rests, full turns or not."""
+        return self._movements.all()
+
     def unfinished(self) -> Result:
         """The result when nothing more will come: which turns are missing, and the last reason why."""
+        if self._by_movements:
+            return self._run(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
         because = f" (last movement: {self.last_reason})" if self.last_reason else ""
         reason = f"no full turn about {names} was seen{because}"
         return nothing(self.method, Verdict.REPEAT, reason, missing)
+
+    def _keep(self, rest: Rest) -> None:
+        """Keep a rest that has ended, and those since the first turn that still counts."""
+        since = min((turn.before.start for turn in self.turns.values()), default=rest.start)
+        self._rests = [r for r in self._rests if r.start >= since] + [rest]
 
     def _ignored(self, no_turn: NoTurn) -> list[Progress]:
         self.last_reason = no_turn.reason
@@ -114,10 +143,30 @@ class CalibrationSession:
             if newest - t.samples.time[-1] < STALE_S and same_bias(t.before, turn.before, self._turn_knobs)
         }
         progress: list[Progress] = [TurnFound(turn)]
-        if not self.missing():
-            turns = tuple(self.turns[axis] for axis in range(3))
-            first = min(turns, key=lambda t: float(t.samples.time[0]))
-            result = self._run(Capture(first.before, turns))
+        if not self.missing() and not self._whole:
+            result = self._run(self._capture())
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
             progress.append(Finished(result, turn.after))
         return progress
+
+    def _moved(self, rest: Rest) -> list[Progress]:
+        if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:
+            return []
+        result = self._run(self._capture())
+        enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)
+        return [Finished(result, rest)] if enough else []
+
+    def _without_movements(self) -> Result:
+        because = f" (last movement: {self.last_reason})" if self.last_reason else ""
+        reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
+        return nothing(self.method, Verdict.REFUSED, reason)
+
+    def _capture(self) -> Capture:
+        turns = tuple(self.turns[axis] for axis in sorted(self.turns))
+        movements = self.movements
+        befores = [turn.before for turn in turns] or [movement.before for movement in movements]
+        first = min(befores, key=lambda rest: rest.start)
+        afters = [turn.after for turn in turns] or [movement.after for movement in movements]
+        last = max(afters, key=lambda rest: rest.start)
+        rests = (*(rest for rest in self._rests if first.start <= rest.start < last.start), last)
+        return Capture(first, turns, rests, movements)

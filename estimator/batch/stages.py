@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from estimator.batch.capture import History, Rest, Samples
+from estimator.batch.capture import History, Movement, Rest
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
@@ -27,15 +27,6 @@ class Settled:
 
     before: Rest | None
     after: Rest
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Movement:
-    """What lay between two rests, with a little of both."""
-
-    before: Rest
-    after: Rest
-    samples: Samples
 
 
 class Stages:
@@ -71,9 +62,10 @@ class Stages:
     def _measure(self, start: float, end: float) -> Rest:
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
         accel = None if still.accel is None else still.accel.mean(axis=0)
+        accel_std = None if still.accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
-        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel)
+        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel, accel_std)
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """The samples between two rests with some of either, at most half of it."""

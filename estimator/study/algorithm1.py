@@ -19,7 +19,7 @@ def run(console: Console, sessions: int, noise_dps: float, wobble_deg: float, pi
     for seed in track(range(sessions), "simulating and calibrating", console=console, transient=True):
         session = simulate_session(seed, noise_dps=noise_dps, wobble_deg=wobble_deg, rests_s=3.0, turn_s=(4.0, 6.0))
         recording = Recording(session.time_s, session.gyro, None, None, session.rate_hz, f"seed {seed}")
-        result, _ = offline.calibrate(recording)
+        result, _ = offline.calibrate(recording, "turn360")
         if result.verdict is not Verdict.ACCEPTED:
             refused += 1
             continue

@@ -1,4 +1,4 @@
-"""Algorithm 1 over many sessions, recognised from the stream alone: accuracy, refusals, and nothing bad accepted."""
+"""Calibrations over many sessions, recognised from the stream alone: accuracy, refusals, and nothing bad accepted."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,11 @@ from bridge.sim.script import TurnPlan
 from bridge.sim.session import simulate_session
 from bridge.wire.messages import Verdict
 from estimator import offline
+from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.batch.result import Result
+
+#: methods for three full turns; those by movements take other protocols too
+BY_TURNS = [name for name in METHODS if name not in BY_MOVEMENTS]
 
 
 def test_its_accuracy_is_the_papers_best() -> None:
@@ -19,7 +23,7 @@ def test_its_accuracy_is_the_papers_best() -> None:
     k, bias = [], []
     for seed in range(200):
         s = simulate_session(seed, rests_s=3.0, turn_s=(4.0, 6.0))
-        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""))
+        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, None, None, s.rate_hz, ""), "turn360")
         assert result.verdict is Verdict.ACCEPTED, result.reason
         k.append(result.scale - s.truth.k)
         bias.append(np.degrees(result.bias - s.bias[0]))
@@ -27,7 +31,8 @@ def test_its_accuracy_is_the_papers_best() -> None:
     assert np.sqrt(np.mean(np.square(bias))) <= 2e-3
 
 
-def test_good_sessions_of_all_kinds_are_accepted_and_right() -> None:
+@pytest.mark.parametrize("method", BY_TURNS)
+def test_good_sessions_of_all_kinds_are_accepted_and_right(method: str) -> None:
     """Any order, direction, goes, rate, bias, scale, with and without accelerometer: under 1 % refused."""
     refused: list[str] = []
     scores = []
@@ -51,7 +56,7 @@ def test_good_sessions_of_all_kinds_are_accepted_and_right() -> None:
             spec=ImuSpec(scale=(0.75, 1.35), bias_limit_dps=10.0, step_dps=float(rng.choice([0.0, 0.0076, 0.061]))),
         )
         result, passed = offline.calibrate(
-            Recording(s.time_s, s.gyro, s.accel if seed % 2 else None, None, s.rate_hz, "")
+            Recording(s.time_s, s.gyro, s.accel if seed % 2 else None, None, s.rate_hz, ""), method
         )
         if result.verdict is not Verdict.ACCEPTED:
             refused.append(f"{seed}: {result.reason} {passed}")
@@ -102,18 +107,22 @@ def _slow(rng: np.random.Generator) -> tuple[TurnPlan, ...]:
 
 @pytest.mark.parametrize("plan", [_missing, _one_angle, _blind_angle, _swings, _slow])
 @pytest.mark.parametrize("accel", [True, False])
-def test_no_bad_protocol_is_accepted(plan: Plan, accel: bool) -> None:
+@pytest.mark.parametrize("method", BY_TURNS)
+def test_no_bad_protocol_is_accepted(plan: Plan, accel: bool, method: str) -> None:
     if plan is _one_angle and not accel:
         pytest.skip("330° and a scale of 1.09 read alike: without gravity nobody can tell")
     for seed in range(25):
         rng = np.random.default_rng(seed)
         s = simulate_session(seed, turns=plan(rng), rests_s=3.2, spec=ImuSpec(scale=(0.95, 1.05)))
-        result, _ = offline.calibrate(Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, ""))
+        result, _ = offline.calibrate(
+            Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, ""), method
+        )
         assert result.verdict is not Verdict.ACCEPTED, (seed, result.reason, result.scale, s.truth.k)
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_spoilt_good_session_is_never_accepted_wrong(seed: int) -> None:
+@pytest.mark.parametrize("method", BY_TURNS)
+def test_a_spoilt_good_session_is_never_accepted_wrong(seed: int, method: str) -> None:
     """One thing broken at a time: lost samples, a limit nobody flagged, a slow movement for a rest, a bias that jumps."""
     rng = np.random.default_rng(seed)
     s = simulate_session(seed, spec=ImuSpec(scale=(0.9, 1.1), bias_limit_dps=2.0))
@@ -131,5 +140,5 @@ def test_a_spoilt_good_session_is_never_accepted_wrong(seed: int) -> None:
             gyro[rest] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
         case _:
             gyro[turn.start + 50 :] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
-    result, _ = offline.calibrate(Recording(time[keep], gyro[keep], s.accel[keep], None, s.rate_hz, ""))
+    result, _ = offline.calibrate(Recording(time[keep], gyro[keep], s.accel[keep], None, s.rate_hz, ""), method)
     assert not wrong(result, s.truth.k), (result.scale - s.truth.k, result.scale_std)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from estimator.cli import main
+from tests.estimator.batch.machines import on_a_turntable
+from tests.estimator.batch.sessions import in_poses
 
 ROOT = Path(__file__).parents[2]
 Floats = NDArray[np.float64]
@@ -33,6 +35,54 @@ def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.Capture
     assert found["reason"]
     assert sorted(turn["axis"] for turn in found["turns"]) == ["x", "y", "z"]
     assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
+
+
+@pytest.mark.parametrize("method", ["closure", "turn360"])
+def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0
+    assert f"accepted ({method})" in capsys.readouterr().out
+
+
+def test_calibrate_by_poses_prints_the_whole_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    of = in_poses(2)
+    file = str(tmp_path / "poses.npz")
+    np.savez(file, gyro_rad_s=of.gyro, accel_m_s2=of.accel, t_s=of.time)
+    assert main(["calibrate", file, "--method", "transitions"]) == 0
+    printed = capsys.readouterr().out
+    assert "of reading z" in printed
+    assert f"{of.truth.matrix[0, 1]:+.3f}"[:5] in printed
+    assert main(["calibrate", file, "--method", "transitions", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"][:7] == ["bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z", "m_xy"]
+    assert np.array(found["covariance"]).shape == (12, 12)
+
+
+def test_calibrate_on_a_turntable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    of = on_a_turntable(1)
+    file = str(tmp_path / "table.npz")
+    np.savez(file, gyro_rad_s=of.gyro, t_s=of.time)
+    assert main(["calibrate", file, "--method", "turntable", "--rates-dps", "30,60,90"]) == 0
+    assert "accepted (turntable)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--method", "turnpike"], "turn360, "),
+        (["--method", "turntable"], "needs --rates-dps"),
+        (["--rates-dps", "30"], "takes no --rates-dps"),
+    ],
+)
+def test_calibrate_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "nowhere.npz", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rates", ["thirty", "30,-60", "0", "nan"])
+def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["calibrate", "nowhere.npz", "--method", "turntable", f"--rates-dps={rates}"])
+    assert rates in capsys.readouterr().err
 
 
 def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -141,7 +191,8 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
-     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"]],
+     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"],
+     ["study", "paper"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

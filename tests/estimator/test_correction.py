@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Calibration, Quality, Verdict
+from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.result import PARAMETERS
 from estimator.correction import choose
 from estimator.gyro import PriorKnobs
@@ -66,6 +67,21 @@ def test_this_boots_calibration_goes_before_an_earlier_one() -> None:
     np.testing.assert_array_equal(best.model.bias, BIAS.x)
     np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
     np.testing.assert_array_equal(best.model.noise_std, np.full(3, 0.002))
+
+
+def test_a_full_matrix_is_applied_whole() -> None:
+    matrix = np.array([[0.9, 0.02, 0.0], [0.01, 1.0, -0.03], [0.0, 0.0, 1.1]])
+    full = replace(
+        CALIBRATION,
+        matrix=matrix,
+        parameters=MATRIX_PARAMETERS,
+        covariance=np.diag(np.square([1e-4] * 3 + [1e-3, 2e-3, 3e-3] + [5e-3] * 6)),
+    )
+    best = choose(full, None, BIAS, None, KNOBS)
+    np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
+    (batch,) = stream([], 0.2).batches([])
+    expected = (batch.gyro.astype(float) - BIAS.x) @ matrix.T
+    np.testing.assert_array_equal(best.apply(batch, 0, len(batch)).rate, expected.astype(np.float32))
 
 
 def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:

@@ -22,7 +22,8 @@ def test_a_recording_of_a_session_is_calibrated(accel: bool) -> None:
 def test_live_and_from_a_file_are_one_calibration() -> None:
     of = calibration(seed=2, before_s=40.0)
     live = feed(DeviceSession(NAME), of.batches()).calibration
-    whole, _ = offline.calibrate(Recording(of.time, of.gyro.astype(np.float32).astype(float), None, None, 104.0, ""))
+    gyro, accel = (values.astype(np.float32).astype(float) for values in (of.gyro, of.accel))
+    whole, _ = offline.calibrate(Recording(of.time, gyro, accel, None, 104.0, ""))
     assert live is not None
     np.testing.assert_allclose(np.diag(live.matrix), whole.scale, atol=5e-6)
 

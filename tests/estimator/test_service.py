@@ -189,12 +189,12 @@ def test_a_store_that_fails_is_counted_and_gone_on_without(
 
 
 def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
-    from estimator.batch import turn360
+    from estimator.batch import closure
 
     def never(*_: object) -> None:
-        raise turn360.NotConverged("no scale factors close the three turns")
+        raise closure.NotConverged("no scale factors close the three turns")
 
-    monkeypatch.setattr(turn360, "estimate", never)
+    monkeypatch.setattr(closure, "estimate", never)
     ward.send(calibration(seed=3).batches(), info(1))
     (published,) = ward.client.calibrations(wait_s=0.05)
     assert published.verdict is Verdict.REFUSED

@@ -120,12 +120,12 @@ def test_the_words_say_what_is_missing() -> None:
 
 
 def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
-    from estimator.batch import turn360
+    from estimator.batch import closure
 
     def never(*_: object) -> None:
-        raise turn360.NotConverged("no scale factors close the three turns")
+        raise closure.NotConverged("no scale factors close the three turns")
 
-    monkeypatch.setattr(turn360, "estimate", never)
+    monkeypatch.setattr(closure, "estimate", never)
     device = DeviceSession(NAME)
     outcome = feed(device, calibration(seed=4).batches())
     assert state(device) is State.TURNING

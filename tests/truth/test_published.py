@@ -44,7 +44,7 @@ def test_algorithm_1_agrees_with_an_independent_prototype(shared_data: Path, nam
     """The prototype was told the stages; where the rests begin and end explains the difference."""
     path = shared_data / "simulated" / f"{name}.npz"
     file = np.load(path)
-    result, _ = offline.calibrate(load(path))
+    result, _ = offline.calibrate(load(path), "turn360")
     assert result.verdict is Verdict.ACCEPTED
     tolerance = 1e-4 if "noise0.03" in name else 4e-4
     np.testing.assert_allclose(result.scale, file["algorithm1_k"], atol=tolerance)
@@ -60,7 +60,7 @@ def test_where_algorithm_1_is_wrong_it_says_so(shared_data: Path) -> None:
     scores = []
     for name in SESSIONS:
         path = shared_data / "simulated" / f"{name}.npz"
-        result, _ = offline.calibrate(load(path))
+        result, _ = offline.calibrate(load(path), "turn360")
         scores.append((result.scale - np.load(path)["truth_k"]) / np.sqrt(np.diag(result.covariance)[3:]))
     assert np.abs(scores).max() < 2.5
     assert np.sqrt(np.mean(np.square(scores))) < 1.2

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.sim.motion import GRAVITY, Motion, Piece, Still, Swing, TrueMotion
+from bridge.sim.motion import GRAVITY, Motion, Piece, Spin, Still, Swing, TrueMotion
 from bridge.sim.quaternion import from_rotvec, integrate, to_rotvec
-from bridge.sim.script import SessionPlan, TurnPlan, demo_script, session, worn
+from bridge.sim.script import SessionPlan, TurnPlan, demo_script, machine, poses, session, worn
 
 START = np.array([0.5, -0.5, 0.5, 0.5])
 
@@ -154,3 +154,40 @@ def test_rotation_vectors_round_trip_down_to_nothing() -> None:
     np.testing.assert_allclose(
         rotation(from_rotvec(rotvec)).as_matrix(), Rotation.from_rotvec(rotvec).as_matrix(), atol=1e-14
     )
+
+
+def test_a_machine_reaches_its_rate_and_holds_it() -> None:
+    axis = np.array([0.0, 0.6, 0.8])
+    motion = play([Still(1.0), Spin(4.0, axis, -1.5, ramp_s=0.5), Still(1.0)])
+    steady = (motion.time_s > 1.55) & (motion.time_s < 4.45)
+    np.testing.assert_allclose(motion.rate[steady], np.tile(-1.5 * axis, (steady.sum(), 1)), atol=1e-12)
+    still = (motion.time_s < 1.0) | (motion.time_s > 5.02)
+    np.testing.assert_array_equal(motion.rate[still], 0.0)
+    turned = np.sum(motion.rate @ axis * np.diff(motion.time_s, prepend=0.0))
+    assert turned == pytest.approx(-1.5 * 3.5, abs=1e-9)
+
+
+def test_on_a_machine_the_axis_is_vertical() -> None:
+    mounts = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, -0.8, 0.0]])
+    pieces = machine(mounts, (50.0, -50.0))
+    motion = Motion(pieces).advance(times(sum(piece.duration_s for piece in pieces)))
+    up = motion.force / GRAVITY
+    ends_s = np.cumsum([piece.duration_s for piece in pieces])
+    spins = [i for i, piece in enumerate(pieces) if isinstance(piece, Spin)]
+    assert len(spins) == 8
+    for n, i in enumerate(spins):
+        during = (motion.time_s > ends_s[i - 1]) & (motion.time_s < ends_s[i])
+        np.testing.assert_allclose(up[during], np.tile(mounts[n // 2], (during.sum(), 1)), atol=1e-9)
+
+
+def test_poses_differ_and_repeat_with_the_seed() -> None:
+    pieces = poses(np.random.default_rng(1), 12)
+    rests = [i for i, piece in enumerate(pieces) if isinstance(piece, Still)]
+    assert len(rests) == 13
+    motion = play(pieces)
+    middle_s = np.cumsum([piece.duration_s for piece in pieces])[rests] - 1.0
+    up = motion.force[np.searchsorted(motion.time_s, middle_s)] / GRAVITY
+    np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1.0, atol=1e-9)
+    assert np.linalg.svd(up, compute_uv=False)[-1] > 1.0, "they fill all directions"
+    again = play(poses(np.random.default_rng(1), 12))
+    np.testing.assert_array_equal(motion.rate, again.rate)

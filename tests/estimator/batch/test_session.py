@@ -58,8 +58,9 @@ def test_turns_at_another_bias_are_not_combined() -> None:
     assert not any(isinstance(p, Finished) for p in progress(of))
 
 
-def test_bias_comes_from_the_rest_before_the_first_turn() -> None:
+def test_the_bias_is_that_of_the_last_rest() -> None:
     of = calibration(seed=7)
     last = progress(of)[-1]
     assert isinstance(last, Finished)
-    assert last.result.bias_time < 1.5 + 3.2
+    assert last.result.bias_time == last.rest.middle
+    assert last.result.bias_time > of.time[-1] - 3.2

@@ -1,0 +1,111 @@
+"""The paper's simulated sessions, gyro only and many at once: still, turn x, still, turn y, still, turn z, still.
+
+Source: Wang et al., Mechatronics 102 (2024) 103232, its simulation: scale U(0.8, 1.2), bias U(-5, 5) °/s, turning axes off
+the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Beyond it: a hand that wobbles, and one that misses.
+Sample i holds over the interval that ends at it, and its rate turns one attitude into the next exactly.
+"""
+
+from dataclasses import dataclass
+from functools import reduce
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, to_rotvec
+
+_DEGREE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class PaperPlan:
+    """What a study varies. noise_dps: white, °/s; times in s.
+
+    wobble_deg: how far a turn's axis swings in space, to either side in both directions across it; it still closes.
+    replacement_deg: by how much a turn misses its start, standard deviation per axis.
+    """
+
+    noise_dps: float = 0.03
+    wobble_deg: float = 0.0
+    replacement_deg: float = 0.0
+    rest_s: float = 3.0
+    turn_s: tuple[float, float] = (4.0, 6.0)
+    rate_hz: float = 104.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperGyro:
+    """One of the paper's parameter sets: rate = k (reading - bias); k, bias (3,) in rad/s, turning axes (3, 3) in rows."""
+
+    k: Array
+    bias: Array
+    axes: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperSessions:
+    """s sessions of a gyro: rests (s, 4, m, 3) and turns (s, 3, n, 3) of readings, rad/s, and the true rates of the turns.
+
+    dt (s, 3, n): s each sample of a turn stands for; 0 after its end.
+    """
+
+    gyro: PaperGyro
+    rests: Array
+    turns: Array
+    rates: Array
+    dt: Array
+
+
+def draw_gyro(rng: np.random.Generator) -> PaperGyro:
+    """A parameter set."""
+    axes = np.eye(3) + rng.uniform(-0.1, 0.1, (3, 3)) * (1 - np.eye(3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    return PaperGyro(rng.uniform(0.8, 1.2, 3), np.radians(rng.uniform(-5, 5, 3)), axes)
+
+
+def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> PaperSessions:
+    """That many sessions of one gyro, each with its own hand and noise."""
+    counts = np.round(rng.uniform(*plan.turn_s, (sessions, 3)) * plan.rate_hz).astype(int)
+    n = int(counts.max())
+    dt = (np.arange(n) < counts[..., None]) / plan.rate_hz
+    rates = _rates(gyro, plan, counts, dt, rng)
+    noise = np.radians(plan.noise_dps)
+    rests = gyro.bias + noise * rng.standard_normal((sessions, 4, round(plan.rest_s * plan.rate_hz), 3))
+    turns = rates / gyro.k + gyro.bias + noise * rng.standard_normal(rates.shape)
+    return PaperSessions(gyro, rests, turns, rates, dt)
+
+
+def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array, rng: np.random.Generator) -> Array:
+    """(s, 3, n, 3) true rates of the turns."""
+    n = dt.shape[-1]
+    done = _bezier(rng.uniform(0.4, 1.6, (*counts.shape, _DEGREE - 1)), counts, n)
+    angle = 2 * np.pi * rng.choice([-1.0, 1.0], counts.shape)[..., None] * done
+    if not plan.wobble_deg and not plan.replacement_deg:
+        return np.asarray((np.diff(angle) * plan.rate_hz)[..., None] * gyro.axes[:, None])
+    spin = angle[..., None] * gyro.axes[:, None]
+    # Whole half swings, so that a turn closes: three to ten, some 0.3 to 1 Hz.
+    swings = rng.integers(3, 11, (*counts.shape, 1, 3)) * rng.choice([-1.0, 1.0], (*counts.shape, 1, 3))
+    tilt = np.radians(plan.wobble_deg) * np.sin(np.pi * done[..., None] * swings) * (1 - np.eye(3))[:, None]
+    miss = done[..., None] * np.radians(plan.replacement_deg) * rng.standard_normal((*counts.shape, 1, 3))
+    parts = (from_rotvec(part.reshape(-1, 3)) for part in (tilt, spin, miss))
+    attitude = reduce(multiply, parts).reshape(*done.shape, 4)
+    before, after = attitude[:, :, :-1].reshape(-1, 4), attitude[:, :, 1:].reshape(-1, 4)
+    return to_rotvec(multiply(conjugate(before), after)).reshape(*dt.shape, 3) * plan.rate_hz
+
+
+def _bezier(speed: Array, counts: NDArray[np.int_], n: int) -> Array:
+    """(s, 3, n + 1) share of the way done before and after each sample: 0 to 1, its speed a Bézier curve from and to 0."""
+    # The integral of a Bézier curve is one with the running sums of its control points.
+    points = np.concatenate([np.zeros((*speed.shape[:-1], 2)), np.cumsum(speed, axis=-1)], axis=-1)
+    points = np.concatenate([points, points[..., -1:]], axis=-1) / points[..., -1:]
+    degree = points.shape[-1] - 1
+    power = np.zeros((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for j in range(i, degree + 1):
+            power[i, j] = (-1) ** (j - i) * comb(degree, i) * comb(degree - i, j - i)
+    coefficients = points @ power
+    u = np.minimum(np.arange(n + 1) / counts[..., None], 1.0)
+    done = np.zeros(u.shape)
+    for j in range(degree, -1, -1):
+        done = done * u + coefficients[..., j, None]
+    return done

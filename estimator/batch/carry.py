@@ -1,0 +1,259 @@
+"""Gravity carried through the movements of a session: what is expected of it under a calibration, and how far that is believed.
+
+Source: the principle is Fong, Ong, Nee, Meas. Sci. Technol. 19 (2008) 085202, and Tedaldi, Pretto, Menegatti, ICRA 2014;
+here with the accelerometer's errors, the bias and every rest in one problem. Letters:
+
+    theta   bias (3) | diagonal of M (3) | the rest of M (6) | accelerometer (9, gravity.PARAMETERS)
+    u_i     direction of gravity at rest i as the accelerometer says, |g_i| - G its other residual
+    R_j     integral of M (reading - bias) over movement j; e_j = the rotation, across u, from u_before to R_j u_after
+    r, J, C residuals, their slopes by theta, and their covariance: gyro noise, accelerometer, floors of either
+
+Neighbouring movements share a rest and so its accelerometer error: C is not diagonal. A full turn must moreover end in the
+heading it began with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import radians
+
+import numpy as np
+
+from estimator import rotation
+from estimator.batch import gravity
+from estimator.batch.capture import Floats, Movement, Rest, Samples
+from estimator.batch.gravity import AccelKnobs, G
+from estimator.batch.path import Path, integrate
+from estimator.gyro import AXES, reading_std
+
+_OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+BIAS = ("bias_x", "bias_y", "bias_z")
+SCALE = ("k_x", "k_y", "k_z")
+ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in _OFF_DIAGONAL)
+MATRIX_PARAMETERS = (*BIAS, *SCALE, *ACROSS)
+PARAMETERS = (*MATRIX_PARAMETERS, *gravity.PARAMETERS)
+ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionKnobs:
+    """How far each measurement is believed. Angles in rad."""
+
+    #: m/s², error of a rest's mean acceleration that no averaging removes: a swaying hand, an accelerometer's curvature
+    accel_floor: float = 0.03
+    #: of a path, whatever its length
+    path_floor: float = radians(0.05)
+    #: of a path, per rad turned: the gyro's non-linearity and what gravity does to it
+    path_share: float = 5e-4
+    #: of a path, per rad of coning: what a sensor does between its samples when it is tumbled fast
+    coning_share: float = 3.0
+    #: rad/s, how far the bias of one movement may be from that of the rests around it
+    bias_floor: float = radians(0.003)
+    #: how well a hand brings a full turn back to its heading
+    heading_std: float = radians(0.5)
+    #: a datasheet's scale, believed so weakly that it only keeps finite what the data say nothing of
+    scale: float = 0.5
+    #: off-diagonal elements of M before anything is seen: mean zero, this standard deviation
+    misalignment: float = 0.02
+    #: a movement shorter than this is carried right enough by a datasheet's scale to start from
+    short: float = radians(120.0)
+    #: off-diagonal elements are used when each is known better than this
+    element_std: float = 0.01
+    #: a movement this many standard deviations off was none between two rests
+    gate: float = 5.0
+    accel: AccelKnobs = field(default_factory=AccelKnobs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """Rests once each, and the movements between them by their numbers; `turns` says which were full turns."""
+
+    rests: tuple[Rest, ...]
+    links: tuple[tuple[int, int], ...]
+    samples: tuple[Samples, ...]
+    turns: tuple[bool, ...]
+
+    def only(self, chosen: Sequence[int]) -> "Transitions":
+        """Some of the movements, with the rests they join."""
+        kept = sorted({rest for j in chosen for rest in self.links[j]})
+        number = {rest: i for i, rest in enumerate(kept)}
+        return Transitions(
+            tuple(self.rests[rest] for rest in kept),
+            tuple((number[a], number[b]) for a, b in (self.links[j] for j in chosen)),
+            tuple(self.samples[j] for j in chosen),
+            tuple(self.turns[j] for j in chosen),
+        )
+
+
+def matrix_of(theta: Floats) -> Floats:
+    """M (3, 3) of theta."""
+    M = np.empty((3, 3))
+    M[ROW, COLUMN] = theta[3:12]
+    return M
+
+
+def collect(movements: Sequence[Movement]) -> Transitions:
+    """Movements in the order of time: the rest after one and before the next are the same rest."""
+    rests: list[Rest] = []
+    links = []
+    for movement in movements:
+        before, after = movement.before, movement.after
+        if rests and rests[-1].start <= before.end and before.start <= rests[-1].end:
+            rests[-1] = before  # the same rest, seen to its end
+        else:
+            rests.append(before)
+        rests.append(after)
+        links.append((len(rests) - 2, len(rests) - 1))
+    turns = tuple(movement.full_turn for movement in movements)
+    return Transitions(tuple(rests), tuple(links), tuple(m.samples for m in movements), turns)
+
+
+class Problem:
+    """Residuals of theta with their slopes and covariance."""
+
+    def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
+        self.data, self.knobs = data, knobs
+        self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
+        self._bias_var, mean, self._local = _biases(data, knobs)
+        #: how many residuals come from gravity and heading
+        self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
+        self.prior_mean = np.concatenate([mean, np.ones(3), np.zeros(6 + gravity.N)])
+        off = np.full(6, knobs.misalignment)
+        self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
+
+    def solve(self, theta: Floats) -> Floats:
+        """Levenberg-Marquardt from theta; the weights are taken anew at the first answer."""
+        for _ in range(2):
+            r, J, factor = self.whitened(theta)
+            damping = 1e-6
+            for _ in range(30):
+                A, cost = J.T @ J, float(r @ r)
+                step = -np.linalg.solve(A + damping * np.diag(np.diag(A)), J.T @ r)
+                tried = theta + step
+                r_tried, J_tried, _ = self.whitened(tried, factor)
+                if float(r_tried @ r_tried) > cost + 1e-6:
+                    damping = max(10 * damping, 1e-3)
+                    continue
+                theta, r, J, damping = tried, r_tried, J_tried, damping / 10
+                if float(step @ A @ step) < 1e-6:
+                    break
+        return theta
+
+    def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+        """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
+        r, J, C = self._gravity(theta)
+        lower = np.asarray(np.linalg.cholesky(C)) if factor is None else factor
+        both = np.linalg.solve(lower, np.column_stack([r, J]))
+        rest_r, rest_J = self._rest_rows(theta)
+        priors = np.flatnonzero(np.isfinite(self._prior_std))
+        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
+        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
+        r = np.concatenate([both[:, 0], rest_r, prior_r])
+        return r, np.vstack([both[:, 1:], rest_J, prior_J]), lower
+
+    def misses(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
+        r, _, C = self._gravity(theta)
+        m = len(self.data.links)
+        e = r[: 2 * m].reshape(m, 2)
+        blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
+        ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
+        return np.linalg.norm(e, axis=1), ratio
+
+    def _rest_rows(self, theta: Floats) -> tuple[Floats, Floats]:
+        std = np.sqrt(self._bias_var)
+        r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
+        J = np.zeros((r.size, len(theta)))
+        J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
+        return r.ravel(), J
+
+    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats]:
+        """Rows: two for each movement, one for each rest, one for each full turn."""
+        data, knobs, M = self.data, self.knobs, matrix_of(theta)
+        m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
+        r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
+        by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
+        noise = np.zeros((3 * m, 3 * m))
+        g, slope, shape = zip(*(gravity.measured(_accel(rest), theta[12:]) for rest in data.rests), strict=True)
+        size = [float(np.linalg.norm(g_i)) for g_i in g]
+        u = [g_i / s for g_i, s in zip(g, size, strict=True)]
+        across = [(np.eye(3) - np.outer(u_i, u_i)) / s for u_i, s in zip(u, size, strict=True)]
+        for i in range(n):
+            row, own = 2 * m + i, slice(3 * i, 3 * i + 3)
+            r[row], J[row, 12:], by_accel[row, own] = size[i] - G, u[i] @ slope[i], u[i] @ shape[i]
+        for j, (a, b) in enumerate(data.links):
+            path = integrate(data.samples[j], M, theta[:3] + self._local[j], self._noise_std)
+            rows, own = slice(2 * j, 2 * j + 2), slice(3 * j, 3 * j + 3)
+            arrived = path.end @ u[b]
+            plane = _tangents(u[a])
+            r[rows] = plane @ _to(u[a], arrived)
+            # A small rotation phi moves `arrived` by phi x arrived: the rotation across u that is missed grows by phi.
+            by_a, by_b = -_cross(arrived) @ across[a], _cross(u[a]) @ path.end @ across[b]
+            J[rows, 3:12] = plane @ path.by_matrix[:, ROW, COLUMN]
+            J[rows, :3] = plane @ path.by_bias
+            J[rows, 12:] = plane @ (by_a @ slope[a] + by_b @ slope[b])
+            by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
+            by_accel[rows, 3 * b : 3 * b + 3] = plane @ by_b @ shape[b]
+            by_path[rows, own] = plane
+            noise[own, own] = self._path_cov(path)
+            if data.turns[j]:
+                row = 2 * m + n + int(np.searchsorted(turned, j))
+                r[row] = u[a] @ rotation.log(path.end)
+                J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, ROW, COLUMN], u[a] @ path.by_bias
+                by_path[row, own] = u[a]
+        accel_var = np.full(3 * n, knobs.accel_floor**2)
+        C = (by_accel * accel_var) @ by_accel.T + by_path @ noise @ by_path.T
+        heading = np.arange(2 * m + n, len(r))
+        C[heading, heading] += knobs.heading_std**2
+        return r, J, C
+
+    def _path_cov(self, path: Path) -> Floats:
+        knobs = self.knobs
+        floors = (
+            knobs.path_floor,
+            knobs.path_share * path.way,
+            knobs.coning_share * path.coning,
+            knobs.bias_floor * path.seconds,
+        )
+        return path.noise + float(np.sum(np.square(floors))) * np.eye(3)
+
+
+def _biases(data: Transitions, knobs: TransitionKnobs) -> tuple[Floats, Floats, Floats]:
+    """Variance (n, 3) of each rest's reading as the session's bias, that bias (3,), and (m, 3) how far off each movement was.
+
+    Rests that scatter more than their noise show a bias that moved.
+    """
+    reading = np.array([rest.bias for rest in data.rests])
+    own_var = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
+    weight = 1 / own_var
+    mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
+    scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
+    moved_var = np.maximum(scatter, 0.0) / weight.sum(axis=0)
+    var = own_var + moved_var
+    mean = (reading / var).sum(axis=0) / (1 / var).sum(axis=0)
+    off = moved_var / var * (reading - mean)
+    return var, mean, np.array([(off[a] + off[b]) / 2 for a, b in data.links])
+
+
+def _accel(rest: Rest) -> Floats:
+    if rest.accel is None:
+        raise ValueError("a rest without acceleration: transitions need an accelerometer")
+    return rest.accel
+
+
+def _tangents(u: Floats) -> Floats:
+    """(2, 3) two unit vectors across u."""
+    first = np.cross(u, np.eye(3)[np.argmin(np.abs(u))])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(u, first)])
+
+
+def _to(u: Floats, v: Floats) -> Floats:
+    """The shortest rotation vector (3,) from unit vector u to v."""
+    axis = np.cross(u, v)
+    sine = float(np.linalg.norm(axis))
+    return axis * (np.arctan2(sine, u @ v) / sine) if sine > 1e-12 else axis
+
+
+def _cross(u: Floats) -> Floats:
+    """(3, 3) u x as a matrix."""
+    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])

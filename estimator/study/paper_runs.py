@@ -1,0 +1,96 @@
+"""The runs behind the paper's simulation, spread over processes: scenario in, errors out. Imports nothing that draws."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.sim.paper import PaperPlan, draw_gyro, simulate
+from estimator.study import many
+
+Floats = NDArray[np.float64]
+#: shows how far it is: takes what is done, one after the other, and how many there will be
+Progress = Callable[[Iterable[Any], int], Iterable[Any]]
+SETS = 30
+#: sessions computed together: more of them leave the processor's cache
+CHUNK = 10
+#: sessions in one message between processes
+TASK = 5 * CHUNK
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """What is studied: sessions at each noise, °/s, with what hand, degrees, from what seed."""
+
+    runs: int = 15_000
+    noise_dps: tuple[float, ...] = (0.03, 0.15)
+    wobble_deg: float = 0.0
+    replacement_deg: float = 0.0
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """Of n runs: error (2 methods, n, 6) in bias °/s and k; nees (n,) of closure; bound (m, 6) variances of some of them.
+
+    The bound hardly differs from run to run of one parameter set: some of each set are enough.
+    """
+
+    error: Floats
+    bound: Floats
+    nees: Floats
+
+
+def compute(scenario: Scenario, workers: int | None = None, progress: Progress | None = None) -> dict[float, Errors]:
+    """The errors at each noise; the same for any number of workers (default: one a processor)."""
+    tasks = [
+        (scenario, noise, number, first)
+        for noise in scenario.noise_dps
+        for number in range(SETS)
+        for first in range(0, _runs_of(scenario, number), TASK)
+    ]
+    parts: dict[tuple[float, int, int], Errors] = {}
+    # Started anew and not copied: a copy of a process with threads may hang.
+    with ProcessPoolExecutor(workers or os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(_some, *task): task[1:] for task in tasks}
+        done: Iterable[Any] = as_completed(futures)
+        for future in progress(done, len(futures)) if progress else done:
+            parts[futures[future]] = future.result()
+    return {noise: _joined([parts[key] for key in sorted(parts) if key[0] == noise]) for noise in scenario.noise_dps}
+
+
+def _runs_of(scenario: Scenario, number: int) -> int:
+    return scenario.runs // SETS + (number < scenario.runs % SETS)
+
+
+def _some(scenario: Scenario, noise_dps: float, number: int, first: int) -> Errors:
+    """Runs of one parameter set from `first` on."""
+    gyro = draw_gyro(np.random.default_rng((scenario.seed, number)))
+    rng = np.random.default_rng((scenario.seed, number, first, round(noise_dps * 1e6)))
+    plan = PaperPlan(noise_dps, scenario.wobble_deg, scenario.replacement_deg)
+    truth = np.concatenate([gyro.bias, gyro.k])
+    unit = np.concatenate([np.full(3, 180 / np.pi), np.ones(3)])
+    replacement = np.radians(scenario.replacement_deg)
+    parts = []
+    last = min(first + TASK, _runs_of(scenario, number))
+    for start in range(first, last, CHUNK):
+        sessions = simulate(gyro, plan, min(CHUNK, last - start), rng)
+        paper, ours = many.algorithm1(sessions), many.closure(many.evidence(sessions, replacement))
+        error = ours.theta - truth
+        nees = np.einsum("si,si->s", error, np.linalg.solve(ours.covariance, error[..., None])[..., 0])
+        bound = many.bound(sessions, np.radians(noise_dps), replacement) if first == 0 else np.empty((0, 6))
+        parts.append(Errors(unit * np.stack([paper.theta - truth, error]), unit**2 * bound, nees))
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[Errors]) -> Errors:
+    return Errors(
+        np.concatenate([part.error for part in parts], axis=1),
+        np.concatenate([part.bound for part in parts]),
+        np.concatenate([part.nees for part in parts]),
+    )

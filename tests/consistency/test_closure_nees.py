@@ -1,0 +1,118 @@
+"""Is the closure calibration as sure as it says? Simulated sessions against truth, from the stream alone and by study."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.sim.session import simulate_session
+from estimator.batch import closure
+from estimator.batch.capture import Capture, Samples
+from estimator.batch.closure import ClosureKnobs
+from estimator.batch.methods import METHODS
+from estimator.batch.result import Result
+from estimator.batch.session import CalibrationSession
+from estimator.stillness import Stillness
+from estimator.study.paper import tabulate
+from estimator.study.paper_runs import Scenario, compute
+
+Floats = NDArray[np.float64]
+N = 80
+EXACT = ClosureKnobs(replacement_std=1e-9, rate_random_walk=0.0, misalignment_std=0.0)
+DRIFT = ImuSpec(rrw_dps_per_sqrt_s=2e-3)
+
+
+def captured(time: Floats, gyro: Floats, accel: Floats | None) -> Capture:
+    """What a session hands to its method."""
+    captures: list[Capture] = []
+
+    def run(found: Capture) -> Result:
+        captures.append(found)
+        return METHODS["closure"](found)
+
+    session, stillness = CalibrationSession(), Stillness()
+    session._run = run
+    session.add(Samples(time, gyro, accel, np.zeros(len(time), bool)))
+    for window in stillness.feed(time, gyro, accel):
+        session.window(window)
+    return captures[0]
+
+
+def nees(knobs: ClosureKnobs, *, accel: bool = False, **session: object) -> tuple[float, float]:
+    """Mean NEES/dof of bias and k together, and of k alone, over N sessions."""
+    together, of_k = [], []
+    for seed in range(N):
+        s = simulate_session(1000 + seed, **session)  # type: ignore[arg-type]
+        found = closure.estimate(captured(s.time_s, s.gyro, s.accel if accel else None), knobs)
+        true_bias = s.bias[np.searchsorted(s.time_s, found.time)]
+        error = np.concatenate([found.bias - true_bias, found.k - s.truth.k])
+        together.append(error @ np.linalg.solve(found.covariance, error) / 6)
+        of_k.append(error[3:] @ np.linalg.solve(found.covariance[3:, 3:], error[3:]) / 3)
+    return float(np.mean(together)), float(np.mean(of_k))
+
+
+def band(dof: int) -> float:
+    """Three standard deviations of the mean of N chi-squares over their degrees of freedom."""
+    return float(3 * np.sqrt(2 / (dof * N)))
+
+
+@pytest.mark.parametrize("wobble_deg", [0.0, 3.0])
+def test_a_device_put_back_exactly(wobble_deg: float) -> None:
+    together, of_k = nees(EXACT, wobble_deg=wobble_deg)
+    assert together == pytest.approx(1.0, abs=band(6))
+    assert of_k == pytest.approx(1.0, abs=band(3))
+
+
+def test_a_hand_that_misses_and_a_bias_that_moves() -> None:
+    together, of_k = nees(ClosureKnobs(), wobble_deg=2.0, replacement_deg=0.2, spec=DRIFT)
+    assert together == pytest.approx(1.0, abs=band(6))
+    assert of_k == pytest.approx(1.0, abs=band(3))
+
+
+def test_a_hand_worse_than_told() -> None:
+    """Two and a half times the miss that is assumed: the residuals show it, and it is believed."""
+    together, of_k = nees(ClosureKnobs(), replacement_deg=0.5, spec=DRIFT)
+    assert together < 1.8
+    assert of_k < 2.5
+    _, trusting = nees(replace(ClosureKnobs(), honest_p=0.0), replacement_deg=0.5, spec=DRIFT)
+    assert trusting > 4.0
+
+
+def test_crooked_axes_and_tilted_turns() -> None:
+    crooked = replace(DRIFT, misalignment_deg=1.0)
+    together, of_k = nees(ClosureKnobs(), wobble_deg=3.0, tilt_deg=3.0, replacement_deg=0.2, spec=crooked)
+    assert together == pytest.approx(1.0, abs=band(6))
+    assert of_k == pytest.approx(1.0, abs=band(3))
+    _, blind = nees(
+        replace(ClosureKnobs(), misalignment_std=0.0), wobble_deg=3.0, tilt_deg=3.0, replacement_deg=0.2, spec=crooked
+    )
+    assert blind > 1.5
+
+
+def test_with_an_accelerometer_it_is_never_too_sure() -> None:
+    """The simulator's accelerometer errs less in one pose than is assumed of real ones."""
+    spec = replace(DRIFT, accel_bias=0.05)
+    together, of_k = nees(ClosureKnobs(), accel=True, wobble_deg=2.0, replacement_deg=0.3, spec=spec)
+    assert together < 1 + band(6)
+    assert 0.2 < of_k < 1 + band(3)
+
+
+@pytest.mark.parametrize(
+    ("wobble_deg", "replacement_deg", "k_limit"), [(0.0, 0.0, 1.05), (3.0, 0.0, 1.1), (0.0, 0.2, 1.05)]
+)
+def test_the_papers_study_in_small(wobble_deg: float, replacement_deg: float, k_limit: float) -> None:
+    """At the Cramér-Rao bound, within what 600 runs can tell (k rms ± 2.4 % at 2 standard deviations)."""
+    errors = compute(Scenario(600, (0.03,), wobble_deg, replacement_deg, seed=5), workers=1)
+    rows = {(row.method, row.parameter): row for row in tabulate(errors)}
+    k, bias = rows["closure", "k"], rows["closure", "bias °/s"]
+    assert k.rms < k_limit * k.bound
+    assert bias.rms < 1.05 * bias.bound
+    assert bias.bound == pytest.approx(8.4e-4, rel=0.03)
+    assert k.bound < 6e-4 if replacement_deg else k.bound == pytest.approx(2.35e-5, rel=0.05)
+    assert k.nees == pytest.approx(1.0, abs=1.5 * k.nees_band)
+    paper = rows["algorithm1", "k"]
+    assert paper.inside is not None
+    assert paper.inside > 0.95
+    assert paper.rms > (50 * k.rms if wobble_deg else 0.9 * k.rms)

@@ -1,0 +1,34 @@
+import numpy as np
+
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.accel_aided import gravity_of
+from estimator.batch.carry import MATRIX_PARAMETERS
+from tests.estimator.batch.sessions import in_poses, movements
+from tests.estimator.stream import calibration
+
+
+def test_many_poses_give_the_matrix_as_transitions_do() -> None:
+    of = in_poses(11, 18)
+    result, _ = offline.calibrate(of.recording(), "accel_aided")
+    other, _ = offline.calibrate(of.recording(), "transitions")
+    assert result.verdict is Verdict.ACCEPTED
+    assert result.parameters == MATRIX_PARAMETERS
+    np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-3)
+    np.testing.assert_allclose(result.matrix, other.matrix, atol=1e-3)
+    assert np.abs(result.matrix - of.truth.matrix).max() < 6 * np.sqrt(np.diag(result.covariance)[3:]).max()
+
+
+def test_its_accelerometer_comes_out_unit_and_unbiased() -> None:
+    of = in_poses(12, 16)
+    accel = np.array([rest.accel for rest in movements(of).rests])
+    true = accel - of.truth.accel_bias
+    found = gravity_of(accel)
+    np.testing.assert_allclose(found, true / np.linalg.norm(true, axis=1)[:, None], atol=2e-3)
+
+
+def test_few_poses_are_not_enough() -> None:
+    for of in (in_poses(13, 4), calibration(seed=33)):
+        result, _ = offline.calibrate(of.recording(), "accel_aided")
+        assert result.verdict is Verdict.REPEAT
+        assert "poses that differ" in result.reason

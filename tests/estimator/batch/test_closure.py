@@ -1,0 +1,238 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.sim.script import SessionPlan
+from bridge.wire.messages import Verdict
+from estimator import rotation
+from estimator.batch import closure, closure_fit, turn360
+from estimator.batch.capture import Capture, Samples
+from estimator.batch.closure import ClosureKnobs
+from estimator.batch.methods import METHODS
+from estimator.batch.result import Result
+from estimator.batch.session import CalibrationSession, TurnFound
+from estimator.stillness import Stillness
+from tests.estimator.batch.sessions import progress
+from tests.estimator.batch.slow_closure import slow_closure
+from tests.estimator.stream import Stream, calibration
+
+Floats = NDArray[np.float64]
+#: the simulator's hand and bias where a test says no other
+EXACT = ClosureKnobs(
+    replacement_std=1e-9, heading_std=1e-9, tilt_floor=1e-9, rate_random_walk=0.0, misalignment_std=0.0
+)
+
+
+def capture(of: Stream, *, accel: bool = False) -> Capture:
+    found = [p.turn for p in progress(of, accel=accel) if isinstance(p, TurnFound)]
+    x, y, z = sorted(found, key=lambda turn: turn.axis)
+    return Capture(found[0].before, (x, y, z), (*(turn.before for turn in found), found[-1].after))
+
+
+def apart(found: Capture) -> Capture:
+    """The same with no sample in a rest and in a turn."""
+    turns = [replace(t, samples=t.samples.between(t.before.end + 1e-6, t.after.start - 1e-6)) for t in found.turns]
+    return replace(found, turns=(turns[0], turns[1], turns[2]))
+
+
+def std_of(found: closure.Closure) -> Floats:
+    return np.asarray(np.sqrt(np.diag(found.covariance)))
+
+
+@pytest.mark.parametrize("plan", [SessionPlan(), SessionPlan(wobble_deg=3.0, tilt_deg=5.0, replacement_deg=0.2)])
+def test_it_agrees_with_the_slow_one(plan: SessionPlan) -> None:
+    found = apart(capture(calibration(seed=30, plan=plan, rate_hz=52.0)))
+    knobs = replace(EXACT, replacement_std=np.radians(0.2 if plan.replacement_deg else 1e-6), honest_p=0.0)
+    theta, covariance = slow_closure(found, knobs.replacement_std)
+    ours = closure.estimate(found, knobs)
+    np.testing.assert_allclose(np.concatenate([ours.bias, ours.k]), theta, atol=2e-3 * std_of(ours).min())
+    np.testing.assert_allclose(ours.covariance, covariance, atol=2e-3 * covariance.max(), rtol=5e-3)
+
+
+def test_its_slopes_are_those_of_differences() -> None:
+    seen = closure.evidence(capture(calibration(seed=31, plan=SessionPlan(wobble_deg=5.0)), accel=True), ClosureKnobs())
+    theta = closure_fit.start(seen) + np.array([0.01, 0.0, 0.02, 0.03, -0.02, 0.04])
+    _, F, _ = closure_fit.linearise(seen, theta)
+    step = 1e-6
+    slopes = [
+        (closure_fit.linearise(seen, theta + step * e)[0] - closure_fit.linearise(seen, theta - step * e)[0]) / step / 2
+        for e in np.eye(6)
+    ]
+    np.testing.assert_allclose(F, np.stack(slopes, axis=-1), atol=1e-5 * np.abs(F).max())
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-5, 0.3, 3.0])
+def test_the_left_jacobian(size: float) -> None:
+    v, e = size * np.array([0.6, 0.0, -0.8]), 1e-7 * np.array([1.0, -2.0, 0.5])
+    both = rotation.chained(np.stack([e, v]))[-1]
+    moved = rotation.log(both) - rotation.log(rotation.chained(v[None])[-1])
+    np.testing.assert_allclose(closure_fit.left_jacobian_inverse(v) @ e, moved, atol=2e-13)
+
+
+def test_without_noise_any_path_gives_the_truth() -> None:
+    of = calibration(seed=32, spec=ImuSpec(noise_dps=0.0), plan=SessionPlan(wobble_deg=10.0, tilt_deg=8.0))
+    found = closure.estimate(capture(of), EXACT)
+    np.testing.assert_allclose(found.k, of.truth.k, atol=1e-8)
+    np.testing.assert_allclose(found.bias, of.bias[0], atol=1e-10)
+    assert np.abs(turn360.estimate(capture(of)).k - of.truth.k).max() > 1e-3, "the paper's criterion needs a fixed axis"
+
+
+@pytest.mark.parametrize("k", [0.72, 1.38])
+def test_it_finds_scales_far_from_one(k: float) -> None:
+    spec, plan = ImuSpec(scale=(k, k)), SessionPlan(wobble_deg=3.0, tilt_deg=5.0)
+    of = calibration(seed=33, spec=spec, plan=plan)
+    found = closure.estimate(capture(of), EXACT)
+    assert np.all(np.abs(found.k - k) < 5 * std_of(found)[3:])
+
+
+def test_more_rests_make_the_bias_surer() -> None:
+    found = capture(calibration(seed=34))
+    one, all_ = (closure.estimate(replace(found, rests=rests), EXACT) for rests in ((found.rest,), found.rests))
+    assert std_of(all_)[0] < 0.8 * std_of(one)[0]
+    assert all_.time == found.rests[-1].middle
+
+
+def test_gravity_measures_the_tilt_that_the_hand_left() -> None:
+    """A turn that ends 1.5° off is no error where it is seen, and is one where it is not."""
+    of = calibration(seed=35, plan=SessionPlan(replacement_deg=0.9))
+    blind = METHODS["closure"](capture(of))
+    assert blind.verdict is Verdict.REPEAT
+    assert "did not end where it began" in blind.reason
+    blind_error, seen_error = (
+        closure.estimate(capture(of, accel=accel)).k[:2] - of.truth.k[:2] for accel in (False, True)
+    )
+    assert np.abs(seen_error).max() < 4e-4
+    assert np.abs(blind_error).max() > 2 * np.abs(seen_error).max()
+
+
+def test_a_heading_that_gravity_cannot_see_is_less_sure() -> None:
+    found = closure.estimate(capture(calibration(seed=36), accel=True))
+    std = std_of(found)[3:]
+    knobs = ClosureKnobs()
+    assert std[2] == pytest.approx(knobs.heading_std / (2 * np.pi), rel=0.2)
+    assert std[:2] == pytest.approx(knobs.tilt_floor / (2 * np.pi), rel=0.3)
+
+
+def test_a_bias_that_moves_is_followed_from_rest_to_rest() -> None:
+    of = calibration(seed=37)
+    of.gyro[:] += np.radians(0.02) * ((of.time - of.time[-1]) / 10)[:, None]
+    still, moving = (closure.estimate(capture(of), replace(EXACT, rate_random_walk=np.radians(q))) for q in (0, 5e-3))
+    end = of.bias[-1] - np.radians(0.003)
+    assert np.all(np.abs(moving.bias - end) < 4 * std_of(moving)[:3])
+    assert still.chi2 > 10 * still.dof
+    assert moving.chi2 < 2 * moving.dof
+    assert np.abs(moving.k - of.truth.k).max() < np.abs(still.k - of.truth.k).max()
+    middles = [np.radians(0.02) * ((t.before.end + t.after.start) / 2 - of.time[-1]) / 10 for t in capture(of).turns]
+    np.testing.assert_allclose(moving.turn_bias, of.bias[0] + np.array(middles)[:, None], atol=np.radians(0.01))
+
+
+def test_residuals_larger_than_told_make_it_less_sure() -> None:
+    of = calibration(seed=38, plan=SessionPlan(replacement_deg=0.2))
+    trusting, honest = (closure.estimate(capture(of), replace(EXACT, honest_p=p)) for p in (0.0, 0.01))
+    assert trusting.chi2 == honest.chi2 > 20 * honest.dof
+    assert std_of(trusting)[3:].max() < 1.5e-4
+    assert np.degrees(2 * np.pi * std_of(honest)[3:]) == pytest.approx(0.2, rel=0.5), "the hand's 0.2 degrees"
+    assert np.all(np.abs(honest.k - of.truth.k) < 3 * std_of(honest)[3:])
+
+
+def test_rounding_is_no_noise_to_be_averaged_away() -> None:
+    step = 0.06
+    of = calibration(seed=39, spec=ImuSpec(noise_dps=0.005, step_dps=step))
+    found = closure.estimate(capture(of))
+    assert np.all(std_of(found)[:3] > 0.9 * np.radians(step) / np.sqrt(12)), "only the turns tell a little more"
+    assert np.all(np.abs(found.bias - of.bias[0]) < 3 * std_of(found)[:3])
+
+
+def test_unequal_intervals() -> None:
+    of = calibration(seed=40, rate_hz=208.0, plan=SessionPlan(wobble_deg=2.0))
+    keep = np.sort(np.random.default_rng(0).permutation(len(of))[: len(of) * 3 // 4])
+    # What a sensor that integrates between its samples would read.
+    angle = np.cumsum(of.gyro, axis=0)[keep]
+    counts = np.diff(keep, prepend=keep[0] - 1)
+    thinned = of.only(keep)
+    thinned.gyro[:] = np.diff(angle, axis=0, prepend=angle[:1] - of.gyro[keep[0]]) / counts[:, None]
+    found = closure.estimate(capture(thinned))
+    np.testing.assert_allclose(found.k, of.truth.k, atol=2e-4)
+
+
+@pytest.mark.parametrize("rate_hz", [26.0, 40.0])
+def test_a_slow_rate_needs_the_coning_correction(rate_hz: float) -> None:
+    """Readings are means over long intervals in which the hand's axis moves."""
+    fine, spec = 16, ImuSpec(noise_dps=0.0)
+    of = calibration(seed=41, spec=spec, rate_hz=fine * rate_hz, plan=SessionPlan(wobble_deg=10.0, turn_s=(3.0, 3.5)))
+    n = len(of) // fine
+    averaged = of.only(np.arange(1, n + 1) * fine - 1)
+    averaged.gyro[:] = of.gyro[: n * fine].reshape(n, fine, 3).mean(axis=1)
+    plain, coned = (
+        np.abs(closure.estimate(capture(averaged), replace(EXACT, coning_below_hz=hz)).k - of.truth.k).max()
+        for hz in (0.0, 50.0)
+    )
+    assert plain > 1e-5
+    assert coned < plain / 10
+
+
+def test_what_cannot_close_does_not_converge() -> None:
+    found = capture(calibration(seed=42))
+    asleep = tuple(
+        replace(t, samples=replace(t.samples, gyro=np.tile(t.before.bias, (len(t.samples), 1)))) for t in found.turns
+    )
+    with pytest.raises(closure.NotConverged):
+        closure.estimate(replace(found, turns=asleep))
+    assert METHODS["closure"](replace(found, turns=asleep)).verdict is Verdict.REFUSED
+
+
+def test_every_rest_of_a_session_is_used_once() -> None:
+    of = calibration(seed=43, plan=SessionPlan(rests_s=(3.0, 3.5, 4.0, 4.5)))
+    captures: list[Capture] = []
+
+    def run(found: Capture) -> Result:
+        captures.append(found)
+        return METHODS["closure"](found)
+
+    session, stillness = CalibrationSession(), Stillness()
+    session._run = run
+    session.add(Samples(of.time, of.gyro, None, np.zeros(len(of), bool)))
+    for window in stillness.feed(of.time, of.gyro, None):
+        session.window(window)
+    (found,) = captures
+    starts = [rest.start for rest in found.rests]
+    assert len(starts) == 4
+    assert starts == sorted(set(starts))
+    assert [rest.end - rest.start for rest in found.rests[1:3]] == pytest.approx([3.5, 4.0], abs=0.4)
+    assert found.rests[0] is found.rest
+    assert found.rests[-1].start >= max(turn.after.start for turn in found.turns)
+
+
+def test_axes_that_are_not_orthogonal_make_it_less_sure_where_turns_tilt() -> None:
+    straight, tilted = (
+        capture(calibration(seed=44, plan=SessionPlan(tilt_deg=tilt), spec=ImuSpec(misalignment_deg=0.6)))
+        for tilt in (0.0, 8.0)
+    )
+    told = replace(EXACT, misalignment_std=0.006)
+    assert std_of(closure.estimate(straight, told))[3:].max() < 1.5e-4
+    assert std_of(closure.estimate(tilted, told))[3:].max() > 5e-4
+
+
+def test_three_turns_about_one_axis_determine_nothing() -> None:
+    found = capture(calibration(seed=45))
+    result = METHODS["closure"](replace(found, turns=(found.turns[0],) * 3))
+    assert result.verdict is not Verdict.ACCEPTED
+
+
+def test_the_order_of_the_turns_is_of_no_account() -> None:
+    found = capture(calibration(seed=46), accel=True)
+    x, y, z = found.turns
+    other = closure.estimate(replace(found, turns=(z, x, y)))
+    ours = closure.estimate(found)
+    np.testing.assert_allclose(other.k, ours.k, atol=1e-8)
+    np.testing.assert_allclose(other.covariance, ours.covariance, rtol=1e-4, atol=1e-12)
+
+
+def test_only_the_first_rest_will_do() -> None:
+    of = calibration(seed=47)
+    found = closure.estimate(replace(capture(of), rests=()))
+    assert np.all(np.abs(found.k - of.truth.k) < 4 * std_of(found)[3:])
+    assert found.time == capture(of).rest.middle

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.result import PARAMETERS
+from estimator.batch.servomotor import ServoKnobs, by_servomotor
+from tests.estimator.batch.machines import SERVO_DPS, on_a_servo, samples, turned
+from tests.estimator.batch.sessions import true_parameters
+
+RATE = tuple(np.radians(SERVO_DPS))
+
+
+def test_without_noise_any_three_mountings_give_the_truth() -> None:
+    of = on_a_servo(1, noise_dps=0.0)
+    result, _ = offline.calibrate(of.recording(), "servomotor", rates=RATE)
+    assert result.verdict is Verdict.ACCEPTED
+    assert result.parameters == PARAMETERS
+    np.testing.assert_allclose(result.scale, of.truth.k, atol=2e-4)  # an accelerometer's bias of 0.1 m/s² tilts it
+    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("misalignment_deg", "low", "high"), [(0.0, 0.4, 1.6), (0.57, 0.2, 1.6)])
+def test_its_covariance_is_what_repeating_shows(misalignment_deg: float, low: float, high: float) -> None:
+    scores = []
+    for seed in range(15):
+        of = on_a_servo(seed, misalignment_deg=misalignment_deg)
+        knobs = ServoKnobs(1e-4, 0.01 if misalignment_deg else 2e-5, 0.0)
+        result = by_servomotor(samples(of), RATE, knobs)
+        error = np.concatenate([result.bias, result.scale]) - true_parameters(of)[:6]
+        scores.append(error @ np.linalg.solve(result.covariance, error) / 6)
+    assert low < np.mean(scores) < high
+
+
+def test_mountings_that_do_not_differ_are_not_enough() -> None:
+    of = turned(np.eye(3)[[0, 0, 1]], SERVO_DPS, 2, ImuSpec())
+    result = by_servomotor(samples(of), RATE)
+    assert result.verdict is Verdict.REPEAT
+    assert "three mountings" in result.reason
+
+
+def test_what_it_needs_is_said() -> None:
+    of = on_a_servo(3)
+    assert "accelerometer" in offline.calibrate(of.recording(accel=False), "servomotor", rates=RATE)[0].reason
+    assert "one known rate" in by_servomotor(samples(of), (0.5, 1.0)).reason
+
+
+def test_a_wrong_rate_is_refused() -> None:
+    result = by_servomotor(samples(on_a_servo(4)), (2.0 * RATE[0],))
+    assert result.verdict is not Verdict.ACCEPTED

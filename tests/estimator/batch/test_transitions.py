@@ -1,0 +1,184 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.sim.script import SessionPlan, TurnPlan
+from bridge.wire import codec, keys
+from bridge.wire.messages import Quality, State, Verdict
+from estimator import offline
+from estimator.batch import transitions
+from estimator.batch.carry import MATRIX_PARAMETERS, PARAMETERS, Problem, TransitionKnobs, Transitions
+from estimator.batch.gravity import AccelKnobs
+from estimator.session import DeviceSession, SessionKnobs
+from tests.estimator.batch.sessions import in_poses, movements, true_parameters
+from tests.estimator.stream import Stream, calibration, feed
+
+#: a simulated sensor has no errors but noise; the accelerometer's in a mean over the shortest rest
+EXACT = TransitionKnobs(
+    accel_floor=0.02 / np.sqrt(2.3 * 104), path_floor=1e-6, path_share=0.0, coning_share=0.0, bias_floor=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def session() -> tuple[Stream, Transitions]:
+    of = in_poses(3)
+    return of, movements(of)
+
+
+def nees(of: Stream, found: transitions.Fit) -> float:
+    error = found.theta[:12] - true_parameters(of)
+    return float(error @ np.linalg.solve(found.covariance[:12, :12], error)) / 12
+
+
+def test_without_noise_it_finds_the_truth_of_gyro_and_accelerometer() -> None:
+    of = in_poses(1, noise_dps=0.0, accel_noise=0.0)
+    found = transitions.fit(movements(of), TransitionKnobs(misalignment=1.0, accel=AccelKnobs(5.0, 1.0, 1.0)))
+    np.testing.assert_allclose(found.theta[:12], true_parameters(of), atol=1e-5)
+    np.testing.assert_allclose(found.theta[12:15], of.truth.accel_bias, atol=1e-4)
+    np.testing.assert_allclose(found.theta[15:], 0.0, atol=2e-5)
+
+
+def test_its_covariance_is_what_repeating_shows() -> None:
+    exact: list[float] = []
+    default: list[float] = []
+    for seed in range(16):
+        of = in_poses(seed + 20)
+        data = movements(of)
+        exact.append(nees(of, transitions.fit(data, EXACT)))
+        if seed < 6:
+            default.append(nees(of, transitions.fit(data)))
+    # 12 parameters, 16 sessions: one standard deviation of the mean is 0.10.
+    assert 0.6 < np.mean(exact) < 1.3
+    assert max(exact) < 2.8
+    assert np.mean(default) < 1.0, "real sensors err more than simulated ones: too modest here, never too bold"
+
+
+def test_a_slow_general_solver_agrees(session: tuple[Stream, Transitions]) -> None:
+    """The weights fixed, SciPy with numeric slopes comes to the same parameters."""
+    _, data = session
+    found = transitions.fit(data)
+    problem = Problem(data, TransitionKnobs())
+    factor = problem.whitened(found.theta)[2]
+    start = found.theta + 1e-3 * np.random.default_rng(0).normal(size=len(PARAMETERS))
+    slow = least_squares(lambda theta: problem.whitened(theta, factor)[0], start, x_scale=1e-2, xtol=1e-12, ftol=1e-12)
+    std = np.sqrt(np.diag(found.covariance))
+    assert np.abs((slow.x - found.theta) / std).max() < 0.02
+
+
+def test_its_slopes_are_those_of_its_residuals(session: tuple[Stream, Transitions]) -> None:
+    _, data = session
+    knobs = TransitionKnobs()
+    problem, theta = Problem(data, knobs), transitions.fit(data).theta
+    r, J, factor = problem.whitened(theta)
+    for p in range(len(PARAMETERS)):
+        step = np.zeros(len(PARAMETERS))
+        step[p] = 1e-6
+        slope = (problem.whitened(theta + step, factor)[0] - problem.whitened(theta - step, factor)[0]) / 2e-6
+        np.testing.assert_allclose(slope, J[:, p], atol=2e-3 * np.abs(J[:, p]).max(), err_msg=PARAMETERS[p])
+    assert len(r) == len(J)
+
+
+def test_a_movement_that_contradicts_is_left_out(session: tuple[Stream, Transitions]) -> None:
+    of, data = session
+    samples = list(data.samples)
+    samples[4] = replace(samples[4], gyro=samples[4].gyro * 1.15)
+    found = transitions.estimate(replace(data, samples=tuple(samples)))
+    assert (found.left_out, found.full) == (1, True)
+    assert nees(of, found) < 1.0
+
+
+def test_poses_of_all_kinds_give_the_full_matrix_from_a_recording() -> None:
+    of = in_poses(5)
+    result, passed_over = offline.calibrate(of.recording(), "transitions")
+    assert result.verdict is Verdict.ACCEPTED
+    assert passed_over == []
+    assert result.parameters == MATRIX_PARAMETERS
+    assert result.covariance.shape == (12, 12)
+    assert result.reason.startswith("full matrix")
+    np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-3)
+    np.testing.assert_allclose(result.scale_std, np.sqrt(np.diag(result.covariance)[3:6]) / result.scale)
+
+
+def test_three_full_turns_give_the_diagonal_and_say_why() -> None:
+    of = calibration(seed=30, spec=ImuSpec(misalignment_deg=0.5), plan=SessionPlan(turn_s=(4.0, 5.0), tilt_deg=3.0))
+    result, _ = offline.calibrate(of.recording(), "transitions")
+    assert result.verdict is Verdict.ACCEPTED
+    assert len(result.parameters) == 6
+    assert "diagonal only" in result.reason
+    np.testing.assert_array_equal(result.matrix, np.diag(result.scale))
+    error = result.scale - of.truth.k
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(result.covariance)[3:6])).all()
+    assert len(result.turns) == 3
+
+
+def test_turned_about_one_axis_only_the_others_are_asked_for() -> None:
+    turns = (
+        TurnPlan(0),
+        TurnPlan(0, 180.0),
+        TurnPlan(0, -180.0),
+        TurnPlan(0, -360.0),
+        TurnPlan(0, 90.0),
+        TurnPlan(0, 90.0),
+    )
+    of = calibration(*turns, seed=31)
+    result, _ = offline.calibrate(of.recording(), "transitions")
+    assert result.verdict is Verdict.REPEAT
+    assert result.repeat == (1, 2)
+    assert "scale of y, z uncertain" in result.reason
+
+
+def test_many_movements_that_show_no_misalignment_name_what_is_missing() -> None:
+    turns = tuple(TurnPlan(axis, angle) for angle in (360.0, -360.0) for axis in range(3))
+    of = calibration(*turns, seed=32)
+    result, _ = offline.calibrate(of.recording(), "transitions")
+    assert result.verdict is Verdict.ACCEPTED
+    assert "m_" in result.reason
+    assert "other sides" in result.reason
+
+
+@pytest.mark.parametrize("method", ["transitions", "accel_aided"])
+def test_without_an_accelerometer_it_is_refused(method: str) -> None:
+    result, _ = offline.calibrate(in_poses(6, 4).recording(accel=False), method)
+    assert result.verdict is Verdict.REFUSED
+    assert "accelerometer" in result.reason
+    assert not np.isfinite(result.covariance).any()
+
+
+def test_movements_that_all_contradict_are_refused(session: tuple[Stream, Transitions]) -> None:
+    _, data = session
+    rng = np.random.default_rng(1)
+    wild = tuple(replace(s, gyro=s.gyro * rng.uniform(0.85, 1.15)) for s in data.samples)
+    found = transitions.estimate(replace(data, samples=wild))
+    assert found.misfit > transitions.MISFIT
+
+
+def test_a_device_is_calibrated_by_poses_alone_and_its_misalignment_corrected_live() -> None:
+    of = in_poses(7, 14, after=4)
+    device = DeviceSession("chest", SessionKnobs(method="transitions"))
+    outcome = feed(device, of.batches())
+    assert outcome.calibration is not None
+    assert device.life.state is State.TRACKING
+    assert outcome.calibration.parameters == MATRIX_PARAMETERS
+    key = keys.build("ward", "calibration", device="chest")
+    sent = codec.decode_calibration(key, codec.encode_calibration(outcome.calibration))
+    np.testing.assert_array_equal(sent.covariance, outcome.calibration.covariance)
+    np.testing.assert_allclose(outcome.calibration.matrix, of.truth.matrix, atol=3e-3)
+    last = outcome.corrected[-1]
+    assert last.quality is Quality.GOOD
+    assert (last.scale_std < 5e-3).all()
+    during = [b for b in outcome.corrected if b.quality is Quality.GOOD]
+    start = during[0].sequence
+    rate = np.concatenate([b.rate for b in during])
+    np.testing.assert_allclose(rate, of.rate[start : start + len(rate)], atol=np.radians(0.5))
+
+
+@pytest.mark.parametrize(("swap", "word"), [([1, 0, 2], "x"), ([0, 2, 1], "z")])
+def test_swapped_axes_are_named(swap: list[int], word: str) -> None:
+    of = in_poses(9)
+    result, _ = offline.calibrate(replace(of, gyro=of.gyro[:, swap]).recording(), "transitions")
+    assert result.verdict is Verdict.REFUSED
+    assert "axes are not the accelerometer's" in result.reason
+    assert word in result.reason

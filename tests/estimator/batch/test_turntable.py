@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from bridge.sim.imperfection import ImuSpec
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.carry import MATRIX_PARAMETERS
+from estimator.batch.plateaus import nearest_rates, plateaus
+from estimator.batch.turntable import TurntableKnobs, by_turntable
+from tests.estimator.batch.machines import TABLE_DPS, on_a_turntable, samples, turned
+from tests.estimator.batch.sessions import in_poses, true_parameters
+
+RATES = tuple(np.radians(TABLE_DPS))
+
+
+def test_without_noise_it_is_the_truth() -> None:
+    of = on_a_turntable(1, noise_dps=0.0)
+    result = by_turntable(samples(of), RATES)
+    assert result.verdict is Verdict.ACCEPTED
+    assert result.parameters == MATRIX_PARAMETERS
+    np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-9)
+    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
+
+
+def test_its_covariance_is_what_repeating_shows() -> None:
+    exact: list[float] = []
+    default: list[float] = []
+    for seed in range(15):
+        of = on_a_turntable(seed)
+        for scores, knobs in ((exact, TurntableKnobs(1e-9, 1e-9)), (default, TurntableKnobs())):
+            result = by_turntable(samples(of), RATES, knobs)
+            M = result.matrix
+            found = np.concatenate([result.bias, np.diag(M), M[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]]])
+            error = found - true_parameters(of)
+            scores.append(float(error @ np.linalg.solve(result.covariance, error)) / 12)
+    assert 0.65 < np.mean(exact) < 1.4
+    assert np.mean(default) < 1.0, "the simulated table is perfect"
+
+
+def test_the_fit_is_the_closed_form_of_two_rates_either_way() -> None:
+    """Per axis, k is the span of the true rates over the span of the readings: the textbook's six-rate formula."""
+    of = on_a_turntable(2, misalignment_deg=0.0)
+    result = by_turntable(samples(of), RATES)
+    spins = [p for p in plateaus(samples(of)) if np.abs(p.mean).max() > np.radians(15)]
+    for axis in range(3):
+        true = np.array([r * s for r in RATES for s in (1, -1)])
+        own = np.array([p.mean[axis] for p in spins if p.axis == axis])
+        textbook = (true @ (true - true.mean())) / (own @ (true - true.mean()))
+        assert result.scale[axis] == pytest.approx(textbook, abs=3e-5)
+
+
+def test_its_plateaus_are_found_from_the_readings_alone() -> None:
+    found = plateaus(samples(on_a_turntable(3)))
+    spins = [p for p in found if np.linalg.norm(p.mean) > np.radians(15)]
+    assert len(spins) == 18
+    assert all(2.5 < p.end - p.start < 4.0 for p in spins)
+    assert [p.axis for p in spins] == sorted(p.axis for p in spins)
+
+
+@pytest.mark.parametrize("k", [0.75, 0.9, 1.0, 1.2, 1.35])
+def test_known_rates_are_told_apart_whatever_the_scale(k: float) -> None:
+    true = np.radians([30.0, 60, 90, 30, 90])
+    np.testing.assert_array_equal(nearest_rates(true / k, RATES), true)
+
+
+def test_an_axis_not_turned_is_asked_for() -> None:
+    of = turned(np.eye(3)[:2], TABLE_DPS, 4, ImuSpec())
+    result = by_turntable(samples(of), RATES)
+    assert (result.verdict, result.repeat) == (Verdict.REPEAT, (2,))
+
+
+def test_wrong_rates_are_refused() -> None:
+    result = by_turntable(samples(on_a_turntable(5)), tuple(np.radians([31.0, 57.0, 90.0])))
+    assert result.verdict is Verdict.REFUSED
+    assert "are the rates right" in result.reason
+    half = by_turntable(samples(on_a_turntable(5)), tuple(np.radians([10.0, 20.0, 30.0])))
+    assert half.verdict is Verdict.REFUSED
+
+
+def test_a_recording_made_by_hand_has_no_constant_rates() -> None:
+    result, _ = offline.calibrate(in_poses(8, 6).recording(), "turntable", rates=RATES)
+    assert (result.verdict, result.repeat) == (Verdict.REPEAT, (0, 1, 2))
+    assert not np.isfinite(result.covariance).any()
+
+
+def test_too_short_a_recording_has_no_plateau() -> None:
+    of = on_a_turntable(6).part(0, 30)
+    assert plateaus(samples(of)) == []
