@@ -43,6 +43,10 @@ class Subscription(Protocol):
     def missed(self) -> int:
         """Messages known to be lost: reported by the bus, or dropped because this queue was full."""
 
+    @property
+    def closed(self) -> bool:
+        """Nothing will ever come again, by close() here or because the bus was closed: a reading loop must end."""
+
     def close(self) -> None:
         """Stop; a second close does nothing."""
 

@@ -40,6 +40,11 @@ class Inbox:
         """How many messages are known to be lost so far."""
         return self._missed
 
+    @property
+    def closed(self) -> bool:
+        """Whether close() was called."""
+        return self._closed
+
     def receive(self, timeout_s: float) -> Message | None:
         """The next message, or None when none came in time or the queue is closed."""
         taken = self.drain(1, timeout_s)

@@ -209,6 +209,10 @@ class _Subscription:
     def missed(self) -> int:
         return self._inbox.missed
 
+    @property
+    def closed(self) -> bool:
+        return self._inbox.closed
+
     def close(self) -> None:
         with self._broker.lock:
             if self in self._broker.subscriptions:

@@ -320,6 +320,10 @@ class _Subscription(_Declared):
             self._misses = None
         return self._inbox.missed
 
+    @property
+    def closed(self) -> bool:
+        return self._inbox.closed
+
     def close(self) -> None:
         self._inbox.close()
         super().close()

@@ -428,6 +428,26 @@ def test_a_closed_bus_says_so(world: World) -> None:
             use()
 
 
+@pytest.mark.parametrize("history", [False, True])
+def test_a_subscription_says_when_nothing_will_come_again(world: World, history: bool) -> None:
+    with world.bus() as bus:
+        own, of_the_bus = (bus.subscribe("t/end", history=history) for _ in range(2))
+        assert (own.closed, of_the_bus.closed) == (False, False)
+        assert own.receive(0) is None
+        own.close()
+        assert (own.closed, of_the_bus.closed) == (True, False)
+    assert of_the_bus.closed
+
+
+def test_an_outage_does_not_close_a_subscription(world: World, a: Bus) -> None:
+    subscription = a.subscribe("t/open")
+    world.stop()
+    eventually(lambda: not a.connected)
+    assert not subscription.closed
+    world.start()
+    assert not subscription.closed
+
+
 def test_a_reader_waiting_is_woken_by_close(a: Bus) -> None:
     subscription = a.subscribe("t/wait")
     threading.Timer(0.1, subscription.close).start()
