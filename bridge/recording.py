@@ -10,6 +10,8 @@ CSV: a header row, one row a sample. Columns, the unit in the name:
 One of t and `rate_hz` (an argument where the file has none) is needed: a rate alone means evenly spaced samples.
 """
 
+import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,11 +20,20 @@ from numpy.typing import NDArray
 
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError
+from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 
 __all__ = ["Recording", "RecordingError", "load"]
 
 Floats = NDArray[np.float64]
-MAX_BYTES = 1 << 30
+MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
+_MAX_TIME_S = 1e10  # since whatever epoch: 300 years
+_WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
+_LIMITS = {
+    "gyro_rad_s": (MAX_RATE, "rad/s is taken; is it in degrees per second, or in counts?"),
+    "accel_m_s2": (MAX_ACCEL, "m/s² is taken; is it in milli-g, or in counts?"),
+    "temperature_c": (MAX_CELSIUS, "°C is taken; is it in counts?"),
+    "t_s": (_MAX_TIME_S, "s is taken; is it in microseconds, or in nanoseconds?"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,16 +73,45 @@ def load(path: Path | str, rate_hz: float | None = None) -> Recording:
 
 
 def _read_npz(path: Path) -> dict[str, Floats]:
-    wanted = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
+    """The wanted arrays of an archive; NumPy's own complaints, which advise to load unsafely, are not passed on."""
+    _check_unpacked(path)
+    arrays = {}
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             present = list(file.files)
-            arrays = {name: file[name] for name in wanted if name in present}
-    except Exception as error:  # noqa: BLE001 - a damaged archive fails in many ways
-        raise RecordingError(f"{path}: not a readable .npz of plain numbers: {error}") from None
+            for name in (name for name in _WANTED if name in present):
+                arrays[name] = _array(path, name, file)
+    except RecordingError:
+        raise
+    except Exception:  # noqa: BLE001 - a damaged archive fails in many ways
+        raise _unreadable(path) from None
     if "gyro_rad_s" not in arrays:
         raise RecordingError(f"{path}: 'gyro_rad_s' is missing; the file has {', '.join(present) or 'nothing'}")
     return {name: _numbers(path, name, array) for name, array in arrays.items()}
+
+
+def _check_unpacked(path: Path) -> None:
+    """Refuse an archive that is none, or unpacks to too much; zipfile reads no more of a member than is said here."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+    except Exception:  # noqa: BLE001 - a damaged archive fails in many ways
+        raise _unreadable(path) from None
+    if size > MAX_BYTES:
+        raise RecordingError(f"{path}: it unpacks to {size} bytes; at most {MAX_BYTES} are taken")
+
+
+def _array(path: Path, name: str, file: Mapping[str, NDArray[np.generic]]) -> NDArray[np.generic]:
+    try:
+        return file[name]
+    except Exception:  # noqa: BLE001 - as above
+        raise RecordingError(
+            f"{path}: {name!r} is damaged, or holds no plain numbers; save it as an array of floats"
+        ) from None
+
+
+def _unreadable(path: Path) -> RecordingError:
+    return RecordingError(f"{path}: not a readable .npz: damaged, or of another kind; numpy.savez writes one")
 
 
 def _numbers(path: Path, name: str, array: NDArray[np.generic]) -> Floats:
@@ -82,15 +122,16 @@ def _numbers(path: Path, name: str, array: NDArray[np.generic]) -> Floats:
 
 def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> Recording:
     gyro = columns["gyro_rad_s"]
-    n = len(gyro) if gyro.ndim else 0
+    if gyro.ndim != 2 or gyro.shape[1] != 3:
+        raise RecordingError(f"{path}: 'gyro_rad_s' has shape {gyro.shape}; (n, 3) is expected, a row for each sample")
+    n = len(gyro)
     shapes = {"gyro_rad_s": (n, 3), "accel_m_s2": (n, 3), "temperature_c": (n,), "t_s": (n,), "rate_hz": ()}
     for name, column in columns.items():
         if column.shape != shapes[name]:
-            raise RecordingError(f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected")
-        bad = np.argwhere(~np.isfinite(column))
-        if len(bad):
-            where = f" at sample {bad[0][0]}" if column.ndim else ""
-            raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({len(bad)} such values)")
+            raise RecordingError(
+                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {n} samples"
+            )
+        _check_values(path, name, column)
     if n < 2:
         raise RecordingError(f"{path}: {n} samples; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
@@ -107,10 +148,26 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     )
 
 
+def _check_values(path: Path, name: str, column: Floats) -> None:
+    bad = np.argwhere(~np.isfinite(column))
+    if len(bad):
+        where = f" at sample {bad[0][0]}" if column.ndim else ""
+        raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({len(bad)} such values)")
+    if name not in _LIMITS:
+        return
+    limit, words = _LIMITS[name]
+    large = np.argwhere(np.abs(column) > limit)
+    if len(large):
+        value = column[tuple(large[0])]
+        raise RecordingError(f"{path}: {name!r} is {value:g} at sample {large[0][0]}; up to ±{limit:g} {words}")
+
+
 def _time(path: Path, time: Floats | None, rate: float | None, n: int) -> Floats:
     if time is None:
         if rate is None:
-            raise RecordingError(f"{path}: it has neither sample times nor 'rate_hz': say the rate")
+            raise RecordingError(
+                f"{path}: it has neither sample times nor 'rate_hz'; say it with --rate-hz, or rate_hz in a ward's file"
+            )
         return np.arange(n) / rate
     steps = np.diff(time)
     if not (steps > 0).all():

@@ -49,9 +49,13 @@ def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
     try:
-        header, *rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
-    except (csv.Error, ValueError) as error:
+        header, *rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row] or [[]]
+    except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
+    if not header:
+        raise RecordingError(
+            f"{path}: it is empty; a header row that names the columns, and a row a sample, are needed"
+        )
     names = [name.strip().lower() for name in header]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
@@ -67,7 +71,8 @@ def _vector(at: dict[str, Floats], long: str, short: str, units: dict[str, float
         for prefix in (long, short):
             axes = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
             if all(name in at for name in axes):
-                return np.stack([at[name] for name in axes], axis=1) * scale
+                with np.errstate(over="ignore"):  # what becomes infinite is refused with its sample
+                    return np.stack([at[name] for name in axes], axis=1) * scale
     return None
 
 

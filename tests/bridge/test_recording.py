@@ -1,12 +1,14 @@
 """A recording is whole, finite and in order, or refused with its file, key and sample."""
 
+import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bridge.recording import Recording, RecordingError, load
+from bridge.recording import MAX_BYTES, Recording, RecordingError, load
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 
@@ -44,8 +46,8 @@ def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
     ("arrays", "said"),
     [
         ({"rate_hz": 1.0}, "'gyro_rad_s' is missing; the file has rate_hz"),
-        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2); (4, 3) is expected"),
-        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (); (0, 3) is expected"),
+        ({"gyro_rad_s": GYRO[:, :2], "rate_hz": 1.0}, "shape (4, 2); (n, 3) is expected"),
+        ({"gyro_rad_s": np.float64(3), "rate_hz": 1.0}, "shape (); (n, 3) is expected"),
         ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO[:3], "rate_hz": 1.0}, "'accel_m_s2' has shape (3, 3); (4, 3)"),
         ({"gyro_rad_s": GYRO, "t_s": [1, 2]}, "'t_s' has shape (2,); (4,)"),
         ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,); ()"),
@@ -55,13 +57,43 @@ def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 1, 2]}, "time does not rise at sample 2: 1 s, then 1 s"),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 0.5, 2]}, "time does not rise at sample 2"),
         ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 samples; at least 2"),
-        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'"),
+        ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'; say it with --rate-hz"),
+        (
+            {"gyro_rad_s": GYRO * 100, "rate_hz": 1.0},
+            "is 1100 at sample 3; up to ±1000 rad/s is taken; is it in degrees",
+        ),
+        ({"gyro_rad_s": GYRO * -1e300, "rate_hz": 1.0}, "is -1e+300 at sample 0"),
+        ({"gyro_rad_s": GYRO, "accel_m_s2": GYRO * 1e300, "rate_hz": 1.0}, "'accel_m_s2' is 1e+300 at sample 0"),
+        (
+            {"gyro_rad_s": GYRO, "temperature_c": [1, 2, 1e300, 4], "rate_hz": 1.0},
+            "'temperature_c' is 1e+300 at sample 2",
+        ),
+        ({"gyro_rad_s": GYRO, "t_s": [0, 1, 2, 1e300]}, "'t_s' is 1e+300 at sample 3; up to ±1e+10 s"),
         ({"gyro_rad_s": GYRO.astype(str), "rate_hz": 1.0}, "not numbers"),
-        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "not a readable .npz of plain numbers"),
+        ({"gyro_rad_s": GYRO.astype(object), "rate_hz": 1.0}, "'gyro_rad_s' is damaged, or holds no plain numbers"),
     ],
 )
 def test_a_bad_npz_is_refused(tmp_path: Path, arrays: dict[str, Any], said: str) -> None:
     assert said in refusal(saved(tmp_path, **arrays))
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("gyro_rad_s.npy", "w") as member:
+        for _ in range(MAX_BYTES >> 24):
+            member.write(bytes(1 << 24))
+        member.write(b"\0")
+    assert path.stat().st_size < 1 << 20
+    assert f"it unpacks to {MAX_BYTES + 1} bytes" in refusal(path)
+
+
+def test_nobody_is_advised_to_load_unsafely(tmp_path: Path) -> None:
+    (tmp_path / "pickle.npz").write_bytes(pickle.dumps([1]))
+    np.save(tmp_path / "one.npy", GYRO.astype(object))
+    (tmp_path / "one.npy").rename(tmp_path / "one.npz")
+    objects = saved(tmp_path, gyro_rad_s=GYRO.astype(object))
+    for path in (tmp_path / "pickle.npz", tmp_path / "one.npz", objects):
+        assert "pickle" not in refusal(path).removeprefix(str(path))
 
 
 def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -94,7 +126,7 @@ def test_a_csv_says_its_units_in_its_header(tmp_path: Path) -> None:
 
 def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
     path = written(tmp_path, "gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s\n1,2,3\n4,5,6\n")
-    assert "say the rate" in refusal(path)
+    assert "--rate-hz" in refusal(path)
     recording = load(path, rate_hz=50)
     assert np.array_equal(recording.gyro, [[1, 2, 3], [4, 5, 6]])
     assert recording.time_s[1] == 0.02
@@ -103,7 +135,12 @@ def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "not a CSV with a header row"),
+        ("", "it is empty; a header row"),
+        ("\n\n", "it is empty; a header row"),
+        (
+            "t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps\n0,1e308,1,1,1,1,1\n",
+            "'accel_m_s2' is not a finite number at sample 0",
+        ),
         ("t_s,gyro_x_rads,gyro_y_rad_s,gyro_z_rad_s\n0,1,2,3\n", "'gyro_x_rads': did you mean 'gyro_x_rad_s'?"),
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,3\n", "row 2 has 3 columns; the header has 4"),
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,x,3\n", "row 2, column 'gy_dps': 'x' is not a number"),
