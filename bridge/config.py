@@ -72,7 +72,7 @@ class Device:
                 raise ValueError(f"the key {key!r} is missing")
         device, name = check(rest.pop("id"), "id"), rest.pop("driver")
         kinds = registry.kinds()
-        if name not in kinds:
+        if not isinstance(name, str) or name not in kinds:
             raise ValueError(f"unknown driver {name!r}; {nearest(str(name), kinds)}")
         return cls(device, name, options(rest, kinds[name].options))
 

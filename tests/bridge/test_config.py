@@ -91,6 +91,10 @@ DEVICE = (
             DEVICE + 'id = "d2"\ndriver = 3',
             "[[bridge.devices]] #2: unknown driver 3; there are native, replayed, simulated",
         ),
+        (
+            DEVICE + 'id = "d2"\ndriver = ["native"]',
+            "[[bridge.devices]] #2: unknown driver ['native']; did you mean 'native'?",
+        ),
         (DEVICE + 'id = "d2"\ndriver = "native"', "[[bridge.devices]] #2: the key 'port' is missing"),
         (DEVICE + 'driver = "native"', "[[bridge.devices]] #2: the key 'id' is missing"),
         (
