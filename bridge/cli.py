@@ -13,8 +13,7 @@ from types import FrameType
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.config import LOCAL, Bridge, Bus, ConfigError, Device, Root, load
-from bridge.config import Router as RouterTable
+from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, load
 from bridge.drivers import registry
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.recording import RecordingError
@@ -101,10 +100,10 @@ def _run(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     root = load(args.config, Root) if args.config else Root(ward=args.ward or "ward")
+    connect = check_endpoints(args.connect, "--connect") if args.connect else root.bus.connect
     load_recording(args.file, args.rate_hz)  # a bad file is said at once, not tried again and again
     options = ReplayedOptions(file=str(args.file), speed=args.speed, rate_hz=args.rate_hz)
     bridge = Bridge(id=f"replay-{args.device}"[:32], devices=(Device.from_table(_table(args.device, options)),))
-    connect = Bus(connect=tuple(args.connect)).connect if args.connect else root.bus.connect
     return _serve(args.ward or root.ward, bridge, connect, patient=False)
 
 
@@ -162,7 +161,7 @@ def _list(args: argparse.Namespace) -> int:
 def _router(args: argparse.Namespace) -> int:
     listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
     if args.listen:
-        listen = RouterTable(listen=tuple(args.listen)).listen
+        listen = check_endpoints(args.listen, "--listen")
     with _stopped_by_signal() as stop, Router(listen, shed=keys.VIEWED):
         _log.info("router: listening on %s", ", ".join(listen))
         stop.wait()

@@ -3,6 +3,8 @@
 The estimator's root is a subclass of `Root` that gives `estimator` a type of its own; here any table passes.
 """
 
+import re
+from collections.abc import Sequence
 from typing import Any, Final, Self
 
 from msgspec import Struct
@@ -13,9 +15,11 @@ from bridge.toml_file import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
-__all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", "load"]
+__all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", "check_endpoints", "load"]
 
 LOCAL = "tcp/127.0.0.1:7447"
+PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
+_ADDRESS = re.compile(r"[^?#\s]+:\d{1,5}([?#].*)?\Z")
 
 
 def check(text: object, what: str) -> str:
@@ -26,13 +30,19 @@ def check(text: object, what: str) -> str:
         raise ValueError(refusal.detail) from None
 
 
-def _check_endpoints(endpoints: tuple[str, ...], key: str) -> None:
+def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
+    """Endpoints as zenoh takes them; ValueError begins with `key`, be it of a file or of a command line."""
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
     for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
-        if not (protocol.isalnum() and address and endpoint.isprintable()):
+        if not (protocol and address and endpoint.isprintable()):
             raise ValueError(f"{key}: {endpoint!r} is no endpoint; one looks like {LOCAL!r}")
+        if protocol not in PROTOCOLS:
+            raise ValueError(f"{key}: {endpoint!r}: unknown protocol {protocol!r}; {nearest(protocol, PROTOCOLS)}")
+        if protocol != "unixsock-stream" and not _ADDRESS.match(address):
+            raise ValueError(f"{key}: {endpoint!r} has no port; one looks like {LOCAL!r}")
+    return tuple(endpoints)
 
 
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -41,7 +51,7 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     connect: tuple[str, ...] = (LOCAL,)
 
     def __post_init__(self) -> None:
-        _check_endpoints(self.connect, "connect")
+        check_endpoints(self.connect, "connect")
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -50,7 +60,7 @@ class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     listen: tuple[str, ...] = (LOCAL,)
 
     def __post_init__(self) -> None:
-        _check_endpoints(self.listen, "listen")
+        check_endpoints(self.listen, "listen")
 
 
 class Device:
@@ -97,6 +107,14 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if device.id in seen:
                 raise ValueError(f"devices #{seen[device.id]} and #{number} have the same id {device.id!r}")
             seen[device.id] = number
+        ports: dict[str, str] = {}
+        for device in self.devices:
+            port = getattr(device.options, "port", None)
+            if port is None:
+                continue
+            if port in ports:
+                raise ValueError(f"devices {ports[port]!r} and {device.id!r} have the same port {port!r}")
+            ports[port] = device.id
 
 
 class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -112,6 +112,12 @@ class NativeOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     port: str
     baud: int = 115_200
 
+    def __post_init__(self) -> None:
+        if not self.port:
+            raise ValueError("port is empty; `ls /dev/serial/by-id` shows the ports of what is plugged in")
+        if not 300 <= self.baud <= 4_000_000:
+            raise ValueError(f"baud is {self.baud}; 300 to 4000000 is taken, 115200 is usual")
+
 
 class NativeDriver:
     """The decoder behind a serial port."""

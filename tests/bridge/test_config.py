@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec import Struct
 
-from bridge.config import ConfigError, Device, Root, load
+from bridge.config import ConfigError, Device, Root, check_endpoints, load
 from bridge.drivers.native import NativeDriver, NativeOptions
 
 GOOD = """
@@ -124,6 +124,26 @@ DEVICE = (
             "[bus]: connect: 'local' is no endpoint; one looks like 'tcp/127.0.0.1:7447'",
         ),
         (
+            'ward = "w"\n[bus]\nconnect = ["tpc/127.0.0.1:7447"]',
+            "[bus]: connect: 'tpc/127.0.0.1:7447': unknown protocol 'tpc'; did you mean 'tcp'?",
+        ),
+        (
+            'ward = "w"\n[router]\nlisten = ["tcp/0.0.0.0"]',
+            "[router]: listen: 'tcp/0.0.0.0' has no port; one looks like 'tcp/127.0.0.1:7447'",
+        ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "native"\nport = "p"',
+            "[bridge]: devices 'd1' and 'd2' have the same port 'p'",
+        ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "native"\nport = "q"\nbaud = -9600',
+            "[[bridge.devices]] #2: baud is -9600; 300 to 4000000 is taken, 115200 is usual",
+        ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "native"\nport = ""',
+            "[[bridge.devices]] #2: port is empty; `ls /dev/serial/by-id` shows the ports of what is plugged in",
+        ),
+        (
             'ward = "w"\n[bridge]\nid = "b"\n[bridge.devices]\nid = "x"',
             "[bridge]: key 'devices': expected a list, got a table",
         ),
@@ -151,6 +171,17 @@ def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     ]:
         with pytest.raises(ConfigError, match=said):
             load(path, Root)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447", "tcp/[::1]:7447", "tls/router.ward:7447", "quic/a:1", "ws/a:1", "udp/a:1",
+        "tcp/10.0.0.5:7447#iface=eth0", "tcp/a:1?prio=1-3", "unixsock-stream/run/truerate.sock",
+    ],
+)  # fmt: skip
+def test_every_kind_of_endpoint_is_taken(endpoint: str) -> None:
+    assert check_endpoints([endpoint], "connect") == (endpoint,)
 
 
 def test_the_ward_file_we_ship_is_valid() -> None:

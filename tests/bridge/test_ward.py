@@ -309,7 +309,12 @@ def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.Captur
         (("bridge", "run", "none.toml"), 2, "truerate: none.toml: there is no such file\n"),
         (("bridge", "replay", "none.npz", "--device", "d"), 1, "truerate: none.npz: cannot be read"),
         (("bridge", "replay", "none.npz", "--device", "d", "--ward", "W W"), 2, "truerate: ward 'W W' is not valid"),
-        (("router", "--listen", "here"), 2, "truerate: listen: 'here' is no endpoint"),
+        (("router", "--listen", "here"), 2, "truerate: --listen: 'here' is no endpoint"),
+        (
+            ("bridge", "replay", "none.npz", "--device", "d", "--connect", "foo"),
+            2,
+            "truerate: --connect: 'foo' is no endpoint; one looks like 'tcp/127.0.0.1:7447'\n",
+        ),
     ],
 )
 def test_wrong_use_is_one_line_and_an_exit_code(
