@@ -1,6 +1,7 @@
 """zenoh's own router inside this process, for a ward on one machine and for tests."""
 
 import atexit
+import errno
 from collections.abc import Sequence
 from typing import Self
 
@@ -21,8 +22,10 @@ class Router:
         if not listen:
             raise BusError("a router must listen somewhere, for example on tcp/127.0.0.1:7447")
         self.listen = tuple(listen)
-        complaint = f"cannot listen on {', '.join(listen)}; is another router running there?"
-        self._session = open_session(zenoh_settings.router(listen, shed), complaint)
+        try:
+            self._session = open_session(zenoh_settings.router(listen, shed), f"cannot listen on {', '.join(listen)}")
+        except BusError as error:
+            raise BusError(f"{error}; {_advice(str(error))}") from error.__cause__
         self._closed = False
         atexit.register(self.close)
 
@@ -38,3 +41,16 @@ class Router:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _advice(said: str) -> str:
+    """What to do about an address that could not be listened on, from what zenoh said of it."""
+    causes = {
+        errno.EADDRINUSE: "something listens there already: is another router running?",
+        errno.EADDRNOTAVAIL: "this machine has no such address: use one of its own, or 0.0.0.0 for all of them",
+        errno.EACCES: "a port below 1024 needs permission: choose a higher one",
+    }
+    for number, advice in causes.items():
+        if f"(os error {number})" in said:
+            return advice
+    return "is the address one of this machine's own, and no other router running there?"

@@ -239,13 +239,21 @@ def test_no_router_and_a_busy_port_are_said_plainly() -> None:
     with pytest.raises(BusError, match=f"no router answered at {endpoint}.*truerate router"):
         ZenohBus([endpoint], open_timeout_s=0.3)
     assert time.monotonic() - began < 2.0
-    with Router([endpoint]), pytest.raises(BusError, match=f"cannot listen on {endpoint}"):
+    with Router([endpoint]), pytest.raises(BusError, match=f"cannot listen on {endpoint}.*is another router running"):
         Router([endpoint])
     for bad in ([], ["no endpoint"]):
         with pytest.raises(BusError):
             ZenohBus(bad, open_timeout_s=0.0)
         with pytest.raises(BusError):
             Router(bad)
+
+
+def test_an_address_that_cannot_be_had_is_told_from_one_in_use() -> None:
+    with pytest.raises(BusError, match="this machine has no such address") as refused:
+        Router(["tcp/203.0.113.7:7447"])  # of a network for documentation: nobody's
+    assert "another router" not in str(refused.value)
+    with pytest.raises(BusError, match=r"one of this machine's own, and no other router"):
+        Router(["tcp/no-such-host.invalid:7447"])
 
 
 def test_idle_connections_lock_nobody_out() -> None:
