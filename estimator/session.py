@@ -4,9 +4,7 @@ A pure core: no clock, no bus, no store. Time is the device's own, in the batche
 is handed in. Any batching of the same samples gives the same corrected rates.
 """
 
-from collections import deque
 from dataclasses import dataclass, field, replace
-from math import degrees
 
 import numpy as np
 
@@ -30,11 +28,9 @@ from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState, Receipt
-from estimator.track.zaru import Zaru, ZaruKnobs
+from estimator.track.bias_filter import BiasState
+from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
-#: how often an uncertainty that grows without evidence is published anew, device seconds
-PREDICT_S = 1.0
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
@@ -48,15 +44,9 @@ class SessionKnobs:
     method: str = DEFAULT
     #: after power-up, before anything is believed
     warming_s: float = 1.0
-    #: without an accepted rest for this long, or with a bias less certain than this, the output is degraded
-    evidence_age_s: float = 1800.0
-    bias_std: float = np.radians(0.2)
-    #: refused rests in a row before the bias is doubted
-    contradictions: int = 5
     prior: PriorKnobs = field(default_factory=PriorKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
-    bias: BiasKnobs = field(default_factory=BiasKnobs)
-    zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
+    track: TrackKnobs = field(default_factory=TrackKnobs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +79,6 @@ class DeviceSession:
         self.reason = "never seen"
         self.calibration: Calibration | None = None  # of this boot
         self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
-        self.filter: BiasFilter | None = None
-        self.last_receipt: Receipt | None = None
         self.last_heard_ns = 0
         self._begin(0.0)
 
@@ -114,18 +102,14 @@ class DeviceSession:
         return outcome
 
     def _begin(self, device_time: float) -> None:
-        self.calibration, self.prior, self.filter, self.last_receipt = None, None, None, None
+        self.calibration, self.prior = None, None
         self._stillness = Stillness(self.knobs.stillness)
-        self._zaru = Zaru(self.knobs.zaru)
+        self.tracker = Tracker(self.knobs.track, device_time)
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
         self._fed = 0
         self._now = self._began = device_time
         self._clock_shift = 0.0
-        self._doubted = False
         self._who = ""
-        self._temperatures: deque[tuple[float, float]] = deque(maxlen=1000)
-        self._contradictions = 0
-        self._evidence_time: float | None = None
         self._first_time: float | None = None
         self._done_axes: tuple[int, ...] = ()
         self._applied = self._correction()
@@ -136,10 +120,8 @@ class DeviceSession:
         if start is None or start.time > self._now + CACHE_S:
             # How long ago the bias was so is not known: degraded until a rest confirms it.
             start = _bias_of(remembered.calibration, self._now) if start is None else replace(start, time=self._now)
-            start = replace(start, P=start.P + self.knobs.bias_std**2 * np.eye(3))
-        self.filter = BiasFilter(start, self.knobs.bias)
-        self.filter.predict(self._now)
-        self._evidence_time = min(start.time, self._now)
+            start = replace(start, P=start.P + self.knobs.track.bias_std**2 * np.eye(3))
+        self.tracker.restored(start, self._now)
         self._capture = None
         self.life.on(Event.RESTORED)
         self.reason = "calibrated; the calibration of this boot goes on"
@@ -185,7 +167,7 @@ class DeviceSession:
             before = self._applied
             self._now = window.end_time
             if batch.temperature_c is not None:
-                self._temperatures.append((self._now, float(batch.temperature_c[first + window.end - base - 1])))
+                self.tracker.temperature(self._now, float(batch.temperature_c[first + window.end - base - 1]))
             self._window(window, outcome)
             self._applied = self._correction()
             if not self._applied.same(before):
@@ -207,50 +189,26 @@ class DeviceSession:
     # ---- windows: evidence and calibration ------------------------------------------------------------------------
 
     def _window(self, window: Window, outcome: Outcome) -> None:
-        state = self.life.state
-        if state is State.WARMING:
+        if self.life.state is State.WARMING:
             if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
             return
-        if self.filter is not None:
-            if window.end_time - self.filter.state.time >= PREDICT_S:
-                self.filter.predict(window.end_time, self._temperature())
-            receipt = self._zaru.window(window, self.filter, self._temperature())
-            if receipt is not None:
-                self._weigh(receipt, outcome)
-            if not self._doubted and self._evidence_age() > self.knobs.evidence_age_s:
-                self._doubt(f"no rest for {self._evidence_age() / 60:.0f} minutes", outcome)
+        receipt = self.tracker.window(window)
+        if receipt is not None and receipt.accepted:
+            if self.tracker.trust():
+                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+        elif receipt is not None:
+            self.sequence.events.add(f"{receipt.kind} {receipt.reason}")
+        if (reason := self.tracker.doubt(self._now)) is not None:
+            self._happens(Event.DOUBTED, reason, outcome)
         if self._capture is not None:
             for progress in self._capture.window(window):
                 self._progress(progress, outcome)
 
-    def _weigh(self, receipt: Receipt, outcome: Outcome) -> None:
-        self.last_receipt = receipt
-        if receipt.accepted:
-            self._contradictions = 0
-            self._evidence_time = receipt.time
-            if self.filter is not None and np.all(self.filter.state.std < self.knobs.bias_std):
-                self._doubted = False
-                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
-            return
-        self.sequence.events.add(f"{receipt.kind} {receipt.reason}")
-        self._contradictions += 1
-        if self._contradictions >= self.knobs.contradictions:
-            by = degrees(float(np.max(np.abs(receipt.innovation))))
-            self._doubt(f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped", outcome)
-
-    def _doubt(self, reason: str, outcome: Outcome) -> None:
-        # Kept beside the state: a device that is being recalibrated is no better than it was before.
-        self._doubted = True
-        self._happens(Event.DOUBTED, reason, outcome)
-
     def _progress(self, progress: Progress, outcome: Outcome) -> None:
         match progress:
             case RestFound(rest):
-                if self.filter is None:
-                    state = BiasState(rest.bias, self._rest_cov(rest), rest.middle, self._temperature_at(rest.middle))
-                    self.filter = BiasFilter(state, self.knobs.bias)
-                    self._evidence_time = rest.end
+                self.tracker.first_rest(_bias_in(rest))
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
                 self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
@@ -270,21 +228,8 @@ class DeviceSession:
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
         self.calibration, self.prior, self._capture = outcome.calibration, None, None
-        self.filter = BiasFilter(
-            BiasState(result.bias, result.covariance[:3, :3], result.bias_time, self._temperature_at(result.bias_time)),
-            self.knobs.bias,
-        )
-        if result.bias_time < rest.middle:
-            # The rest after the last turn is newer than the one the bias came from.
-            self.filter.predict(rest.middle, self._temperature_at(rest.middle))
-            self.filter.update("zaru", rest.bias, self._rest_cov(rest), rest.rounding_var)
-        self.filter.predict(rest.end, self._temperature_at(rest.end))
-        self._evidence_time = rest.end
-        self._contradictions, self._doubted = 0, False
+        self.tracker.calibrated(result.bias, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
-
-    def _rest_cov(self, rest: Rest) -> Floats:
-        return rest.bias_cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
 
     def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
         before = self.life.state
@@ -310,7 +255,7 @@ class DeviceSession:
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
-        if self._doubted:
+        if self.tracker.doubted:
             self.life.on(Event.DOUBTED)
         self._done_axes, self._who = (), ""
         self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
@@ -331,7 +276,7 @@ class DeviceSession:
         """All of it, for the bus."""
         applied = self._applied
         done = self._done_axes if self._capture is not None else ()
-        share = (0.1 * (self.filter is not None) + 0.3 * len(done)) if self._capture is not None else 1.0
+        share = (0.1 * (self.tracker.state is not None) + 0.3 * len(done)) if self._capture is not None else 1.0
         return Status(
             device=self.device,
             boot=self.boot or 0,
@@ -346,8 +291,8 @@ class DeviceSession:
             scale=tuple(map(float, np.diag(applied.model.matrix))),
             calibration=applied.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
-            evidence_age_s=self._evidence_age(),
-            temperature_c=self._temperature(),
+            evidence_age_s=self.tracker.evidence_age(self._now),
+            temperature_c=self.tracker.temperature_c,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,
             samples_out=self.sequence.samples_out,
@@ -361,7 +306,7 @@ class DeviceSession:
 
     def checkpoint(self) -> BiasState | None:
         """The bias as it would be restored; only of a calibrated boot."""
-        return self.filter.state if self.filter is not None and self.calibration is not None else None
+        return self.tracker.state if self.calibration is not None else None
 
     @property
     def _calibration_id(self) -> str:
@@ -369,10 +314,9 @@ class DeviceSession:
 
     def _correction(self) -> Correction:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
-        bias = self.filter.state if self.filter else None
-        best = choose(self.calibration, self.prior, bias, noise_std, self.knobs.prior)
+        best = choose(self.calibration, self.prior, self.tracker.state, noise_std, self.knobs.prior)
         lost = self.life.state is State.LOST
-        doubtful = lost or self._doubted or bool(np.any(best.bias_std >= self.knobs.bias_std))
+        doubtful = lost or self.tracker.doubted or bool(np.any(best.bias_std >= self.knobs.track.bias_std))
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
     def _as_message(self, result: Result) -> Calibration:
@@ -398,24 +342,12 @@ class DeviceSession:
             firmware=info.firmware if info else "",
             gyro_range=info.gyro_range if info else 0.0,
             rate_hz=info.rate_hz if info else 0.0,
-            temperature_c=self._temperature(),
+            temperature_c=self.tracker.temperature_c,
             who=self._who,
         )
 
     def _missing(self) -> str:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes) or "nothing"
-
-    def _temperature(self) -> float:
-        return self._temperatures[-1][1] if self._temperatures else float("nan")
-
-    def _temperature_at(self, time: float) -> float:
-        if not self._temperatures:
-            return float("nan")
-        times, values = zip(*self._temperatures, strict=True)
-        return float(np.interp(time, times, values))
-
-    def _evidence_age(self) -> float:
-        return self._now - (self._began if self._evidence_time is None else self._evidence_time)
 
     def _rate(self) -> float:
         if self._first_time is None or self._now <= self._first_time:
@@ -425,3 +357,7 @@ class DeviceSession:
 
 def _bias_of(calibration: Calibration, time: float) -> BiasState:
     return BiasState(calibration.bias, calibration.covariance[:3, :3], time, calibration.temperature_c)
+
+
+def _bias_in(rest: Rest) -> RestBias:
+    return RestBias(rest.bias, rest.bias_cov, rest.rounding_var, rest.middle, rest.end)

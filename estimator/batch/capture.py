@@ -110,8 +110,10 @@ class History:
             self._parts.pop(0)
 
     def between(self, start: float, end: float) -> Samples:
-        """The samples with start <= time <= end that are still held."""
+        """The samples with start <= time <= end that are still held; none when none is."""
         parts = [part.between(start, end) for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
+        if not parts:
+            return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
         accels = [part.accel for part in parts if part.accel is not None]
         return Samples(
             np.concatenate([part.time for part in parts]),

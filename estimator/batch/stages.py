@@ -6,6 +6,9 @@ from estimator.batch.capture import History, Movement, Rest
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
+#: samples without which there is no standard deviation worth the name
+_FEWEST = 8
+
 
 @dataclass(frozen=True, slots=True)
 class StageKnobs:
@@ -37,30 +40,37 @@ class Stages:
         self.still_s = 0.0
         self._history = history
         self._still_since: float | None = None
+        self._still_until = 0.0
         self._settled = False
         self._before: Rest | None = None
 
     def window(self, window: Window) -> Settled | None:
         """Take the next window."""
         if not window.still:
-            self._end_rest(window.start_time - self.knobs.edge_s)
+            # After a hole in the stream the rest ended where it was last seen.
+            self._end_rest(min(window.start_time - self.knobs.edge_s, self._still_until))
             return None
         if self._still_since is None:
             # The first still window after a movement may hold its end.
             self._still_since = window.end_time if self._before else window.start_time
+        self._still_until = window.end_time
         self.still_s = window.end_time - self._still_since
         if self._settled or self.still_s < self.knobs.rest_s:
             return None
-        self._settled = True
-        return Settled(self._before, self._measure(self._still_since, window.end_time))
+        rest = self._measure(self._still_since, window.end_time)
+        self._settled = rest is not None
+        return None if rest is None else Settled(self._before, rest)
 
     def _end_rest(self, end: float) -> None:
         if self._still_since is not None and self._settled:
             self._before = self._measure(self._still_since, end)
         self._still_since, self._settled, self.still_s = None, False, 0.0
 
-    def _measure(self, start: float, end: float) -> Rest:
+    def _measure(self, start: float, end: float) -> Rest | None:
+        """The rest as far as its samples are still held; None when they are not: a hole has pushed them out."""
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
+        if len(still) < _FEWEST:
+            return None
         accel = None if still.accel is None else still.accel.mean(axis=0)
         accel_std = None if still.accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)

@@ -94,8 +94,8 @@ def test_coarse_gyros_are_not_believed_beyond_their_step() -> None:
         of = stream([Still(25.0)], 25.0, seed=seed, spec=ImuSpec(noise_dps=float(noise), step_dps=0.061))
         device = DeviceSession(NAME)
         feed(device, of.batches())
-        assert device.filter is not None
-        state = device.filter.state
+        assert device.tracker.state is not None
+        state = device.tracker.state
         scores.append((state.x - of.bias[-1]) / state.std)
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
     assert np.abs(scores).max() < 4
@@ -129,8 +129,8 @@ def test_calibrated_bias_is_honest_from_the_first_good_sample() -> None:
         for batch in of.batches():
             if feed(device, [batch]).calibration is not None:
                 break
-        assert device.filter is not None
-        found.append(nees(device.filter.state, of.bias[batch.sequence + len(batch) - 1]))
+        assert device.tracker.state is not None
+        found.append(nees(device.tracker.state, of.bias[batch.sequence + len(batch) - 1]))
     assert 0.3 < np.mean(found) < band(len(found))[1]
 
 

@@ -12,6 +12,7 @@ from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, State, Verdict
 from estimator.session import DeviceSession, Remembered, SessionKnobs
+from estimator.track.tracker import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates, stream
 
 
@@ -232,10 +233,10 @@ def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:
     feed(device, late.part(0, half).batches())
     assert state(device) is State.TRACKING
     after = late.part(half, len(late))
-    before = device.last_receipt
+    before = device.tracker.last_receipt
     outcome = feed(device, replace(after, ticks=after.ticks - wrapped).batches(first=half))
     assert device.status(1).events["device clock went back"] == 1
-    assert device.last_receipt is not before, "rests are recognised as before"
+    assert device.tracker.last_receipt is not before, "rests are recognised as before"
     assert all(b.quality is Quality.GOOD for b in outcome.corrected)
     np.testing.assert_array_equal(outcome.corrected[0].ticks, after.ticks[: len(outcome.corrected[0])] - wrapped)
 
@@ -308,7 +309,7 @@ def test_a_new_calibration_ends_a_doubt_at_once(once: Stream) -> None:
 
 
 def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream) -> None:
-    knobs = SessionKnobs(evidence_age_s=60.0)
+    knobs = SessionKnobs(track=TrackKnobs(evidence_age_s=60.0))
     device = DeviceSession(NAME, knobs)
     feed(device, once.batches())
     rng = np.random.default_rng(0)
@@ -318,7 +319,7 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     corrected = feed(device, batches).corrected
     stds = np.array([b.bias_std.max() for b in corrected])
     assert stds[-1] > 3 * stds[0]
-    walk = knobs.bias.rate_random_walk * np.sqrt(90.0)
+    walk = knobs.track.bias.rate_random_walk * np.sqrt(90.0)
     assert stds[-1] > walk * 0.6
     assert corrected[0].quality is Quality.GOOD
     assert corrected[-1].quality is Quality.DEGRADED

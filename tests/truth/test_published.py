@@ -104,12 +104,12 @@ def test_real_quantised_stillness_is_known_at_4_degrees_per_second(shared_data: 
     of = Stream(ticks, recording.gyro, none, np.full(n, 25.0), none, none, None, 100.0)  # type: ignore[arg-type]
     device = DeviceSession(NAME)
     feed(device, of.batches(accel=False))
-    assert device.filter is not None
-    np.testing.assert_allclose(np.degrees(device.filter.state.x), np.degrees(recording.gyro.mean(axis=0)), atol=0.02)
-    assert device.filter.state.x[0] > np.radians(4.5)
-    assert device.filter.state.time > ticks[-1] * 1e-6 - 2.0
-    assert device.last_receipt is not None
-    assert device.last_receipt.accepted
+    assert device.tracker.state is not None
+    np.testing.assert_allclose(np.degrees(device.tracker.state.x), np.degrees(recording.gyro.mean(axis=0)), atol=0.02)
+    assert device.tracker.state.x[0] > np.radians(4.5)
+    assert device.tracker.state.time > ticks[-1] * 1e-6 - 2.0
+    assert device.tracker.last_receipt is not None
+    assert device.tracker.last_receipt.accepted
 
 
 def test_rests_of_real_wear_track_the_bias(shared_data: Path) -> None:
@@ -128,9 +128,9 @@ def test_rests_of_real_wear_track_the_bias(shared_data: Path) -> None:
         of = Stream(ticks, gyro, accel, np.full(n, 25.0), gyro, gyro, None, rate_hz)  # type: ignore[arg-type]
         device = DeviceSession(NAME)
         feed(device, of.batches(list(range(30, n, 30))))
-        assert device.filter is not None
+        assert device.tracker.state is not None
         trim = int(0.5 * rate_hz)
         last = np.flatnonzero(file["moving"])[-1] + trim
-        error = device.filter.state.x - gyro[last : n - trim].mean(axis=0)
+        error = device.tracker.state.x - gyro[last : n - trim].mean(axis=0)
         assert np.degrees(np.abs(error)).max() < 0.02, name
-        assert (np.abs(error) < 5 * device.filter.state.std + np.radians(0.003)).all(), name
+        assert (np.abs(error) < 5 * device.tracker.state.std + np.radians(0.003)).all(), name
