@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver
@@ -59,7 +60,7 @@ class Link:
             self._queued = 0
             return Taken(batches, self._intake.info(time.time_ns(), self._faults, self._complaint), self._there)
 
-    def lose(self, batches: list[SampleBatch]) -> None:
+    def lose(self, batches: Iterable[SampleBatch]) -> None:
         """Batches that were taken could not be published."""
         with self._lock:
             for batch in batches:

@@ -1,7 +1,6 @@
 """Batches that go on where the last ended, made one: fewer, larger messages cost everybody less."""
 
 from collections.abc import Sequence
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +21,6 @@ def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
             groups.append([batch])
             size = len(batch)
     return [_one(group) for group in groups]
-
-
-def by_boot(batches: Sequence[SampleBatch]) -> list[tuple[int, list[SampleBatch]]]:
-    """The batches of each boot, in order."""
-    return [(boot, list(group)) for boot, group in groupby(batches, key=lambda batch: batch.boot)]
 
 
 def _goes_on(before: SampleBatch, after: SampleBatch) -> bool:

@@ -3,13 +3,14 @@
 import logging
 import threading
 import time
+from collections import deque
 from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.config import Bridge, Device
 from bridge.intake import Intake
 from bridge.link import Link, Taken
-from bridge.merge import by_boot, merged
+from bridge.merge import merged
 from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
@@ -31,20 +32,24 @@ class Outlet:
         self._info: Publisher = bus.publisher(keys.build(ward, "info", bridge=bridge, device=device), cache=1)
         self._token: Declared | None = None
         self._token_boot: int | None = None
+        self.unsent: deque[SampleBatch] = deque()  # of what was to be published, what was not
         self._said: DeviceInfo | None = None
         self._said_at_s = 0.0
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
-        """Batches, with the account of a new boot ahead of its first, and behind the last of all; raises BusError.
+        """Batches, with the account of a new boot ahead of its first, and behind the last of all.
 
-        The account is of boot 0 while the device has not said who it is.
+        Raises BusError, and then `unsent` has what was not put. The account is of boot 0 while the device has not said
+        who it is.
         """
         info = taken.info
+        self.unsent = deque(merged(taken.batches))
         self._tell_alive(info.boot if info.boot and taken.there else None)
-        for boot, batches in by_boot(taken.batches):
-            if boot == info.boot:
+        while self.unsent:
+            if self.unsent[0].boot == info.boot:
                 self._tell(info, now_s)
-            self._publish(batches)
+            self._raw.put(encode_samples(self.unsent[0]))
+            self.unsent.popleft()
         self._tell(info, now_s, at_once=last)
 
     def close(self) -> None:
@@ -52,10 +57,6 @@ class Outlet:
         self._tell_alive(None)
         self._raw.close()
         self._info.close()
-
-    def _publish(self, batches: list[SampleBatch]) -> None:
-        for batch in merged(batches):
-            self._raw.put(encode_samples(batch))
 
     def _tell(self, info: DeviceInfo, now_s: float, *, at_once: bool = False) -> None:
         """At a boot, soon after a change, and once a second."""
@@ -129,12 +130,12 @@ class Ward:
             try:
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:
-                link.lose(taken.batches)
+                link.lose(outlet.unsent)
                 level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
                 _log.log(level, "bus: %s", error)
                 self._complaint = str(error)
             except Exception:  # noqa: BLE001 - one device's fault must not stop the others
-                link.lose(taken.batches)
+                link.lose(outlet.unsent)
                 _log.exception("%s: cannot be published", link.device)
 
 

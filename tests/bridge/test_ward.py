@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bridge import cli
+from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
@@ -23,7 +24,7 @@ from bridge.link import Link
 from bridge.merge import merged
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import Ward
+from bridge.ward import Outlet, Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Tally
@@ -253,6 +254,47 @@ def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptu
     taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()
     assert sum(map(len, taken.batches)) == 20
     assert "its driver failed: ZeroDivisionError('oops')" in caplog.text
+
+
+class Failing:
+    """A bus whose publishers of samples take two more messages, then fail, until they are mended."""
+
+    def __init__(self, bus: MemoryBus) -> None:
+        self._bus = bus
+        self.left = 2
+
+    def publisher(self, key: str, *, cache: int = 0) -> Publisher:
+        made = self._bus.publisher(key, cache=cache)
+        if "/raw/" not in key:
+            return made
+        put = made.put
+
+        def some(payload: bytes) -> None:
+            if not self.left:
+                raise BusError("full")
+            self.left -= 1
+            put(payload)
+
+        made.put = some  # type: ignore[method-assign]
+        return made
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bus, name)
+
+
+def test_only_what_was_not_put_is_lost_when_the_bus_fails(broker: MemoryBroker, listener: Listener) -> None:
+    holes = [said(sequence) for sequence in (0, 20, 40, 60)]  # four batches that do not merge
+    link = run(driver := Scripted([HELLO], holes), lambda _: not driver._script)
+    with MemoryBus(broker) as bus:
+        outlet = Outlet(Failing(bus), "w", "b1", "d1", 10)
+        with pytest.raises(BusError, match="full"):
+            outlet.publish(link.take(), 0.0)
+        assert [batch.sequence for batch in outlet.unsent] == [40, 60]
+        link.lose(outlet.unsent)
+        outlet.publish(link.take(), 1.0, last=True)
+        listener.hear()
+    assert listener.infos["d1"].samples == listener.count() == 20
+    assert listener.infos["d1"].dropped == {"overflow": 20}
 
 
 def test_what_nobody_takes_is_bounded_and_counted() -> None:
