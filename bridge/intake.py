@@ -151,9 +151,12 @@ class Intake:
         self._drop(Reason.DUPLICATE, ~new)
         self._old = 0 if new.any() else self._old + len(ticks)
         if self._old >= max(2, identity.rate_hz):
+            refused = self._old
             self.events.add("reboots_unsaid")
             self._unsaid += 1
             self._begin()
+            self.samples_in += refused  # they were of this boot already
+            self.dropped.add(Reason.DUPLICATE, refused)
         return new
 
     def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:

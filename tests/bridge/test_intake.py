@@ -216,6 +216,7 @@ def test_a_reboot_that_keeps_its_boot_number_is_seen_within_two_seconds() -> Non
     assert batches[0].sequence <= 110
     assert intake.boot == batches[0].boot
     assert intake.events.as_dict() == {"reboots_unsaid": 1}
+    assert intake.dropped.as_dict() == {"duplicate": 100}  # what led to it
     account(intake)
     intake.take(HELLO)
     assert intake.take(readings(200))[0].boot == batches[0].boot
