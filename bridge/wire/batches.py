@@ -18,8 +18,8 @@ MAX_RATE = 1000.0  # rad/s, of a reading or a bias; no gyroscope reaches it
 MAX_CORRECTED = 2000.0  # rad/s: the largest reading times a scale factor of 2
 MAX_ACCEL = 10_000.0  # m/s²
 MAX_CELSIUS = 500.0
-_MAX_STD = 1e6
-_MAX_SEQUENCE = 2**62
+MAX_STD = 1e6
+MAX_SEQUENCE = 2**62
 _KNOWN_FLAGS = int(SampleFlag.AFTER_GAP | SampleFlag.CLIPPED)
 
 Float32s = NDArray[np.float32]
@@ -54,7 +54,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     return SampleBatch(
         device=raw.device,
         boot=raw.boot,
-        sequence=checks.whole(raw.sequence, "sequence", _MAX_SEQUENCE),
+        sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
         receive_time_ns=checks.time_ns(raw.receive_time_ns, "receive_time_ns"),
         start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
         tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
@@ -64,6 +64,7 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
         accel=_floats(raw.accel, "accel", 3 * n, MAX_ACCEL).reshape(n, 3) if raw.accel else None,
         temperature_c=_floats(raw.temperature_c, "temperature_c", n, MAX_CELSIUS) if raw.temperature_c else None,
         flags=_flags(raw.flags, n),
+        bridge=place.ids["bridge"],
     )
 
 
@@ -99,7 +100,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     return CorrectedBatch(
         device=raw.device,
         boot=raw.boot,
-        sequence=checks.whole(raw.sequence, "sequence", _MAX_SEQUENCE),
+        sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
         start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
         tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
         clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
@@ -148,7 +149,7 @@ def _floats(column: bytes, name: str, n: int, limit: float) -> Float32s:
 
 
 def _stds(column: bytes, name: str) -> Float32s:
-    stds = _floats(column, name, 3, _MAX_STD)
+    stds = _floats(column, name, 3, MAX_STD)
     if (stds < 0).any():
         raise Refusal(Reason.RANGE, f"{name} has a negative value")
     return stds

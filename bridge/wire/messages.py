@@ -67,7 +67,7 @@ class SampleBatch:
     """One run of n consecutive samples of one boot.
 
     ticks (n,) uint64 device time in ticks; gyro (n, 3) float32; accel (n, 3) float32 or None;
-    temperature_c (n,) float32 or None; flags (n,) uint32.
+    temperature_c (n,) float32 or None; flags (n,) uint32. `bridge` is who published it, from the key.
     """
 
     device: str
@@ -82,6 +82,7 @@ class SampleBatch:
     accel: NDArray[np.float32] | None
     temperature_c: NDArray[np.float32] | None
     flags: NDArray[np.uint32]
+    bridge: str = ""
 
     def __len__(self) -> int:
         return len(self.ticks)
