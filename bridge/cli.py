@@ -1,21 +1,17 @@
 """The verbs `truerate bridge ...` and `truerate router`: arguments in, exit code out."""
 
 import argparse
-import contextlib
 import logging
-import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
-from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, load
 from bridge.drivers import registry
 from bridge.drivers.replayed import ReplayedOptions
+from bridge.process import connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
 from bridge.ward import Ward
@@ -114,36 +110,20 @@ def _table(device: str, options: ReplayedOptions) -> dict[str, object]:
 
 def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool) -> int:
     """Publish until stopped, or until every recording is over. Patient: wait for a router rather than give up."""
-    with _stopped_by_signal() as stop:
-        bus = _connected(connect, stop, patient=patient)
+    with stopped_by_signal() as stop:
+        bus = connected(connect, stop, patient=patient)
         if bus is None:
             return _DONE
         with bus, Ward(ward, bridge, bus) as running:
             _log.info(
                 "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
             )
-            connected = True
+            there = True
             while not stop.wait(0.2) and not running.over:
-                if bus.connected != connected:
-                    connected = bus.connected
-                    _log.warning("router %s", "is back" if connected else "is gone; going on, and waiting for it")
+                if bus.connected != there:
+                    there = bus.connected
+                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
     return _DONE
-
-
-def _connected(connect: tuple[str, ...], stop: threading.Event, *, patient: bool) -> ZenohBus | None:
-    """A session; None if stopped first."""
-    complained = False
-    while True:
-        try:
-            return ZenohBus(connect)
-        except BusError as error:
-            if not patient:
-                raise
-            if not complained:
-                _log.warning("%s; waiting for it", error)
-            complained = True
-        if stop.wait(1.0):
-            return None
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -162,24 +142,7 @@ def _router(args: argparse.Namespace) -> int:
     listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
     if args.listen:
         listen = check_endpoints(args.listen, "--listen")
-    with _stopped_by_signal() as stop, Router(listen, shed=keys.VIEWED):
+    with stopped_by_signal() as stop, Router(listen, shed=keys.VIEWED):
         _log.info("router: listening on %s", ", ".join(listen))
         stop.wait()
     return _DONE
-
-
-@contextlib.contextmanager
-def _stopped_by_signal() -> Iterator[threading.Event]:
-    """An event that SIGTERM and SIGINT set; a second signal ends the program the hard way."""
-    stop = threading.Event()
-
-    def ask_to_stop(number: int, _: FrameType | None) -> None:
-        stop.set()
-        signal.signal(number, signal.SIG_DFL)
-
-    before = {number: signal.signal(number, ask_to_stop) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
