@@ -248,12 +248,17 @@ def test_no_router_and_a_busy_port_are_said_plainly() -> None:
             Router(bad)
 
 
-def test_an_address_that_cannot_be_had_is_told_from_one_in_use() -> None:
+def test_an_address_that_cannot_be_had_is_told_from_one_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BusError, match="this machine has no such address") as refused:
         Router(["tcp/203.0.113.7:7447"])  # of a network for documentation: nobody's
     assert "another router" not in str(refused.value)
-    with pytest.raises(BusError, match=r"one of this machine's own, and no other router"):
-        Router(["tcp/no-such-host.invalid:7447"])
+
+    def fail(settings: object, complaint: str) -> None:
+        raise BusError(f"{complaint} (who knows why)")
+
+    monkeypatch.setattr("bridge.bus.router.open_session", fail)
+    with pytest.raises(BusError, match=r"who knows why.*one of this machine's own, and no other router"):
+        Router(["tcp/127.0.0.1:7447"])
 
 
 def test_idle_connections_lock_nobody_out() -> None:
