@@ -12,12 +12,14 @@ T = TypeVar("T")
 
 
 class Door(Generic[T]):
-    """One kind of message; `refused` counts by reason."""
+    """One kind of message; `refused` counts by reason. on_refusal(key, refusal) is called for each one refused."""
 
-    def __init__(self, name: str, decode: Callable[[str, bytes], T]) -> None:
+    def __init__(
+        self, name: str, decode: Callable[[str, bytes], T], on_refusal: Callable[[str, Refusal], None] | None = None
+    ) -> None:
         self.name = name
         self.refused = Tally()
-        self._decode = decode
+        self._decode, self._on_refusal = decode, on_refusal
 
     def take(self, message: Message) -> T | None:
         """The message, or None when it was refused and counted."""
@@ -26,4 +28,6 @@ class Door(Generic[T]):
         except Refusal as refusal:
             if self.refused.add(refusal.reason) == 1:
                 log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
+            if self._on_refusal is not None:
+                self._on_refusal(message.key, refusal)
             return None

@@ -1,9 +1,9 @@
 """Exactly once: which samples of a stream are new, by boot and sequence number. What is not new is counted."""
 
-from collections import deque
-
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Reason, Tally
+
+_REMEMBERED_BOOTS = 64
 
 
 class Sequence:
@@ -13,7 +13,7 @@ class Sequence:
         self.boot: int | None = None
         self.samples_in = self.samples_out = 0
         self.dropped, self.events = Tally(), Tally()
-        self._past: deque[int] = deque(maxlen=64)
+        self._past: dict[int, int] = {}  # earlier boots, latest last, each with the number it had come to
         self._next: int | None = None
         self._first = 0
 
@@ -22,11 +22,40 @@ class Sequence:
         return boot != self.boot and boot not in self._past
 
     def begin(self, boot: int) -> None:
-        """A new boot: what still comes of the old one is late."""
+        """A new boot, or one of the past that is back: what still comes of the one before it is late."""
         if self.boot is not None:
-            self._past.append(self.boot)
+            self._past[self.boot] = self._next or 0
+        self._past.pop(boot, None)
+        while len(self._past) > _REMEMBERED_BOOTS:
+            del self._past[next(iter(self._past))]
         self.boot = boot
         self._next = None
+
+    def follows(self, batch: SampleBatch) -> bool:
+        """Whether its numbers go on from where its boot, this one or a past one, had come to."""
+        came_to = self._next if batch.boot == self.boot else self._past.get(batch.boot)
+        return came_to is None or batch.sequence + len(batch) > came_to
+
+    def jump(self, batch: SampleBatch) -> None:
+        """The numbers go on from here, how many samples were missed is not known."""
+        if self._next is not None and batch.sequence > self._next:
+            self._first += batch.sequence - self._next
+            self._next = batch.sequence
+        self.events.add("stream jumped")
+
+    def refuse(self, batch: SampleBatch, reason: str) -> None:
+        """Count a batch that is not to be used at all."""
+        self.samples_in += len(batch)
+        self.dropped.add(reason, len(batch))
+
+    def anew(self, lost: int) -> "Sequence":
+        """The same counts and past boots, ready to begin; `lost` samples taken from it last came to nothing."""
+        fresh = Sequence()
+        fresh.samples_in, fresh.samples_out = self.samples_in, self.samples_out - lost
+        fresh.dropped, fresh.events, fresh._past = self.dropped, self.events, self._past
+        if lost:
+            fresh.dropped.add("session failed", lost)
+        return fresh
 
     def fresh(self, batch: SampleBatch) -> int:
         """How many samples at the start of the batch are not to be used; len(batch) when none is."""

@@ -76,7 +76,7 @@ class DeviceSession:
         self.life = Life()
         self.sequence = Sequence()
         self.info: DeviceInfo | None = None
-        self.reason = "never seen"
+        self.reason = self._reason_before_lost = "never seen"
         self.calibration: Calibration | None = None  # of this boot
         self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
         self.last_heard_ns = 0
@@ -144,13 +144,15 @@ class DeviceSession:
         """Take a batch of the current boot (see Sequence.is_new_boot); late and repeated samples are counted."""
         outcome = Outcome()
         first = self.sequence.fresh(batch)
-        if batch.boot == self.boot:
-            self.last_heard_ns = batch.receive_time_ns
-            if self.life.heard():
-                outcome.changed = True
-                outcome.said.append("heard again")
-        if first < len(batch):
-            self._take(batch, first, outcome)
+        if first == len(batch):
+            return outcome
+        self.last_heard_ns = batch.receive_time_ns
+        if self.life.heard():
+            self.reason = self._reason_before_lost
+            self._applied = self._correction()
+            outcome.changed = True
+            outcome.said.append("heard again")
+        self._take(batch, first, outcome)
         return outcome
 
     def _take(self, batch: SampleBatch, first: int, outcome: Outcome) -> None:
@@ -212,7 +214,7 @@ class DeviceSession:
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
                 self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
-                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken; next {self._missing()}", outcome)
+                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken; still needed: {self._missing()}", outcome)
             case Ignored(no_turn):
                 self.sequence.events.add("movement ignored")
                 self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
@@ -259,14 +261,15 @@ class DeviceSession:
             self.life.on(Event.DOUBTED)
         self._done_axes, self._who = (), ""
         self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
-        self.reason = f"calibration cancelled by {who}"
+        goes_on = "the old one stays" if self.calibration is not None else "hold the device still for 3 seconds to begin again"
+        self.reason = f"calibration cancelled by {who}; {goes_on}"
         return None
 
     def silence(self, reason: str) -> bool:
         """No samples come any more; True when that is news."""
         if not self.life.on(Event.SILENT):
             return False
-        self.reason = reason
+        self._reason_before_lost, self.reason = self.reason, reason
         self._applied = self._correction()
         return True
 

@@ -34,6 +34,7 @@ class Rest:
     """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
 
     accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
+    wander: how much more than white noise the reading moved about; 1 when it is white.
     """
 
     start: float
@@ -44,6 +45,7 @@ class Rest:
     n: int
     accel: Floats | None
     accel_std: Floats | None = None
+    wander: float = 1.0
 
     @property
     def middle(self) -> float:

@@ -37,10 +37,14 @@ class TurnKnobs:
 
 @dataclass(frozen=True, slots=True)
 class NoTurn:
-    """A movement that was not a full turn; `attempt` tells whether somebody probably meant one."""
+    """A movement that was not a full turn; `attempt` tells whether somebody probably meant one.
+
+    In other units it may have been one: then `unit_axis` is the axis it was about, else None.
+    """
 
     reason: str
     attempt: bool
+    unit_axis: int | None = None
 
 
 def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | NoTurn:
@@ -53,10 +57,11 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     angle = float(np.linalg.norm(total))
     way = float(np.linalg.norm(rate, axis=1) @ dt)
     axis = int(np.argmax(np.abs(total)))
-    if way < knobs.nudge:
-        return NoTurn("a nudge, not a turn", attempt=False)
     low, high = 2 * np.pi / knobs.k_max, 2 * np.pi / knobs.k_min
     share = abs(float(total[axis])) / angle if angle else 0.0
+    if way < knobs.nudge:
+        small = low < degrees(angle) < high and share > knobs.axis_share and way < knobs.detour * angle
+        return NoTurn("a nudge, not a turn", attempt=False, unit_axis=axis if small else None)
     reason = None
     if samples.clipped.any():
         reason = f"turned faster than the gyro's range for {int(samples.clipped.sum())} samples: turn more slowly"
@@ -64,12 +69,14 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         reason = "its largest reading was repeated: turned faster than the gyro's range, turn more slowly"
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
         reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
+    elif low < radians(way) < high:
+        reason = f"{degrees(way):.0f}° of movement: the readings are probably degrees per second, given as rad/s"
     elif way > knobs.detour * angle:
         reason = f"went back and forth: {degrees(way):.0f}° of movement gained {degrees(angle):.0f}°"
     elif angle < low:
-        reason = f"a movement of {degrees(angle):.0f}°, not a full turn of 360°"
+        reason = f"a movement of {degrees(angle):.0f}°, not a full turn of 360°" + _half(low < 2 * angle < high)
     elif angle > high:
-        reason = f"a movement of {degrees(angle):.0f}°, more than one full turn of 360°"
+        reason = f"a movement of {degrees(angle):.0f}°, more than one full turn of 360°" + _half(low < angle / 2 < high)
     elif movement.after.start - movement.before.end > knobs.longest_s:
         seconds = movement.after.start - movement.before.end
         reason = f"a turn that took {seconds:.0f} s: turn in less than {knobs.longest_s:.0f} s"
@@ -80,6 +87,10 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     if reason is not None:
         return NoTurn(reason, attempt=angle > low / 2)
     return TurnCapture(axis, samples, movement.before, movement.after)
+
+
+def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none
+    return "; if it was just one, the sample rate is off by a factor of two" if is_so else ""
 
 
 def _flat_s(samples: Samples, axis: int, dt: Floats) -> float:

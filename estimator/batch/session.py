@@ -76,6 +76,8 @@ class CalibrationSession:
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
         self._rests: list[Rest] = []
+        self._rested = self._moved_about = False
+        self._too_small: set[int] = set()
         self.last_reason = ""
 
     @property
@@ -93,10 +95,12 @@ class CalibrationSession:
         if settled is None:
             return []
         progress: list[Progress] = [RestFound(settled.after)]
+        self._rested = True
         if settled.before is not None:
+            self._moved_about = True
             self._keep(settled.before)
             movement = self._stages.movement(settled.before, settled.after)
-            found = recognise(movement, self._k, self._turn_knobs)
+            found = self._explained(recognise(movement, self._k, self._turn_knobs), settled.pause_s)
             kept = self._movements.add(movement, full_turn=not isinstance(found, NoTurn)) and self._by_movements
             if not isinstance(found, NoTurn):
                 progress += self._turned(found)
@@ -121,9 +125,25 @@ class CalibrationSession:
             return self._run(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
-        because = f" (last movement: {self.last_reason})" if self.last_reason else ""
-        reason = f"no full turn about {names} was seen{because}"
-        return nothing(self.method, Verdict.REPEAT, reason, missing)
+        if not self._rested:
+            because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
+        elif not self._moved_about:
+            because = ": it was not moved from one rest to another"
+        elif len(self._too_small) == 3:
+            because = ": it turned by 6° about each axis; the readings are probably rad/s, given as degrees per second"
+        else:
+            because = f" (last movement: {self.last_reason})" if self.last_reason else ""
+        return nothing(self.method, Verdict.REPEAT, f"no full turn about {names} was seen{because}", missing)
+
+    def _explained(self, found: TurnCapture | NoTurn, pause_s: float) -> TurnCapture | NoTurn:
+        if not isinstance(found, NoTurn):
+            return found
+        if found.unit_axis is not None:
+            self._too_small.add(found.unit_axis)
+        if not found.attempt or pause_s < PAUSE_S:
+            return found
+        hint = f"{found.reason}; a pause of {pause_s:.1f} s in it was too short to be a rest: hold it still for 3 s"
+        return replace(found, reason=hint)
 
     def _keep(self, rest: Rest) -> None:
         """Keep a rest that has ended, and those since the first turn that still counts."""
@@ -144,10 +164,24 @@ class CalibrationSession:
         }
         progress: list[Progress] = [TurnFound(turn)]
         if not self.missing() and not self._whole:
-            result = self._run(self._capture())
+            result = self._checked(self._capture())
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
             progress.append(Finished(result, turn.after))
         return progress
+
+    def _checked(self, capture: Capture) -> Result:
+        """The method's result, unless what it was made from speaks against it."""
+        result = self._run(capture)
+        if result.verdict is not Verdict.ACCEPTED:
+            return result
+        fault = foreign_axes([(movement.before, movement.samples) for movement in capture.movements], result.matrix)
+        if fault is not None:
+            return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
+        shaken = max((rest.wander for rest in capture.rests), default=1.0)
+        if shaken > SHAKEN:
+            reason = "in a rest the reading wandered: put the device on something that does not move, and turn it again"
+            return replace(result, verdict=Verdict.REPEAT, reason=reason, repeat=(0, 1, 2))
+        return result
 
     def _moved(self, rest: Rest) -> list[Progress]:
         if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:

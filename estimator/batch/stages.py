@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from estimator.batch.capture import History, Movement, Rest
+import numpy as np
+
+from estimator.batch.capture import Floats, History, Movement, Rest
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
@@ -26,10 +28,14 @@ class StageKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A rest has become long enough to be one; `before` is the rest before it, None when there was none."""
+    """A rest has become long enough to be one; `before` is the rest before it, None when there was none.
+
+    pause_s: the longest stillness between the two that was too short to be a rest.
+    """
 
     before: Rest | None
     after: Rest
+    pause_s: float
 
 
 class Stages:
@@ -42,6 +48,7 @@ class Stages:
         self._still_since: float | None = None
         self._still_until = 0.0
         self._settled = False
+        self._pause_s = 0.0
         self._before: Rest | None = None
 
     def window(self, window: Window) -> Settled | None:
@@ -59,11 +66,12 @@ class Stages:
             return None
         rest = self._measure(self._still_since, window.end_time)
         self._settled = rest is not None
-        return None if rest is None else Settled(self._before, rest)
+        return None if rest is None else Settled(self._before, rest, self._pause_s)
 
     def _end_rest(self, end: float) -> None:
+        self._pause_s = max(self._pause_s, self.still_s)
         if self._still_since is not None and self._settled:
-            self._before = self._measure(self._still_since, end)
+            self._before, self._pause_s = self._measure(self._still_since, end), 0.0
         self._still_since, self._settled, self.still_s = None, False, 0.0
 
     def _measure(self, start: float, end: float) -> Rest | None:
@@ -75,10 +83,23 @@ class Stages:
         accel_std = None if still.accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
-        return Rest(start, end, still.gyro.mean(axis=0), std, least_step(still.gyro), len(still), accel, accel_std)
+        mean, step = still.gyro.mean(axis=0), least_step(still.gyro)
+        return Rest(start, end, mean, std, step, len(still), accel, accel_std, wander=wander(still.gyro))
 
     def movement(self, before: Rest, after: Rest) -> Movement:
         """The samples between two rests with some of either, at most half of it."""
         lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
         tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
+
+
+def wander(gyro: Floats) -> float:
+    """How much more the means of pieces of a rest (n, 3) vary than white noise lets them: 1 when it is white, ± 0.5.
+
+    The largest of the three axes, of eight pieces; a vibrating table or a hand gives tens.
+    """
+    pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
+    within = pieces.var(axis=1, ddof=1).mean(axis=0) if pieces.shape[1] > 1 else np.zeros(3)
+    of_means = pieces.mean(axis=1).var(axis=0, ddof=1)
+    floor = least_step(gyro) ** 2 / 12
+    return float(np.max(of_means * pieces.shape[1] / np.maximum(within, np.maximum(floor, 1e-18))))

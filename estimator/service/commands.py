@@ -1,6 +1,7 @@
 """Commands from people: asked on a thread of the bus, done on the service's own, answered with what came of it.
 
-A command sent again with the same request id gets the same answer and changes nothing.
+A command sent again with the same request id gets the same answer and changes nothing. One that was answered as too late
+is not done afterwards.
 """
 
 import queue
@@ -13,7 +14,8 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
 
-ANSWER_S = 1.5
+#: how long a command waits for its turn, and then for its end; together less than who asks waits
+ANSWER_S, FINISH_S = 1.2, 0.5
 _REMEMBERED = 1000
 
 Do = Callable[[keys.Key, Command], CommandReply]
@@ -25,6 +27,14 @@ class _Asked:
     command: Command
     done: threading.Event = field(default_factory=threading.Event)
     reply: CommandReply | None = None
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _decided: bool = False
+
+    def decide(self) -> bool:
+        """Begin it, or give it up: True for whoever comes first."""
+        with self._lock:
+            first, self._decided = not self._decided, True
+        return first
 
 
 class Commands:
@@ -43,20 +53,23 @@ class Commands:
         try:
             self._waiting.put_nowait(asked)
         except queue.Full:
-            return self._late(asked, "too many commands are waiting; try again")
-        if not asked.done.wait(ANSWER_S) or asked.reply is None:
-            return self._late(asked, "the estimator is too busy to answer; look at the status, then try again")
+            return self._late(asked, "too many commands are waiting; nothing was done, try again")
+        if not asked.done.wait(ANSWER_S) and asked.decide():
+            return self._late(asked, "the estimator is too busy to answer; nothing was done, try again")
+        if not asked.done.wait(FINISH_S) or asked.reply is None:
+            return self._late(asked, "it was begun, but how it ended is not known yet: look at the status")
         return codec.encode_reply(asked.reply)
 
     def work(self, do: Do) -> None:
-        """Called by the service: do what is waiting."""
+        """Called by the service: do what is waiting and was not given up."""
         while True:
             try:
                 asked = self._waiting.get_nowait()
             except queue.Empty:
                 return
-            asked.reply = self._once(asked, do)
-            asked.done.set()
+            if asked.decide():
+                asked.reply = self._once(asked, do)
+                asked.done.set()
 
     def _once(self, asked: _Asked, do: Do) -> CommandReply:
         request = (asked.key.device, asked.key.ids["verb"], asked.command.request_id)

@@ -1,0 +1,81 @@
+"""One device as the service has it: its session, whom it is heard from, and its publishers."""
+
+from bridge.bus.contract import Bus, Publisher
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, CorrectedBatch, Status
+from estimator.service import published
+from estimator.service.sources import Source
+from estimator.session import DeviceSession, SessionKnobs
+
+#: messages kept for late and returning subscribers: some 15 s of corrected rates
+CORRECTED_CACHE, CALIBRATION_CACHE = 512, 8
+#: a device is announced once it has sent this many samples: an id alone costs next to nothing
+ANNOUNCED_AT = 5
+#: calibrations that wait for a store that works again
+UNSAVED = 8
+
+
+class Device:
+    """A session and its publishers; what fails in it is begun anew by `restart`."""
+
+    def __init__(self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float) -> None:
+        self.name = name
+        self.source = Source(silence_s)
+        self.heard = now
+        self.checkpointed = self.recorded = 0.0
+        self.unsaved: list[Calibration] = []
+        self._bus, self._ward, self._knobs = bus, ward, knobs
+        self.session = DeviceSession(name, knobs)
+        self._waiting: list[CorrectedBatch] = []
+        self._publishers: dict[str, Publisher] = {}
+
+    @property
+    def worthless(self) -> bool:
+        """Whether nothing would be lost with it."""
+        return self.session.calibration is None and self.session.prior is None and not self.unsaved
+
+    def say_corrected(self, batches: list[CorrectedBatch]) -> None:
+        """Publish, or keep the first few until it is clear that there is a device."""
+        if not self._publishers:
+            self._waiting += batches
+            if not self._announced():
+                return
+            batches, self._waiting = self._waiting, []
+        for batch in batches:
+            self._publishers["corrected"].put(codec.encode_corrected(published.corrected(batch)))
+
+    def say_status(self, time_ns: int) -> None:
+        """Publish what is known of it now."""
+        if self._publishers or self._announced():
+            self._publishers["status"].put(codec.encode_status(self.status(time_ns)))
+
+    def say_calibration(self, payload: bytes) -> None:
+        """Publish an encoded calibration."""
+        if self._publishers or self._announced():
+            self._publishers["calibration"].put(payload)
+
+    def status(self, time_ns: int) -> Status:
+        """All of it, fit for the wire."""
+        return published.status(self.session.status(time_ns))
+
+    def restart(self, lost: int) -> None:
+        """A session without a boot: the next batch begins it. The counts stay; `lost` samples came to nothing."""
+        sequence = self.session.sequence.anew(lost)
+        self.session = DeviceSession(self.name, self._knobs)
+        self.session.sequence = sequence
+
+    def close(self) -> None:
+        """Take its publishers back."""
+        for publisher in self._publishers.values():
+            publisher.close()
+        self._publishers = {}
+
+    def _announced(self) -> bool:
+        if self.session.sequence.samples_out < ANNOUNCED_AT:
+            return False
+        caches = {"corrected": CORRECTED_CACHE, "status": 1, "calibration": CALIBRATION_CACHE}
+        self._publishers = {
+            what: self._bus.publisher(keys.build(self._ward, what, device=self.name), cache=cache)
+            for what, cache in caches.items()
+        }
+        return True

@@ -1,0 +1,66 @@
+"""What a session says, made fit for the wire: every subscriber's door must take it, whatever the samples were."""
+
+from dataclasses import replace
+from heapq import nlargest
+
+import numpy as np
+
+from bridge.wire import checks
+from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_STD
+from bridge.wire.messages import CorrectedBatch, SampleFlag, Status
+
+MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
+_OTHERS = "others"
+
+
+def status(said: Status) -> Status:
+    """The status with every number in the wire's range; what is not a number becomes the worst there is."""
+    return replace(
+        said,
+        bias=tuple(_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias),
+        bias_std=tuple(_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std),
+        scale=tuple(_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale),
+        progress=_within(said.progress, 0.0, 1.0, 0.0),
+        evidence_age_s=_within(said.evidence_age_s, 0.0, MAX_AGE_S, MAX_AGE_S),
+        temperature_c=_within(said.temperature_c, -MAX_CELSIUS, MAX_CELSIUS, np.nan),
+        rate_hz=_within(said.rate_hz, 0.0, MAX_HZ, 0.0),
+        dropped=_counts(said.dropped),
+        events=_counts(said.events),
+    )
+
+
+def corrected(batch: CorrectedBatch) -> CorrectedBatch:
+    """The batch with every number in the wire's range; a rate beyond it is marked as clipped."""
+    worst = max(float(np.abs(c).max()) for c in (batch.noise_std, batch.bias_std, batch.scale_std))
+    rate = float(np.abs(batch.rate).max())
+    if rate <= MAX_CORRECTED and worst <= MAX_STD and float(np.abs(batch.bias).max()) <= MAX_RATE:
+        return batch
+    beyond = ~(np.abs(batch.rate) <= MAX_CORRECTED).all(axis=1)
+    return replace(
+        batch,
+        rate=_clipped(batch.rate, -MAX_CORRECTED, MAX_CORRECTED),
+        flags=np.where(beyond, batch.flags | np.uint32(SampleFlag.CLIPPED), batch.flags).astype(np.uint32),
+        noise_std=_clipped(batch.noise_std, 0.0, MAX_STD),
+        bias_std=_clipped(batch.bias_std, 0.0, MAX_STD),
+        scale_std=_clipped(batch.scale_std, 0.0, MAX_STD),
+        bias=_clipped(batch.bias, -MAX_RATE, MAX_RATE),
+    )
+
+
+def _within(value: float, low: float, high: float, unknown: float) -> float:
+    return unknown if np.isnan(value) else min(max(value, low), high)
+
+
+def _clipped(
+    values: np.ndarray[tuple[int, ...], np.dtype[np.float32]], low: float, high: float
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.nan_to_num(np.clip(values, low, high), nan=high).astype(np.float32)
+
+
+def _counts(counts: dict[str, int]) -> dict[str, int]:
+    """As many labels as the wire takes: the rarest are counted together."""
+    if len(counts) > checks.MAX_COUNTS:
+        kept = set(nlargest(checks.MAX_COUNTS - 1, (c for c in counts if c != _OTHERS), key=counts.__getitem__))
+        others = sum(n for label, n in counts.items() if label not in kept)
+        counts = {label: n for label, n in counts.items() if label in kept} | {_OTHERS: others}
+    return {label: min(n, MAX_COUNT) for label, n in counts.items()}

@@ -1,0 +1,121 @@
+"""The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again."""
+
+import logging
+from collections.abc import Callable
+
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
+from bridge.wire.refusal import Refusal, Tally
+from estimator.service.device import UNSAVED, Device
+from estimator.service.store import Store, StoreError
+from estimator.session import DeviceSession, Remembered
+
+log = logging.getLogger(__name__)
+
+CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+
+
+class Record:
+    """What is kept of the ward's devices; no method raises StoreError."""
+
+    def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int]) -> None:
+        self._store, self._counts, self._now_ns = store, counts, now_ns
+
+    def recall(self, device: Device, boot: int) -> Remembered | None:
+        """What is known of this very boot, saved or not."""
+        unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
+        if unsaved is not None:
+            return Remembered(unsaved, None)
+        try:
+            return self._store.recall(device.name, boot)
+        except StoreError as error:
+            self._failed(device.session, error)
+            return None
+
+    def prior(self, session: DeviceSession, info: DeviceInfo) -> Calibration | None:
+        """The last calibration of the same hardware in an earlier boot."""
+        try:
+            return self._store.prior(info)
+        except StoreError as error:
+            self._failed(session, error)
+            return None
+
+    def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
+        """A boot whose info is known."""
+        self._keep(session, lambda: self._store.add_boot(info, self._now_ns()))
+
+    def calibration(self, device: Device, c: Calibration, now: float) -> bytes | None:
+        """Keep a calibration, and the bias with it; its payload, or None where no subscriber would understand it."""
+        payload = codec.encode_calibration(c)
+        try:
+            codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
+        except Refusal as refusal:
+            if device.session.count_event("calibration unfit") == 1:
+                log.error("%s: a calibration cannot be said: %s", c.device, refusal)
+            return None
+        if c.verdict is Verdict.ACCEPTED:
+            device.unsaved = [*device.unsaved, c][-UNSAVED:]
+            self.checkpoint(device, now, force=True)
+        else:
+            words = f"{c.verdict.name.lower()}: {c.reason}"
+            row = (c.device, "calibrate", c.id, c.who, "", words)
+            self._keep(device.session, lambda: self._store.add_audit(self._now_ns(), *row, accepted=False))
+        return payload
+
+    def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
+        """Every few seconds: calibrations that could not be saved yet, and the bias of a calibrated boot."""
+        if now - device.checkpointed < CHECKPOINT_S and not force:
+            return
+        device.checkpointed = now
+        self._save_calibrations(device)
+        session = device.session
+        state, boot = session.checkpoint(), session.boot
+        if state is None or boot is None:
+            return
+        history = now - device.recorded >= HISTORY_S
+        if history:
+            device.recorded = now
+        self._keep(session, lambda: self._store.save_bias(device.name, boot, self._now_ns(), state, history=history))
+
+    def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
+        """What this very command was answered before, be it by an estimator that has been restarted since."""
+        try:
+            found = self._store.answer(key.device, key.ids["verb"], command.request_id)
+        except StoreError as error:
+            self._counts.add("store failed")
+            log.error("%s", error)
+            return None
+        return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
+
+    def audit(self, key: keys.Key, command: Command, reply: CommandReply) -> None:
+        """What was asked for, and what came of it."""
+        row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
+        try:
+            self._store.add_audit(self._now_ns(), *row, accepted=reply.accepted)
+        except StoreError as error:
+            self._counts.add("store failed")
+            log.error("%s", error)
+
+    def _save_calibrations(self, device: Device) -> None:
+        while device.unsaved:
+            first = device.unsaved[0]
+            if not self._keep(device.session, lambda c=first: self._store.add_calibration(c)):  # type: ignore[misc] # bound now
+                if device.session.count_event("calibration not saved") == 1:
+                    log.error("%s: calibration %s is not saved; it is tried again", device.name, first.id)
+                return
+            device.unsaved.pop(0)
+            if device.session.sequence.events.as_dict().get("calibration not saved"):
+                log.info("%s: calibration %s is saved", device.name, first.id)
+
+    def _keep(self, session: DeviceSession, write: Callable[[], None]) -> bool:
+        try:
+            write()
+        except StoreError as error:
+            self._failed(session, error)
+            return False
+        return True
+
+    def _failed(self, session: DeviceSession, error: StoreError) -> None:
+        self._counts.add("store failed")
+        if session.count_event("store failed") == 1:
+            log.error("%s; %s goes on from memory", error, session.device)

@@ -1,0 +1,58 @@
+"""Which devices there are: a bounded number, with room made by forgetting those that are gone and were never calibrated."""
+
+import logging
+from heapq import nsmallest
+
+from bridge.wire.messages import DeviceInfo
+from bridge.wire.refusal import Tally
+from estimator.service.device import Device
+
+log = logging.getLogger(__name__)
+
+MAX_DEVICES = 4096
+_AT_ONCE = 64
+#: where no room was found, none is looked for again so soon
+_LOOK_S = 1.0
+
+
+class Roster(dict[str, Device]):
+    """Devices by name, and what their bridges say of them."""
+
+    def __init__(self, counts: Tally, silence_s: float) -> None:
+        super().__init__()
+        self._counts, self._silence_s = counts, silence_s
+        self._infos: dict[tuple[str, str], DeviceInfo] = {}
+        self._full_until_s = float("-inf")
+
+    def room(self, now: float) -> bool:
+        """Whether one more device can be had at `now`, monotonic seconds; counts it when not."""
+        if len(self) < MAX_DEVICES or (now >= self._full_until_s and self._forget(now)):
+            return True
+        self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
+        if self._counts.add("too many devices") == 1:
+            log.error(
+                "there are %d devices, no more are taken; is somebody making them up? (more are only counted)", len(self)
+            )
+        return False
+
+    def info(self, bridge: str, device: str) -> DeviceInfo | None:
+        """What a bridge said last of a device."""
+        return self._infos.get((bridge, device))
+
+    def note(self, info: DeviceInfo) -> None:
+        """Keep what a bridge says of a device; of those that send nothing the longest unheard is forgotten for it."""
+        name = info.bridge, info.device
+        self._infos.pop(name, None)
+        if len(self._infos) >= MAX_DEVICES:
+            unheard = (n for n in self._infos if n[1] not in self or self[n[1]].source.owner != n[0])
+            del self._infos[next(unheard, next(iter(self._infos)))]
+            self._counts.add("infos forgotten")
+        self._infos[name] = info
+
+    def _forget(self, now: float) -> bool:
+        gone = [d for d in self.values() if d.worthless and now - d.heard > self._silence_s]
+        for device in nsmallest(_AT_ONCE, gone, key=lambda d: d.heard):
+            del self[device.name]
+            device.close()
+            self._counts.add("devices forgotten")
+        return bool(gone)

@@ -1,0 +1,122 @@
+"""Whom a device is heard from and what of it can be: one bridge at a time, and no leap that no device could make.
+
+Pure: time is an argument. One bad message must not silence a device; a bad sender must not silence it for ever.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from bridge.wire.batches import MAX_SEQUENCE
+from bridge.wire.checks import MAX_TIME_NS
+from bridge.wire.messages import SampleBatch
+from estimator.sequence import Sequence
+
+#: a bridge keeps its devices this much longer than a device may be silent
+OWNED_S = 1.0
+#: a stream of which nothing could be taken for this long, so many batches in a row, is what the device now sends
+PERSISTS_S, PERSISTS_BATCHES = 3.0, 5
+#: no device is faster; a cache may hold this much that was said in no time
+FASTEST_HZ, CACHE_S = 1e4, 60.0
+#: device time may run this much ahead of what the clock's rate says: a replay's rate is only learnt after a while
+CLOCK_SLACK = 10.0
+NAMED_BRIDGES = 8
+
+
+class Ruling(Enum):
+    """What to do with a batch."""
+
+    TAKE = auto()
+    #: the device has started anew: begin its boot
+    BOOT = auto()
+    #: not from this device, or not now: count it, and the message is done with
+    RANGE = auto()
+    #: late or repeated: the session counts it
+    LATE = auto()
+    #: a leap that has come to stay
+    JUMP = auto()
+    #: a boot of the past goes on
+    RETURN = auto()
+    #: numbers known long ago come again and again: another power-up under an old name
+    REPEAT = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class _Mark:
+    sequence: int
+    device_s: float
+    receive_ns: int
+    heard_s: float
+
+
+class Source:
+    """One device's. `owner` is the bridge it is heard from; heard_s arguments are seconds of any steady clock."""
+
+    def __init__(self, silence_s: float) -> None:
+        self.owner = ""
+        self._owned_s = silence_s + OWNED_S
+        self._heard_s = float("-inf")
+        self._others: set[str] = set()
+        self._mark: _Mark | None = None
+        self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
+
+    def owns(self, bridge: str, heard_s: float) -> bool:
+        """Whether this bridge is the one that is listened to; it becomes so when the other one is not heard any more."""
+        if bridge != self.owner:
+            if heard_s - self._heard_s <= self._owned_s:
+                return False
+            self.owner = bridge
+        self._heard_s = heard_s
+        return True
+
+    def label(self, bridge: str) -> str:
+        """Under what another bridge's samples are counted; a bounded number of names."""
+        if len(self._others) < NAMED_BRIDGES:
+            self._others.add(bridge)
+        return f"also from {bridge if bridge in self._others else 'others'}"
+
+    def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
+        """What to do with a batch of the owner's."""
+        ruling = self._judge(batch, sequence, heard_s)
+        if ruling in (Ruling.RANGE, Ruling.LATE):
+            if not (_publishable(batch) and self._persists(heard_s)):
+                return ruling
+            if ruling is Ruling.RANGE:
+                ruling = Ruling.JUMP
+            elif batch.boot != sequence.boot and sequence.follows(batch):
+                ruling = Ruling.RETURN
+            else:
+                ruling = Ruling.REPEAT
+        self._refused = 0
+        end_s = int(batch.ticks[-1]) * batch.tick_period_s
+        self._mark = _Mark(batch.sequence + len(batch), end_s, batch.receive_time_ns, heard_s)
+        return ruling
+
+    def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
+        boots = sequence.is_new_boot(batch.boot)
+        if not boots and (batch.boot != sequence.boot or not sequence.follows(batch)):
+            return Ruling.LATE
+        if not _publishable(batch) or self._leaps(batch, None if boots else self._mark, heard_s):
+            return Ruling.RANGE
+        return Ruling.BOOT if boots else Ruling.TAKE
+
+    def _leaps(self, batch: SampleBatch, mark: _Mark | None, heard_s: float) -> bool:
+        begin_s = int(batch.ticks[0]) * batch.tick_period_s
+        end_s = int(batch.ticks[-1]) * batch.tick_period_s
+        mark = mark or _Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
+        # A host's clock may be set back between two batches; ours cannot.
+        passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
+        device_s = passed_s / min(1.0, batch.clock_rate)
+        return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
+
+    def _persists(self, heard_s: float) -> bool:
+        if not self._refused or heard_s - self._refused_last_s > PERSISTS_S:
+            self._refused, self._refused_since_s = 0, heard_s
+        self._refused += 1
+        self._refused_last_s = heard_s
+        return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
+
+
+def _publishable(batch: SampleBatch) -> bool:
+    """Whether its last sample, too, can be said on the wire: a corrected batch may be cut anywhere."""
+    span_s = int(batch.ticks[-1] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
+    return batch.start_time_ns + span_s * 1e9 < MAX_TIME_NS and batch.sequence + len(batch) <= MAX_SEQUENCE
