@@ -39,7 +39,10 @@ def reading_std(std: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroModel:
-    """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; scale_std (3,) relative; noise_std (3,) rad/s of a reading."""
+    """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; noise_std (3,) rad/s of a reading.
+
+    scale_std (3,), relative, is that of the matrix's diagonal; what is not known of its other elements is not in it.
+    """
 
     matrix: Floats
     bias: Floats

@@ -21,13 +21,13 @@ from bridge.wire.messages import Verdict
 from estimator import rotation
 from estimator.batch.capture import Capture, Floats, Movement, Rest
 from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW, collect
+from estimator.batch.gravity import G
 from estimator.batch.path import integrate
 from estimator.batch.result import Result, VerdictKnobs, nothing, turn_report, unbelievable
 from estimator.gyro import reading_std
 
 #: poses for nine unknowns of the accelerometer, one equation each
 FEWEST_POSES = 9
-G = 9.80665
 
 
 def by_accel_aided(capture: Capture) -> Result:

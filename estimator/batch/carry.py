@@ -19,17 +19,15 @@ from math import radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch import gravity
+from estimator.batch import gravity, result
 from estimator.batch.capture import Floats, Movement, Rest, Samples
 from estimator.batch.gravity import AccelKnobs, G
 from estimator.batch.path import Path, integrate
 from estimator.gyro import AXES, reading_std
 
 _OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-BIAS = ("bias_x", "bias_y", "bias_z")
-SCALE = ("k_x", "k_y", "k_z")
 ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in _OFF_DIAGONAL)
-MATRIX_PARAMETERS = (*BIAS, *SCALE, *ACROSS)
+MATRIX_PARAMETERS = (*result.PARAMETERS, *ACROSS)
 PARAMETERS = (*MATRIX_PARAMETERS, *gravity.PARAMETERS)
 ROW, COLUMN = np.array([*((i, i) for i in range(3)), *_OFF_DIAGONAL]).T
 
@@ -58,8 +56,6 @@ class TransitionKnobs:
     short: float = radians(120.0)
     #: off-diagonal elements are used when each is known better than this
     element_std: float = 0.01
-    #: a movement this many standard deviations off was none between two rests
-    gate: float = 5.0
     accel: AccelKnobs = field(default_factory=AccelKnobs)
 
 

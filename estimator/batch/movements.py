@@ -11,6 +11,8 @@ from estimator.batch.recognise import TurnKnobs, same_bias
 MOST = 64
 #: a longer movement is not kept: its way is known no better than the bias, times its duration
 LONGEST_S = 30.0
+#: rad; a longer way is two movements with a rest between that was not seen as one: what went wrong in it stays hidden
+LONGEST_WAY = 1.5 * 2 * np.pi
 #: movements this much older than the newest, or at another bias, are not combined with it
 STALE_S = 600.0
 
@@ -47,6 +49,12 @@ class Movements:
         if movement.samples.clipped.any() or movement.after.start - movement.before.end > LONGEST_S or len(time) < 3:
             return False
         steps = np.diff(time)
+        way = np.linalg.norm(movement.samples.gyro[1:] - movement.before.bias, axis=1) @ steps
         reached = time[0] <= movement.before.end and time[-1] >= movement.after.start
         calm = same_bias(movement.before, movement.after, self._knobs)
-        return bool(reached and calm and steps.max() <= max(self._knobs.gap_s, 2.5 * float(np.median(steps))))
+        return bool(
+            reached
+            and calm
+            and way <= LONGEST_WAY
+            and steps.max() <= max(self._knobs.gap_s, 2.5 * float(np.median(steps)))
+        )

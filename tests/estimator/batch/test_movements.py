@@ -54,6 +54,7 @@ def test_what_cannot_be_integrated_is_not_kept() -> None:
         replace(whole, after=replace(whole.after, accel=None)),
         replace(whole, after=replace(whole.after, bias=np.full(3, 0.02))),
         movement(5.0, LONGEST_S + 1),
+        replace(whole, samples=replace(s, gyro=np.full((n, 3), 2.0))),
     ]
     kept = Movements(TurnKnobs())
     assert [kept.add(m, full_turn=False) for m in broken] == [False] * len(broken)
