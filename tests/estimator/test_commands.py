@@ -83,11 +83,35 @@ def test_a_service_that_does_not_come_is_not_waited_for_long(monkeypatch: pytest
     reply = ask(desk)
     assert not reply.accepted
     assert "too busy" in reply.message
-    # It is done after all; asked again, the truth is told and it is not done twice.
+    assert "nothing was done" in reply.message
     monkeypatch.undo()
     with Worker(desk) as worker:
+        assert ask(desk, "r2").accepted
+        assert worker.done == [("recalibrate", "r2")], "what was called too late is not done afterwards"
         assert ask(desk).accepted
-    assert worker.done == [("recalibrate", "r1")]
+    assert worker.done == [("recalibrate", "r2"), ("recalibrate", "r1")]
+
+
+def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "ANSWER_S", 0.2)
+    monkeypatch.setattr(commands, "FINISH_S", 0.05)
+    desk, over = Commands(), threading.Event()
+
+    def slow(_key: keys.Key, command: Command) -> CommandReply:
+        over.wait(5)
+        return CommandReply(command.request_id, accepted=True, message="done")
+
+    def serve() -> None:
+        while not over.wait(0.005):
+            desk.work(slow)
+
+    worker = threading.Thread(target=serve)
+    worker.start()
+    reply = ask(desk)
+    over.set()
+    worker.join()
+    assert not reply.accepted
+    assert "begun" in reply.message
 
 
 def test_too_many_at_once_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
