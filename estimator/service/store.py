@@ -22,6 +22,8 @@ from estimator.track.bias_filter import BiasState
 log = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
+APPLICATION_ID = 0x74725254  # "trRT", in the file's header
+_TABLES = {"calibrations", "boots", "bias", "bias_history", "audit"}
 _SCHEMA = """
 CREATE TABLE calibrations (
     id TEXT PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, method TEXT NOT NULL,
@@ -63,29 +65,45 @@ class Store:
     def __init__(self, path: Path | str) -> None:
         self.path = str(path)
         try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(self.path, timeout=5.0, check_same_thread=False)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, OSError) as error:
             raise self._unusable(error) from error
         try:
-            version = self._open()
+            self._open()
         except sqlite3.Error as error:
             self._db.close()
             raise self._unusable(error) from error
-        if version not in (0, SCHEMA_VERSION):
+        except StoreError:
             self._db.close()
+            raise
+
+    def _open(self) -> None:
+        # Looked at before anything is written: it may be somebody else's.
+        version, application = (self._pragma(name) for name in ("user_version", "application_id"))
+        tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if application not in (0, APPLICATION_ID) or (version == 0 and tables):
+            raise StoreError(f"store {self.path} is another program's SQLite file: give the store a path of its own")
+        if version not in (0, SCHEMA_VERSION):
             raise StoreError(
                 f"store {self.path} has schema {version}, this truerate knows {SCHEMA_VERSION}: update truerate"
             )
-
-    def _open(self) -> int:
+        if version and not tables >= _TABLES:
+            missing = ", ".join(sorted(_TABLES - tables))
+            raise StoreError(f"store {self.path} has no table {missing}: restore it from a backup, or move it away")
         self._db.execute("PRAGMA journal_mode = WAL")
         self._db.execute("PRAGMA synchronous = FULL")
-        version = int(self._db.execute("PRAGMA user_version").fetchone()[0])
         if version == 0:
             self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version = {SCHEMA_VERSION};COMMIT;")
-        return version
+        if application == 0:
+            self._db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
 
-    def _unusable(self, error: sqlite3.Error) -> StoreError:
+    def _pragma(self, name: str) -> int:
+        return int(self._db.execute(f"PRAGMA {name}").fetchone()[0])
+
+    def _unusable(self, error: Exception) -> StoreError:
+        if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_NOTADB:
+            return StoreError(f"store {self.path} is not an SQLite file: give the store a path of its own")
         return StoreError(f"store {self.path}: {error}; check that the folder exists, is writable and has room")
 
     def close(self) -> None:
@@ -151,6 +169,12 @@ class Store:
         """Append what was asked of the estimator, or what it refused, and what came of it."""
         row = (time_ns, device, verb, request_id, who, reason, int(accepted), message)
         self._write("INSERT INTO audit VALUES (?,?,?,?,?,?,?,?)", row)
+
+    def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, str] | None:
+        """Whether a command that came before was accepted, and the words it was answered with."""
+        query = "SELECT accepted, message FROM audit WHERE request_id = ? AND device = ? AND verb = ? ORDER BY rowid LIMIT 1"
+        rows = self._read(query, (request_id, device, verb))
+        return (bool(rows[0][0]), str(rows[0][1])) if rows else None
 
     def recall(self, device: str, boot: int) -> Remembered | None:
         """The calibration of this very boot, with the bias since."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Calibration, Verdict
-from estimator.service.store import SCHEMA_VERSION, Store, StoreError
+from estimator.service.store import APPLICATION_ID, SCHEMA_VERSION, Store, StoreError
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
@@ -176,16 +176,51 @@ def test_a_schema_of_the_future_is_refused(store: Store) -> None:
 
 
 def test_what_is_no_store_is_refused_with_advice(tmp_path: Path) -> None:
-    (tmp_path / "text").write_text("this is no database, whatever its length may be " * 100)
-    for path in (tmp_path / "nowhere" / "a.sqlite3", tmp_path, tmp_path / "text"):
-        with pytest.raises(StoreError, match="check that the folder exists") as refused:
+    text = tmp_path / "text"
+    text.write_text("this is no database, whatever its length may be " * 100)
+    for path, words in (
+        (text / "a.sqlite3", "check that the folder exists"),
+        (tmp_path, "check that the folder exists"),
+        (text, "not an SQLite file"),
+    ):
+        with pytest.raises(StoreError, match=words) as refused:
             Store(path)
         assert str(path) in str(refused.value)
-    foreign = sqlite3.connect(tmp_path / "foreign")
-    foreign.execute("CREATE TABLE calibrations (a)")
+
+
+@pytest.mark.parametrize("mark", ["CREATE TABLE calibrations (a)", "PRAGMA application_id = 7"])
+def test_another_programs_file_is_refused_and_left_as_it_is(tmp_path: Path, mark: str) -> None:
+    path = tmp_path / "foreign"
+    foreign = sqlite3.connect(path)
+    foreign.execute(mark)
     foreign.close()
-    with pytest.raises(StoreError, match="already exists"):
-        Store(tmp_path / "foreign")
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match="another program"):
+        Store(path)
+    assert path.read_bytes() == before
+
+
+def test_a_store_is_marked_as_ours_and_must_be_whole(store: Store) -> None:
+    assert sql(store, "PRAGMA application_id") == [(APPLICATION_ID,)]
+    Store(store.path).close()
+    sql(store, "DROP TABLE boots")
+    with pytest.raises(StoreError, match="no table boots"):
+        Store(store.path)
+
+
+def test_its_folder_is_made(tmp_path: Path) -> None:
+    path = tmp_path / "out" / "deep" / "a.sqlite3"
+    Store(path).close()
+    assert path.exists()
+
+
+def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
+    assert store.answer(NAME, "recalibrate", "r1") is None
+    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
+    store.add_audit(6, NAME, "cancel", "r2", "nurse", "", "nothing to cancel", accepted=False)
+    assert store.answer(NAME, "recalibrate", "r1") == (True, "done")
+    assert store.answer(NAME, "cancel", "r2") == (False, "nothing to cancel")
+    assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
 
 
 def test_its_settings_survive_a_kill(store: Store) -> None:
