@@ -22,6 +22,8 @@ from estimator.door import Door
 
 T = TypeVar("T")
 _REMEMBERED_BOOTS = 10_000
+#: an estimator follows a number that went back only after some seconds; clock fits differ by less
+_ANEW_NS = 1_000_000_000
 
 
 class Client:
@@ -35,7 +37,7 @@ class Client:
     def corrected(self, device: str | None = None, *, history: bool = True, idle_s: float | None = None) -> "Corrected":
         """Corrected batches of one device or of all, each sample exactly once; with history the last seconds come first.
 
-        Iterating ends after idle_s seconds without a batch, or never.
+        Iterating ends after idle_s seconds without a batch, or when it is closed.
         """
         return Corrected(self._bus.subscribe(self._pattern("corrected", device), history=history), idle_s)
 
@@ -111,7 +113,7 @@ class Corrected:
     def __init__(self, subscription: Subscription, idle_s: float | None) -> None:
         self._subscription, self._idle_s = subscription, idle_s
         self._door = Door("corrected", codec.decode_corrected)
-        self._next: dict[tuple[str, int], int] = {}
+        self._known: dict[tuple[str, int], tuple[int, int]] = {}  # next sequence number, time of the last batch
         self.repeated = 0
 
     @property
@@ -140,7 +142,7 @@ class Corrected:
             batch = self.receive(1.0 if self._idle_s is None else self._idle_s)
             if batch is not None:
                 yield batch
-            elif self._idle_s is not None:
+            elif self._idle_s is not None or self._subscription.closed:
                 return
 
     def close(self) -> None:
@@ -148,12 +150,17 @@ class Corrected:
         self._subscription.close()
 
     def _new_part(self, batch: CorrectedBatch) -> CorrectedBatch | None:
-        # After a restart an estimator corrects the last seconds again.
-        which = batch.device, batch.boot
-        known = self._next.get(which, batch.sequence) - batch.sequence
-        if len(self._next) > _REMEMBERED_BOOTS:
-            self._next.clear()
-        self._next[which] = max(self._next.get(which, 0), batch.sequence + len(batch))
+        # After a restart an estimator corrects the last seconds again. Low numbers at a later time are no repeats: the
+        # device was started anew under the same boot number.
+        which, start_ns = (batch.device, batch.boot), batch.start_time_ns
+        following, last_ns = self._known.pop(which, (batch.sequence, start_ns))
+        if batch.sequence + len(batch) <= following and start_ns > last_ns + _ANEW_NS:
+            following = batch.sequence
+            last_ns = start_ns
+        self._known[which] = max(following, batch.sequence + len(batch)), max(last_ns, start_ns)
+        while len(self._known) > _REMEMBERED_BOOTS:
+            del self._known[next(iter(self._known))]
+        known = following - batch.sequence
         if known <= 0:
             return batch
         self.repeated += min(known, len(batch))
