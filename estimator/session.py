@@ -214,7 +214,9 @@ class DeviceSession:
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
                 self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
-                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken; still needed: {self._missing()}", outcome)
+                self._happens(
+                    Event.TURNED, f"turn about {AXES[turn.axis]} taken; still needed: {self._missing()}", outcome
+                )
             case Ignored(no_turn):
                 self.sequence.events.add("movement ignored")
                 self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
@@ -261,7 +263,11 @@ class DeviceSession:
             self.life.on(Event.DOUBTED)
         self._done_axes, self._who = (), ""
         self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
-        goes_on = "the old one stays" if self.calibration is not None else "hold the device still for 3 seconds to begin again"
+        goes_on = (
+            "the old one stays"
+            if self.calibration is not None
+            else "hold the device still for 3 seconds to begin again"
+        )
         self.reason = f"calibration cancelled by {who}; {goes_on}"
         return None
 

@@ -1,6 +1,6 @@
 """What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Rest:
     """A time of stillness: bias (3,) is the mean reading, std (3,) of one of its n readings, step (3,) their rounding.
 
     accel (3,) mean m/s² or None; accel_std (3,) of one of its readings, None when not known.
-    wander: how much more than white noise the reading moved about; 1 when it is white.
+    wander (3,) rad/s: by how much the mean errs because the readings wander more than white noise does, mostly 0.
     """
 
     start: float
@@ -45,7 +45,7 @@ class Rest:
     n: int
     accel: Floats | None
     accel_std: Floats | None = None
-    wander: float = 1.0
+    wander: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
     def middle(self) -> float:
@@ -59,8 +59,8 @@ class Rest:
 
     @property
     def bias_cov(self) -> Floats:
-        """(3, 3) covariance of the mean reading as the bias: white noise and rounding."""
-        return np.diag(mean_var(self.std, self.step, self.n))
+        """(3, 3) covariance of the mean reading as the bias: white noise, rounding, and wandering."""
+        return np.diag(mean_var(self.std, self.step, self.n) + self.wander**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -129,7 +129,7 @@ def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
         dt=dt[None],
         noise_var=(counts @ std**2 / counts.sum())[None],
         rest=np.array([[rest.bias for rest in rests]]),
-        rest_var=(std**2 / counts[:, None])[None],
+        rest_var=(std**2 / counts[:, None] + np.array([rest.wander for rest in rests]) ** 2)[None],
         rest_common_var=np.array([[rest.rounding_var for rest in rests]]),
         shared=np.array([[[_shared(turn, dt[i], rests, late) for i, turn in enumerate(turns)] for late in (0, 1)]]),
         walk=knobs.rate_random_walk**2 * _walk(rests, turns)[None],

@@ -89,6 +89,15 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     return TurnCapture(axis, samples, movement.before, movement.after)
 
 
+def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
+    """(3,) what makes each turn's readings about its own axis add up to 360 degrees; within a percent for a hand's turn."""
+    k = np.ones(3)
+    for turn in turns:
+        reading = turn.samples.gyro[:, turn.axis] - turn.before.bias[turn.axis]
+        k[turn.axis] = 2 * np.pi / abs(float(reading @ rotation.intervals(turn.samples.time)))
+    return k
+
+
 def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none
     return "; if it was just one, the sample rate is off by a factor of two" if is_so else ""
 

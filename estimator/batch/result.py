@@ -117,7 +117,7 @@ def judge(
     else:
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
-        reason = f"three turns closed to {worst:.2f}°"
+        reason = f"three turns closed to {worst:.2f}°{_library(k)}"
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
 
@@ -128,6 +128,14 @@ def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] 
     if not outside:
         return None
     return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
+
+
+def _library(k: Floats) -> str:
+    """What common libraries get wrong: the LSM9DS1's sensitivity is not its range over 32768."""
+    for factor in (1.147, 1.170):
+        if np.all(np.abs(k / factor - 1) < 0.01):
+            return f"; all scale factors near {factor}: the LSM9DS1's sensitivity is read as its range over 32768"
+    return ""
 
 
 def _likely(k: Floats) -> str:

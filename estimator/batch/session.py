@@ -1,14 +1,16 @@
 """A calibration session as it happens: samples and windows in; what was recognised, and in the end a Result, out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import radians
 
 import numpy as np
 
 from bridge.wire.messages import Verdict
+from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
 from estimator.batch.methods import BY_MOVEMENTS, DEFAULT, METHODS
 from estimator.batch.movements import Movements
-from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, same_bias
+from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
 from estimator.batch.result import PARAMETERS, Result, nothing
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
@@ -16,6 +18,12 @@ from estimator.stillness import Window
 
 #: turns older than this, or taken at another bias, are not combined with new ones
 STALE_S = 600.0
+#: seconds of stillness that somebody probably meant for a rest
+PAUSE_S = 0.8
+#: rad/s that no wearable turns at
+ABSURD = 70.0
+#: rad/s: a rest whose mean is so uncertain because it wandered is none
+SHAKEN = radians(0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +86,7 @@ class CalibrationSession:
         self._rests: list[Rest] = []
         self._rested = self._moved_about = False
         self._too_small: set[int] = set()
+        self._largest = 0.0
         self.last_reason = ""
 
     @property
@@ -88,6 +97,7 @@ class CalibrationSession:
     def add(self, samples: Samples) -> None:
         """Take samples; call `window` for every window they close, in order, after adding them."""
         self._history.add(samples)
+        self._largest = max(self._largest, float(np.abs(samples.gyro).max()))
 
     def window(self, window: Window) -> list[Progress]:
         """Judge what the next window completes."""
@@ -125,7 +135,9 @@ class CalibrationSession:
             return self._run(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
-        if not self._rested:
+        if self._largest > ABSURD:
+            because = f": readings of {self._largest:.0f} rad/s are probably degrees per second, given as rad/s"
+        elif not self._rested:
             because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
         elif not self._moved_about:
             because = ": it was not moved from one rest to another"
@@ -172,13 +184,13 @@ class CalibrationSession:
     def _checked(self, capture: Capture) -> Result:
         """The method's result, unless what it was made from speaks against it."""
         result = self._run(capture)
-        if result.verdict is not Verdict.ACCEPTED:
-            return result
-        fault = foreign_axes([(movement.before, movement.samples) for movement in capture.movements], result.matrix)
+        movements = [(movement.before, movement.samples) for movement in capture.movements]
+        # A wrong gyro need not close: its scale is taken from the turns alone, whichever way round they were.
+        fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
             return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
-        shaken = max((rest.wander for rest in capture.rests), default=1.0)
-        if shaken > SHAKEN:
+        shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
+        if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
             reason = "in a rest the reading wandered: put the device on something that does not move, and turn it again"
             return replace(result, verdict=Verdict.REPEAT, reason=reason, repeat=(0, 1, 2))
         return result

@@ -10,6 +10,8 @@ from estimator.stillness import Window
 
 #: samples without which there is no standard deviation worth the name
 _FEWEST = 8
+#: what the means of pieces of white noise vary by, at the most, over what they should
+_WHITE = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +95,18 @@ class Stages:
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
 
 
-def wander(gyro: Floats) -> float:
-    """How much more the means of pieces of a rest (n, 3) vary than white noise lets them: 1 when it is white, ± 0.5.
+def wander(gyro: Floats) -> Floats:
+    """(3,) rad/s by which the mean of a rest (n, 3) errs because its readings wander more than white noise does; 0 mostly.
 
-    The largest of the three axes, of eight pieces; a vibrating table or a hand gives tens.
+    Seen in the means of eight pieces about a straight line: a bias that drifts with warmth is no wandering. White noise
+    passes for it once in 1e4.
     """
     pieces = gyro[: len(gyro) // 8 * 8].reshape(8, -1, 3)
-    within = pieces.var(axis=1, ddof=1).mean(axis=0) if pieces.shape[1] > 1 else np.zeros(3)
-    of_means = pieces.mean(axis=1).var(axis=0, ddof=1)
-    floor = least_step(gyro) ** 2 / 12
-    return float(np.max(of_means * pieces.shape[1] / np.maximum(within, np.maximum(floor, 1e-18))))
+    n = pieces.shape[1]
+    if n < 2:
+        return np.zeros(3)
+    line = np.column_stack([np.ones(8), np.arange(8.0)])
+    means = pieces.mean(axis=1)
+    of_means = np.sum((means - line @ np.linalg.lstsq(line, means, rcond=None)[0]) ** 2, axis=0) / 6
+    white = np.maximum(pieces.var(axis=1, ddof=1).mean(axis=0), least_step(gyro) ** 2 / 12) / n
+    return np.where(of_means > _WHITE * white, np.sqrt(of_means / 8), 0.0)

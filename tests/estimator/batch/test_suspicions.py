@@ -1,0 +1,111 @@
+"""What speaks against a calibration although its turns close: axes, units, rates, pauses, a rest that is none."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.recording import Recording
+from bridge.sim.script import TurnPlan
+from bridge.sim.session import Session, simulate_session
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.axes import MAPPINGS, in_words
+from estimator.batch.result import Result
+from estimator.batch.stages import wander
+
+Floats = NDArray[np.float64]
+
+
+def calibrate(of: Session, gyro: Floats | None = None, *, accel: bool = True, rate: float = 1.0) -> Result:
+    time = of.time_s / rate
+    recording = Recording(
+        time, of.gyro if gyro is None else gyro, of.accel if accel else None, None, of.rate_hz * rate, "session"
+    )
+    return offline.calibrate(recording)[0]
+
+
+@pytest.mark.parametrize("number", range(len(MAPPINGS)))
+def test_every_swap_and_mirror_of_axes_is_named(number: int) -> None:
+    of = simulate_session(20 + number, wobble_deg=2.0)
+    result = calibrate(of, of.gyro @ MAPPINGS[number].T)
+    if number == 0:
+        assert result.verdict is Verdict.ACCEPTED, result.reason
+    else:
+        assert result.verdict is Verdict.REFUSED
+        assert in_words(MAPPINGS[number].T) in result.reason
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("number", [1, 7, 20, 47])
+def test_a_mirrored_real_gyro_is_named(number: int, shared_data: object) -> None:
+    with np.load(f"{shared_data}/imucal/ferraris_session.npz") as file:
+        gyro, accel, rate_hz = file["gyro_rad_s"], file["accel_m_s2"], float(file["rate_hz"])
+    time = np.arange(len(gyro)) / rate_hz
+    result, _ = offline.calibrate(Recording(time, gyro @ MAPPINGS[number].T, accel, None, rate_hz, "mirrored"))
+    assert result.verdict is Verdict.REFUSED
+    assert in_words(MAPPINGS[number].T) in result.reason
+
+
+@pytest.mark.parametrize("accel", [True, False])
+def test_degrees_for_radians_and_back_are_named(accel: bool) -> None:
+    of = simulate_session(3)
+    assert "degrees per second, given as rad/s" in calibrate(of, np.degrees(of.gyro), accel=accel).reason
+    assert "rad/s, given as degrees per second" in calibrate(of, np.radians(of.gyro), accel=accel).reason
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_a_sample_rate_off_by_two_is_named(rate: float) -> None:
+    result = calibrate(simulate_session(3, rests_s=6.0), accel=False, rate=rate)
+    assert result.verdict is not Verdict.ACCEPTED
+    assert "factor of two" in result.reason
+
+
+@pytest.mark.parametrize("factor", [1.147, 1.170])
+def test_the_known_library_error_is_named(factor: float) -> None:
+    of = simulate_session(3)
+    result = calibrate(of, (of.gyro - of.bias) * of.truth.k / factor + of.bias)
+    assert result.verdict is Verdict.ACCEPTED
+    assert str(factor) in result.reason
+
+
+def test_a_rest_that_is_too_short_is_named() -> None:
+    result = calibrate(simulate_session(3, rests_s=(3.2, 1.5, 1.5, 3.2)))
+    assert result.verdict is not Verdict.ACCEPTED
+    assert "too short to be a rest" in result.reason
+
+
+def test_a_rest_in_the_hand_is_named() -> None:
+    of = simulate_session(3)
+    shaking = np.radians(0.5) * np.sin(2 * np.pi * 0.5 * of.time_s)[:, None]
+    result = calibrate(of, of.gyro + shaking)
+    assert result.verdict is not Verdict.ACCEPTED
+    assert "wandered" in result.reason
+
+
+def test_warming_up_is_no_wandering() -> None:
+    rng = np.random.default_rng(1)
+    rest = np.radians(0.03) * rng.normal(size=(3120, 3)) + np.radians(0.005) * np.arange(3120)[:, None] / 104
+    assert not wander(rest).any()
+
+
+@pytest.mark.parametrize(
+    ("turns", "words"),
+    [
+        ((TurnPlan(0), TurnPlan(1, 720.0), TurnPlan(2)), "more than one full turn"),
+        ((TurnPlan(0), TurnPlan(1, 200.0), TurnPlan(2)), "not a full turn"),
+    ],
+)
+def test_incomplete_and_double_turns_are_named(turns: tuple[TurnPlan, ...], words: str) -> None:
+    result = calibrate(simulate_session(3, turns=turns))
+    assert result.verdict is Verdict.REPEAT
+    assert words in result.reason
+    assert result.repeat == (1,)
+
+
+def test_never_still_and_never_moved_are_told_apart() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(3000) / 104
+    moving = np.radians(40) * rng.normal(size=(3000, 3))
+    still = np.radians(0.03) * rng.normal(size=(3000, 3))
+    assert "never still" in offline.calibrate(Recording(time, moving, None, None, 104.0, "m"))[0].reason
+    assert "not moved" in offline.calibrate(Recording(time, still, None, None, 104.0, "s"))[0].reason
