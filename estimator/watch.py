@@ -39,13 +39,14 @@ def _hardware(infos: dict[str, DeviceInfo]) -> Table:
     return shown
 
 
-_HARDWARE = ("device", "what it is", "bridge", "Hz", "samples", "not published")
+_HARDWARE = ("device", "what it is", "bridge", "Hz", "samples", "not published or in trouble")
 
 
 def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
     measured = f"{info.measured_rate_hz:.1f} of {info.rate_hz:g}" if info.measured_rate_hz else f"{info.rate_hz:g}"
     dropped = ", ".join(f"{count} {reason}" for reason, count in info.dropped.items()) or "0"
-    return info.device, f"{info.model} {info.firmware}", info.bridge, measured, str(info.samples), dropped
+    what = f"{info.model} {info.firmware}" if info.boot else "not heard yet"
+    return info.device, what, info.bridge, measured, str(info.samples), info.trouble or dropped
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:

@@ -1,6 +1,7 @@
 """What `truerate devices` says: every value under its heading, and all of it in 80 columns."""
 
 import io
+from dataclasses import replace
 
 from rich.console import Console
 
@@ -34,7 +35,7 @@ def test_every_heading_has_its_value() -> None:
     assert row["bridge"] == "bridge-1"
     assert row["Hz"] == "103.9 of 104"
     assert row["samples"] == "123456"
-    assert row["not published"] == "3 non_finite"
+    assert row["not published or in trouble"] == "3 non_finite"
 
 
 def test_it_fits_80_columns_with_whole_names() -> None:
@@ -45,3 +46,11 @@ def test_it_fits_80_columns_with_whole_names() -> None:
     assert "wrist-right-01" in shown
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= 80
+
+
+def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
+    row = dict(
+        zip(watch._HARDWARE, watch._hardware_row(replace(INFO, boot=0, trouble="the port is missing")), strict=True)
+    )
+    assert row["what it is"] == "not heard yet"
+    assert row["not published or in trouble"] == "the port is missing"

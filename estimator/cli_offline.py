@@ -1,0 +1,150 @@
+"""The verbs that need no ward: calibrate from a recording, and the studies."""
+
+import argparse
+import json
+from collections.abc import Callable
+from math import isfinite, radians
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.config import ConfigError
+from bridge.recording import load as load_recording
+from bridge.wire.messages import Verdict
+
+METHODS = """methods:
+  closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
+               scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.
+  turn360      the same session by Algorithm 1 of Wang et al. 2024: exact, but biased when the hand wobbles.
+  transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
+               after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
+               of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
+  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
+  turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
+               against the fixture. Say the rates.
+  servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each
+               spin: bias and scale. Needs an accelerometer. Say the rate.
+examples:
+  truerate calibrate session.npz
+  truerate calibrate poses.csv --method transitions --json
+  truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
+
+Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
+
+
+def add_verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
+) -> argparse.ArgumentParser:
+    """Add a verb that calls run with the parsed arguments."""
+    parser = verbs.add_parser(name, help=help_text, description=help_text[:1].upper() + help_text[1:] + ".")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `calibrate FILE`."""
+    verb = add_verb(
+        verbs,
+        "calibrate",
+        _calibrate,
+        "calibrate from a recording (.npz, .csv): still, turn, still, turn, still, turn, still",
+    )
+    verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("file", type=Path, help="a recording, .npz or .csv; see bridge/recording.py for what is in it")
+    verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
+    verb.add_argument(
+        "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+    )
+    verb.add_argument(
+        "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
+    )
+    verb.add_argument(
+        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+    )
+    verb.add_argument(
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+    )
+
+
+def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `study NAME`."""
+    inner = verbs.add_parser(
+        "study", help="measure the methods by simulation", description="Example: truerate study paper --runs 1000"
+    ).add_subparsers(metavar="NAME", required=True)
+    verb = add_verb(
+        inner, "algorithm1", _study, "errors of Algorithm 1 over simulated sessions, with a table and a picture"
+    )
+    verb.add_argument("--sessions", type=int, default=200)
+    verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help="white noise of a reading, °/s")
+    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
+    verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
+    verb = add_verb(
+        inner,
+        "paper",
+        _study_paper,
+        "the paper's simulation: Algorithm 1 and closure against truth and the best possible",
+    )
+    verb.add_argument("--runs", type=int, default=15_000, help="sessions at each noise (default: %(default)s)")
+    verb.add_argument(
+        "--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help="white noise of a reading, °/s"
+    )
+    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
+    verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
+    verb.add_argument("--seed", type=int, default=1)
+    verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
+    verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} are no rates; numbers in °/s are expected, as 30,60,90") from None
+    if not all(0.1 <= rate <= 5000 for rate in rates):
+        raise argparse.ArgumentTypeError(f"{text!r}: each rate is said once, without a sign, from 0.1 to 5000 °/s")
+    return rates
+
+
+def _calibrate(given: argparse.Namespace) -> int:
+    from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
+    from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
+    from estimator.batch.result import PARAMETERS  # noqa: PLC0415
+    from estimator.offline import calibrate  # noqa: PLC0415
+    from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
+
+    method = given.method or DEFAULT
+    if method not in (names := (*BY_HAND, *BY_RATES)):
+        raise ConfigError(f"there is no method {method!r}; there are {', '.join(names)}")
+    if bool(given.rates_dps) != (method in BY_RATES):
+        raise ConfigError(
+            f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
+        )
+    recording = load_recording(given.file, given.rate_hz)
+    rates = tuple(map(radians, given.rates_dps))
+    result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
+    if given.json:
+        print(json.dumps(as_json(result)))
+    else:
+        console = Console()
+        for words in passed_over:
+            console.print(f"passed over: {words}", style="dim", highlight=False)
+        if isfinite(result.covariance.sum()):
+            console.print(as_table(result))
+            if len(result.parameters) > len(PARAMETERS):
+                console.print(as_matrix(result))
+        console.print(f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False)
+    return 0 if result.verdict is Verdict.ACCEPTED else 1
+
+
+def _study(given: argparse.Namespace) -> None:
+    from estimator.study.algorithm1 import run  # noqa: PLC0415
+
+    run(Console(), given.sessions, given.noise, given.wobble, given.picture)
+
+
+def _study_paper(given: argparse.Namespace) -> None:
+    from estimator.study.paper import run  # noqa: PLC0415
+    from estimator.study.paper_runs import Scenario  # noqa: PLC0415
+
+    scenario = Scenario(given.runs, tuple(given.noise), given.wobble, given.replacement, given.seed)
+    run(Console(), scenario, given.workers, given.picture)
