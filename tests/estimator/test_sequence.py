@@ -64,6 +64,48 @@ def test_what_comes_late_of_an_old_boot_is_dropped_and_counted(source: Stream) -
     assert take(sequence, source, [(0, 10)], boot=2) == list(range(10))
 
 
+def test_a_boot_of_the_past_can_begin_again(source: Stream) -> None:
+    sequence = begun(1)
+    take(sequence, source, [(0, 20)])
+    sequence.begin(2)
+    (old,) = source.part(0, 10).batches([], boot=1)
+    (further,) = source.part(20, 30).batches([], boot=1, first=20)
+    assert sequence.follows(further)
+    assert not sequence.follows(old)
+    sequence.begin(1)
+    assert not sequence.is_new_boot(2)
+    assert take(sequence, source, [(20, 30)]) == list(range(20, 30))
+
+
+def test_a_jump_is_no_gap_of_known_size(source: Stream) -> None:
+    sequence = begun()
+    take(sequence, source, [(0, 10)])
+    (far,) = source.part(10, 20).batches([], first=2**61)
+    sequence.jump(far)
+    assert sequence.fresh(far) == 0
+    assert sequence.events.as_dict() == {"stream jumped": 1}
+    assert sequence.seen == 20
+
+
+def test_begun_anew_the_counts_stay_and_what_was_lost_is_counted(source: Stream) -> None:
+    sequence = begun()
+    take(sequence, source, [(0, 20)])
+    sequence.begin(2)
+    take(sequence, source, [(0, 10)], boot=2)
+    after = sequence.anew(10)
+    assert (after.samples_in, after.samples_out, after.dropped.as_dict()) == (30, 20, {"session failed": 10})
+    assert after.is_new_boot(2)
+    assert not after.is_new_boot(1)
+
+
+def test_only_so_many_boots_are_remembered() -> None:
+    sequence = Sequence()
+    for boot in range(100):
+        sequence.begin(boot)
+    assert sequence.is_new_boot(1)
+    assert not sequence.is_new_boot(98)
+
+
 def test_it_is_exactly_once_whatever_comes(source: Stream) -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):

@@ -1,0 +1,131 @@
+"""Whom a device is heard from, and what of it can be."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.wire.messages import SampleBatch
+from estimator.sequence import Sequence
+from estimator.service.sources import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
+from tests.estimator.stream import Stream, stream
+
+R = Ruling
+
+
+@pytest.fixture(scope="module")
+def source() -> Stream:
+    return stream([], 20.0)
+
+
+def rule(source: Source, sequence: Sequence, batches: Iterable[SampleBatch], *, at: float, step: float) -> list[Ruling]:
+    """As the service does, one batch each `step` seconds."""
+    rulings = []
+    for n, batch in enumerate(batches):
+        ruling = source.judge(batch, sequence, at + n * step)
+        rulings.append(ruling)
+        if ruling is R.JUMP:
+            sequence.jump(batch)
+        if ruling in (R.RETURN, R.REPEAT) or sequence.is_new_boot(batch.boot):
+            sequence.begin(batch.boot)
+        if ruling is not R.RANGE:
+            sequence.fresh(batch)
+    return rulings
+
+
+def test_a_bridge_keeps_its_device_until_it_is_silent() -> None:
+    source = Source(2.0)
+    assert source.owns("b1", 0.0)
+    assert not source.owns("b2", 1.0)
+    assert source.owns("b1", 2.9)
+    assert not source.owns("b2", 5.8)
+    assert source.owns("b2", 6.0)
+    assert not source.owns("b1", 6.1)
+
+
+def test_only_so_many_bridges_are_named() -> None:
+    source = Source(2.0)
+    assert source.label("b1") == "also from b1"
+    labels = {source.label(f"b{n}") for n in range(1000)}
+    assert len(labels) == NAMED_BRIDGES + 1
+    assert "also from others" in labels
+    assert all(len(source.label("x" * 32)) <= 64 for _ in range(2))
+
+
+def test_what_goes_on_is_taken_at_any_pace(source: Stream) -> None:
+    for step in (0.0, 0.1, 100.0):
+        rulings = rule(Source(2.0), Sequence(), source.batches()[::3], at=0.0, step=step)
+        assert rulings == [R.BOOT] + [R.TAKE] * (len(rulings) - 1)
+
+
+def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None:
+    # Batches of 50 ms of host time; the clock's rate is known only after some of them.
+    fast = [
+        replace(
+            batch,
+            ticks=batch.ticks * np.uint64(1000),
+            sequence=n * 5000,
+            clock_rate=1.0 if n < 3 else 1e-3,
+            receive_time_ns=10**18 + n * 50_000_000,
+        )
+        for n, batch in enumerate(source.batches(range(5, len(source), 5)))
+    ]
+    rulings = rule(Source(2.0), Sequence(), fast[:100], at=0.0, step=0.05)
+    assert rulings == [R.BOOT] + [R.TAKE] * 99
+
+
+@pytest.mark.parametrize("field", ["sequence", "ticks"])
+def test_one_leap_is_refused_and_harms_nothing(source: Stream, field: str) -> None:
+    batches = source.batches()
+    bad = replace(batches[5], sequence=2**61) if field == "sequence" else leapt(batches[5])
+    rulings = rule(Source(2.0), Sequence(), [*batches[:5], bad, *batches[5:20]], at=0.0, step=0.1)
+    assert rulings == [R.BOOT] + [R.TAKE] * 4 + [R.RANGE] + [R.TAKE] * 15
+
+
+@pytest.mark.parametrize("field", ["sequence", "ticks"])
+def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
+    batches = source.batches()
+    far = [replace(b, sequence=b.sequence + 2**61) if field == "sequence" else leapt(b) for b in batches[5:60]]
+    rulings = rule(Source(2.0), Sequence(), [*batches[:5], *far], at=0.0, step=0.1)
+    refused = rulings.count(R.RANGE)
+    assert refused == pytest.approx(PERSISTS_S / 0.1, abs=2)
+    assert rulings[5 + refused :] == [R.JUMP] + [R.TAKE] * (len(far) - refused - 1)
+
+
+def test_a_leap_at_the_first_is_got_over(source: Stream) -> None:
+    batches = source.batches()
+    rulings = rule(Source(2.0), Sequence(), [replace(batches[0], sequence=2**61), *batches[1:60]], at=0.0, step=0.1)
+    assert rulings[0] is R.BOOT
+    assert rulings.count(R.REPEAT) == 1
+    assert rulings[-10:] == [R.TAKE] * 10
+
+
+def test_what_could_not_be_said_again_is_refused_for_ever(source: Stream) -> None:
+    bad = [replace(b, start_time_ns=2**62, clock_rate=1e4) for b in source.batches()]
+    assert set(rule(Source(2.0), Sequence(), bad, at=0.0, step=0.1)) == {R.RANGE}
+
+
+def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None:
+    first, second = source.batches(boot=1), source.batches(boot=2)
+    judge, sequence = Source(2.0), Sequence()
+    rule(judge, sequence, [*first[:100], *second[:100]], at=0.0, step=0.1)
+    assert set(rule(judge, sequence, [*first[:100], *second[:100]], at=20.0, step=0.001)) == {R.LATE}
+    # Interleaved with news, for as long as they like.
+    mixed = [b for pair in zip(first[:100], second[100:200], strict=True) for b in pair]
+    assert set(rule(judge, sequence, mixed, at=21.0, step=0.1)) == {R.LATE, R.TAKE}
+
+
+@pytest.mark.parametrize(("start", "back"), [(100, R.RETURN), (0, R.REPEAT)])
+def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, back: Ruling) -> None:
+    first, second = source.batches(boot=1), source.batches(boot=2)
+    judge, sequence = Source(2.0), Sequence()
+    rule(judge, sequence, [*first[:100], *second[:5]], at=0.0, step=0.1)
+    rulings = rule(judge, sequence, first[start : start + 60], at=20.0, step=0.1)
+    late = rulings.count(R.LATE)
+    assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
+    assert rulings[late:] == [back] + [R.TAKE] * (60 - late - 1)
+
+
+def leapt(batch: SampleBatch) -> SampleBatch:
+    return replace(batch, ticks=batch.ticks + np.uint64(2**61))
