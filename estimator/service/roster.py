@@ -31,7 +31,8 @@ class Roster(dict[str, Device]):
         self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
         if self._counts.add("too many devices") == 1:
             log.error(
-                "there are %d devices, no more are taken; is somebody making them up? (more are only counted)", len(self)
+                "there are %d devices, no more are taken; is somebody making them up? (more are only counted)",
+                len(self),
             )
         return False
 
@@ -44,10 +45,16 @@ class Roster(dict[str, Device]):
         name = info.bridge, info.device
         self._infos.pop(name, None)
         if len(self._infos) >= MAX_DEVICES:
-            unheard = (n for n in self._infos if n[1] not in self or self[n[1]].source.owner != n[0])
-            del self._infos[next(unheard, next(iter(self._infos)))]
             self._counts.add("infos forgotten")
+            unheard = next((n for n in self._infos if not self._heard(n)), None)
+            if unheard is None and not self._heard(name):
+                return
+            del self._infos[unheard or next(iter(self._infos))]
         self._infos[name] = info
+
+    def _heard(self, name: tuple[str, str]) -> bool:
+        bridge, device = name
+        return device in self and self[device].source.owner == bridge
 
     def _forget(self, now: float) -> bool:
         gone = [d for d in self.values() if d.worthless and now - d.heard > self._silence_s]

@@ -3,20 +3,29 @@
 import logging
 import signal
 import threading
+import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 
-from bridge.bus.contract import Bus, BusError
+from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal
 from estimator.config import Ward
 from estimator.service.shell import Service
 from estimator.service.store import Store
 
 log = logging.getLogger(__name__)
 
+#: how long others are looked for at the start; how long one of our own name that was killed may still seem alive
+LOOK_S, GONE_S = 0.5, 3.0
+
 
 def run(ward: Ward) -> None:
-    """Serve until SIGINT or SIGTERM; raises StoreError. A missing router is waited for."""
+    """Serve until SIGINT or SIGTERM; a missing router is waited for.
+
+    Raises StoreError, and BusError where an estimator of this id runs already.
+    """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
     stop = threading.Event()
@@ -30,6 +39,7 @@ def run(ward: Ward) -> None:
             return
         stack.enter_context(data)
         stack.enter_context(control)
+        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id)))
         Service(ward.ward, ward.estimator, data, control, store).run(stop)
 
 
@@ -47,3 +57,29 @@ def connect(
                 told = True
             stop.wait(0.2)
     return None
+
+
+def look_round(control: Bus, ward: str, own: str) -> Declared:
+    """Watch the other estimators of the ward, and warn of each; raises BusError when one of them has our own id."""
+    there: dict[str, bool] = {}
+
+    def on_change(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        try:
+            name = keys.parse(key).ids["estimator"]
+        except Refusal:
+            return
+        there[name] = alive
+        if alive and name != own:
+            log.warning(
+                "estimator %s serves ward %s too: devices will be corrected twice; stop one of them", name, ward
+            )
+
+    watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), on_change)
+    time.sleep(LOOK_S)
+    deadline = time.monotonic() + GONE_S
+    while there.get(own, False):
+        if time.monotonic() >= deadline:
+            watch.close()
+            raise BusError(f"estimator {own} serves ward {ward} already; stop it, or give this one another id")
+        time.sleep(0.05)
+    return watch

@@ -5,39 +5,26 @@ import threading
 import time
 from collections.abc import Callable
 
-from bridge.bus.contract import Bus, Publisher
+from bridge.bus.contract import Bus, BusError
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, SampleBatch, Verdict
-from bridge.wire.refusal import Tally
+from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
+from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.door import Door
 from estimator.service.commands import Commands
-from estimator.service.store import Store, StoreError
-from estimator.session import DeviceSession, Outcome, Remembered, SessionKnobs
+from estimator.service.device import Device
+from estimator.service.record import Record
+from estimator.service.roster import Roster
+from estimator.service.sources import Ruling
+from estimator.service.store import Store
+from estimator.service.totals import Totals
+from estimator.session import Outcome, Remembered, SessionKnobs
 
 log = logging.getLogger(__name__)
 
-MAX_DEVICES = 4096
-STATUS_S, CHECKPOINT_S, HISTORY_S = 1.0, 5.0, 60.0
+STATUS_S = 1.0
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
-#: messages kept for late and returning subscribers: some 15 s of corrected rates
-CORRECTED_CACHE, CALIBRATION_CACHE = 512, 8
-
-
-class _Device:
-    """A session and its publishers."""
-
-    def __init__(self, bus: Bus, ward: str, device: str, knobs: SessionKnobs) -> None:
-        self.session = DeviceSession(device, knobs)
-        self.heard = time.monotonic()
-        self.corrected = bus.publisher(keys.build(ward, "corrected", device=device), cache=CORRECTED_CACHE)
-        self.status = bus.publisher(keys.build(ward, "status", device=device), cache=1)
-        self.calibration = bus.publisher(keys.build(ward, "calibration", device=device), cache=CALIBRATION_CACHE)
-        self.checkpointed = self.recorded = 0.0
-
-    def publishers(self) -> tuple[Publisher, ...]:
-        return self.corrected, self.status, self.calibration
 
 
 class Service:
@@ -54,17 +41,18 @@ class Service:
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
-        self._bus, self._control, self._store, self._now_ns = data, control, store, now_ns
+        self._bus, self._now_ns, self._store_path = data, now_ns, store.path
+        self._record = Record(store, self.counts, now_ns)
         self._knobs = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
-        self._devices: dict[str, _Device] = {}
-        self._infos: dict[str, DeviceInfo] = {}
-        self._samples = Door[SampleBatch]("sample", codec.decode_samples)
-        self._info_door = Door[DeviceInfo]("info", codec.decode_info)
+        self._devices = Roster(self.counts, settings.silence_s)
+        self._samples = Door[SampleBatch]("sample", codec.decode_samples, self._refused)
+        self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
+        self._totals = Totals(self._count_all)
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -72,20 +60,17 @@ class Service:
 
     def run(self, stop: threading.Event) -> None:
         """Serve until stopped, then say goodbye: the last samples are corrected, the bias kept, the tokens taken back."""
-        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store.path)
+        log.info("estimator %s serves ward %s, store %s", self.settings.id, self.ward, self._store_path)
         while not stop.is_set():
             self.step(0.05)
         deadline = time.monotonic() + DRAIN_S
         while self.step(0.0) and time.monotonic() < deadline:
             pass
+        now = time.monotonic()
         for device in self._devices.values():
-            self._checkpoint(device, time.monotonic(), force=True)
-        for thing in (
-            *self._declared,
-            self._raw,
-            self._info,
-            *(p for d in self._devices.values() for p in d.publishers()),
-        ):
+            self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+        self._totals.tell(now, last=True)
+        for thing in (*self._declared, self._raw, self._info, *self._devices.values()):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
@@ -107,158 +92,169 @@ class Service:
             self._every_second(now)
         return len(messages)
 
+    # ---- what comes in --------------------------------------------------------------------------------------------
+
+    def _refused(self, key: str, refusal: Refusal) -> None:
+        try:
+            device = self._devices.get(keys.parse(key).ids.get("device", ""))
+        except Refusal:
+            device = None
+        if device is not None:
+            device.session.count_event(f"refused {refusal.reason}")
+
     def _on_info(self, info: DeviceInfo) -> None:
-        new = info.device not in self._infos or self._infos[info.device].boot != info.boot
-        if new and len(self._infos) >= MAX_DEVICES:
-            self.counts.add("too many devices")
-            return
-        self._infos[info.device] = info
+        before = self._devices.info(info.bridge, info.device)
+        self._devices.note(info)
         device = self._devices.get(info.device)
-        if device is None or device.session.boot != info.boot:
+        if device is None or device.source.owner != info.bridge or device.session.boot != info.boot:
             return
         device.session.info = info
-        if new:
-            self._keep(device.session, lambda: self._store.add_boot(info, self._now_ns()))
-            if (calibration := self._prior(device.session, info)) is not None:
-                device.session.believe(calibration)
+        if before is None or before.boot != info.boot:
+            self._guarded(device, lambda: self._introduced(device, info))
+
+    def _introduced(self, device: Device, info: DeviceInfo) -> None:
+        self._record.boot(device.session, info)
+        if (calibration := self._record.prior(device.session, info)) is not None:
+            device.session.believe(calibration)
 
     def _on_samples(self, batch: SampleBatch) -> None:
+        now = time.monotonic()
         device = self._devices.get(batch.device)
         if device is None:
-            if len(self._devices) >= MAX_DEVICES:
-                self.counts.add("too many devices")
+            if not self._devices.room(now):
                 return
-            device = self._devices[batch.device] = _Device(self._bus, self.ward, batch.device, self._knobs)
-        device.heard = time.monotonic()
-        if device.session.sequence.is_new_boot(batch.boot):
-            self._tell(device, self._boots(device.session, batch))
-        self._tell(device, device.session.handle(batch))
-
-    def _boots(self, session: DeviceSession, batch: SampleBatch) -> Outcome:
-        info = self._infos.get(batch.device)
-        session.info = info if info is not None and info.boot == batch.boot else None
-        remembered = None
-        try:
-            remembered = self._store.recall(batch.device, batch.boot)
-        except StoreError as error:
-            self._store_failed(session, error)
-        if session.info is not None:
-            boot_info = session.info
-            self._keep(session, lambda: self._store.add_boot(boot_info, self._now_ns()))
-            if remembered is None and (calibration := self._prior(session, boot_info)) is not None:
-                remembered = Remembered(calibration, None)
-        return session.begin_boot(batch.boot, float(batch.device_time[0]), remembered)
-
-    def _prior(self, session: DeviceSession, info: DeviceInfo) -> Calibration | None:
-        try:
-            return self._store.prior(info)
-        except StoreError as error:
-            self._store_failed(session, error)
-            return None
-
-    def _tell(self, device: _Device, outcome: Outcome) -> None:
-        session = device.session
-        for words in outcome.said:
-            log.info("%s: %s", session.device, words)
-        if outcome.calibration is not None:
-            self._calibrated(device, outcome.calibration)
-        for batch in outcome.corrected:
-            device.corrected.put(codec.encode_corrected(batch))
-        if outcome.changed:
-            device.status.put(codec.encode_status(session.status(self._now_ns())))
-
-    def _calibrated(self, device: _Device, calibration: Calibration) -> None:
-        c = calibration
-        if c.verdict is Verdict.ACCEPTED:
-            self._keep(device.session, lambda: self._store.add_calibration(c))
-        else:
-            verdict = f"{c.verdict.name.lower()}: {c.reason}"
-            self._keep(
-                device.session,
-                lambda: self._store.add_audit(
-                    self._now_ns(), c.device, "calibrate", c.id, c.who, "", verdict, accepted=False
-                ),
+            device = Device(self._bus, self.ward, batch.device, self._knobs, self.settings.silence_s, now)
+            self._devices[batch.device] = device
+        if device.source.owns(batch.bridge, now):
+            device.heard = now
+            self._guarded(device, lambda: self._take(device, batch, now))
+            return
+        if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):
+            log.warning(
+                "%s is sent by bridge %s and by bridge %s: only the first is listened to; give one of them another name",
+                batch.device,
+                device.source.owner,
+                batch.bridge,
             )
-        device.calibration.put(codec.encode_calibration(c))
-        self._checkpoint(device, time.monotonic(), force=True)
+
+    def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
+        session = device.session
+        ruling = device.source.judge(batch, session.sequence, now)
+        if ruling is Ruling.RANGE:
+            session.sequence.refuse(batch, Reason.RANGE)
+            if session.count_event("refused leap") == 1:
+                log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
+            return
+        if ruling is Ruling.JUMP:
+            session.sequence.jump(batch)
+        if ruling in (Ruling.RETURN, Ruling.REPEAT) or session.sequence.is_new_boot(batch.boot):
+            self._tell(device, self._boots(device, batch, same=ruling is not Ruling.REPEAT))
+        self._tell(device, session.handle(batch))
+
+    def _boots(self, device: Device, batch: SampleBatch, *, same: bool) -> Outcome:
+        """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
+        session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        session.info = info if info is not None and info.boot == batch.boot else None
+        remembered = self._record.recall(device, batch.boot)
+        if session.info is not None:
+            self._record.boot(session, session.info)
+            if remembered is None and (calibration := self._record.prior(session, session.info)) is not None:
+                remembered = Remembered(calibration, None)
+        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None)
+        if remembered is not None and not same:
+            session.count_event("boot number repeated")
+            session.believe(remembered.calibration)
+        return outcome
+
+    # ---- what goes out --------------------------------------------------------------------------------------------
+
+    def _tell(self, device: Device, outcome: Outcome) -> None:
+        for words in outcome.said:
+            log.info("%s: %s", device.name, words)
+        if outcome.calibration is not None:
+            payload = self._record.calibration(device, outcome.calibration, time.monotonic())
+            if payload is not None:
+                device.say_calibration(payload)
+        device.say_corrected(outcome.corrected)
+        if outcome.changed:
+            device.say_status(self._now_ns())
 
     def _every_second(self, now: float) -> None:
         connected = self._bus.connected
-        if connected != self._connected:
-            log.log(
-                *(
-                    (logging.INFO, "the router is back")
-                    if connected
-                    else (logging.WARNING, "the router is gone; waiting")
-                )
-            )
+        if connected and not self._connected:
+            log.info("the router is back")
+        elif self._connected and not connected:
+            log.warning("the router is gone; waiting")
         if not connected or connected != self._connected:
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
                 device.heard = now
         self._connected = connected
         for device in self._devices.values():
-            session = device.session
-            silent_s = now - device.heard
-            if silent_s > self.settings.silence_s and session.silence(f"no samples for {silent_s:.0f} s"):
-                log.warning("%s: lost, no samples for %.1f s", session.device, silent_s)
-            device.status.put(codec.encode_status(session.status(self._now_ns())))
-            self._checkpoint(device, now)
+            self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
+        self._totals.tell(now)
 
-    def _checkpoint(self, device: _Device, now: float, *, force: bool = False) -> None:
-        state, boot = device.session.checkpoint(), device.session.boot
-        if state is None or boot is None or (now - device.checkpointed < CHECKPOINT_S and not force):
-            return
-        device.checkpointed = now
-        history = now - device.recorded >= HISTORY_S
-        if history:
-            device.recorded = now
-        name, time_ns = device.session.device, self._now_ns()
-        self._keep(device.session, lambda: self._store.save_bias(name, boot, time_ns, state, history=history))
+    def _look_after(self, device: Device, now: float) -> None:
+        silent_s = now - device.heard
+        if silent_s > self.settings.silence_s and device.session.silence(f"no samples for {silent_s:.0f} s"):
+            log.warning("%s: lost, no samples for %.1f s", device.name, silent_s)
+        device.say_status(self._now_ns())
+        self._record.checkpoint(device, now)
+
+    def _count_all(self) -> dict[str, int]:
+        refused = {
+            f"{door.name} messages refused, {reason}": n
+            for door in (self._samples, self._info_door)
+            for reason, n in door.refused.as_dict().items()
+        }
+        missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
+        return refused | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
+
+    # ---- one device's fault is not another's ------------------------------------------------------------------------
+
+    def _guarded(self, device: Device, work: Callable[[], None]) -> bool:
+        taken = device.session.sequence.samples_out
+        try:
+            work()
+        except BusError:
+            raise  # the bus itself is gone: for all
+        except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others
+            device.restart(max(0, device.session.sequence.samples_out - taken))
+            self.counts.add("sessions failed")
+            if device.session.count_event("session failed") == 1:
+                log.exception(
+                    "%s: its session failed and begins anew (more of this device are only counted)", device.name
+                )
+            return False
+        return True
+
+    # ---- commands -------------------------------------------------------------------------------------------------
 
     def _do(self, key: keys.Key, command: Command) -> CommandReply:
-        verb = key.ids["verb"]
-        device = self._devices.get(key.device)
+        if (before := self._record.answered(key, command)) is not None:
+            return before
+        reply = self._done(key, command)
+        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
+        self._record.audit(key, command, reply)
+        return reply
+
+    def _done(self, key: keys.Key, command: Command) -> CommandReply:
+        verb, device = key.ids["verb"], self._devices.get(key.device)
         if device is None:
-            known = ", ".join(sorted(self._devices)) or "none"
-            return self._reply(key, command, f"no device {key.device} was heard; there are: {known}")
-        session = device.session
-        if verb == "recalibrate":
-            refusal = session.recalibrate(command.who, command.reason)
-        elif verb == "cancel":
-            refusal = session.cancel(command.who)
-        else:
-            refusal = None if command.reason else "a note needs a text, in `reason`"
-        device.status.put(codec.encode_status(session.status(self._now_ns())))
-        return self._reply(key, command, refusal, session)
+            known = ", ".join(sorted(self._devices)[:20]) or "none"
+            message = f"no device {key.device} was heard; there are: {known}"
+            return CommandReply(command.request_id, accepted=False, message=message)
+        refusals: list[str | None] = []
+        if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
+            return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")
+        self._guarded(device, lambda: device.say_status(self._now_ns()))
+        message = refusals[0] or ("noted" if verb == "note" else device.session.reason)
+        return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
 
-    def _reply(
-        self, key: keys.Key, command: Command, refusal: str | None, session: DeviceSession | None = None
-    ) -> CommandReply:
-        message = refusal or (session.reason if session and key.ids["verb"] != "note" else "noted")
-        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, message)
-        try:
-            self._store.add_audit(
-                self._now_ns(),
-                key.device,
-                key.ids["verb"],
-                command.request_id,
-                command.who,
-                command.reason,
-                message,
-                accepted=refusal is None,
-            )
-        except StoreError as error:
-            self.counts.add("store failed")
-            log.error("%s", error)
-        return CommandReply(command.request_id, accepted=refusal is None, message=message)
 
-    def _keep(self, session: DeviceSession, write: Callable[[], None]) -> None:
-        try:
-            write()
-        except StoreError as error:
-            self._store_failed(session, error)
-
-    def _store_failed(self, session: DeviceSession, error: StoreError) -> None:
-        self.counts.add("store failed")
-        if session.count_event("store failed") == 1:
-            log.error("%s; %s goes on from memory", error, session.device)
+def _obey(device: Device, verb: str, command: Command) -> str | None:
+    """None, or why not."""
+    if verb == "recalibrate":
+        return device.session.recalibrate(command.who, command.reason)
+    if verb == "cancel":
+        return device.session.cancel(command.who)
+    return None if command.reason else "a note needs a text, in `reason`"

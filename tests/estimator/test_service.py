@@ -15,7 +15,6 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply, DeviceInfo, Quality, SampleBatch, State, Status, Verdict
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
-from estimator.service import shell
 from estimator.service.shell import Service
 from estimator.service.store import Store, StoreError
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
@@ -251,14 +250,6 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     lost = ward.latest()
     assert (lost.state, lost.quality) == (State.LOST, Quality.DEGRADED)
     assert "no samples" in lost.reason
-
-
-def test_too_many_devices_are_counted(ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shell, "MAX_DEVICES", 2)
-    (batch,) = once.part(0, 10).batches([])
-    for name in ("a", "b", "c", "d"):
-        ward.put(codec.encode_samples(replace(batch, device=name)), bridge="bridge", device=name)
-    assert ward.service.counts.as_dict() == {"too many devices": 2}
 
 
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:

@@ -1,0 +1,270 @@
+"""The service in trouble: failing sessions, several senders, phantoms, full disks, other estimators."""
+
+import logging
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.bus.contract import BusError
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.messages import Quality, SampleBatch, State
+from estimator.service import roster, serve, sources
+from estimator.service.store import StoreError
+from estimator.session import DeviceSession, Outcome
+from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.test_service import WARD, Ward
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1, after=[Still(8.0)])
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The service's steady clock, to be set by hand."""
+    now = [1000.0]
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
+    return now
+
+
+def put(ward: Ward, batch: SampleBatch, bridge: str = "bridge") -> None:
+    ward.put(codec.encode_samples(batch), bridge=bridge, device=batch.device)
+
+
+def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    batches = once.batches()
+    ward.send(batches[:-20], info(1))
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    whole = DeviceSession.handle
+
+    def failing(self: DeviceSession, batch: SampleBatch) -> Outcome:
+        outcome = whole(self, batch)
+        if batch.sequence in (batches[-20].sequence, batches[-18].sequence):
+            raise FloatingPointError("singular")
+        return outcome
+
+    monkeypatch.setattr(DeviceSession, "handle", failing)
+    (other,) = once.part(0, 10).batches([])
+    put(ward, replace(other, device="other"))
+    ward.send(batches[-20:])
+    after = list(ward.subscriber)
+    assert after[-1].quality is Quality.GOOD, "this boot's calibration was restored"
+    assert {b.device for b in after} == {NAME, "other"}
+    status = ward.latest()
+    assert status.device in (NAME, "other")
+    mine = ward.service._devices[NAME].status(1)
+    lost = len(batches[-20]) + len(batches[-18])
+    assert mine.events["session failed"] == 2
+    assert mine.dropped == {"session failed": lost}
+    assert mine.samples_in == len(once) == mine.samples_out + lost
+    assert caplog.text.count("FloatingPointError: singular") == 1, "the first with its trace, the others counted"
+
+
+def test_a_status_that_fails_stops_nobody(ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    ward.send(once.batches()[:10], info(1))
+
+    def failing(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(DeviceSession, "status", failing)
+    ward.service._every_second(time.monotonic())
+    reply = ward.command(lambda: ward.client.note(NAME, "nurse", "fell"))
+    assert reply.accepted
+    monkeypatch.undo()
+    assert ward.latest().events["session failed"] >= 2
+
+
+@pytest.mark.parametrize("boot", [1, 2])
+def test_a_second_bridge_silences_nobody(
+    ward: Ward, once: Stream, boot: int, clock: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    batches = once.batches()
+    for n, batch in enumerate(batches):
+        ward.send([batch], info(1) if n == 0 else None)
+        clock[0] += 0.1
+        if n % 3 == 0:
+            put(ward, replace(batch, boot=boot, sequence=batch.sequence + 7, gyro=-batch.gyro), "second")
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    status = ward.latest()
+    assert status.samples_out == len(once)
+    assert status.events == {"also from second": sum(len(b) for b in batches[::3])}
+    assert caplog.text.count("give one of them another name") == 1
+
+
+def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
+    batches = once.batches()
+    ward.send(batches[:200], info(1))
+    clock[0] += ward.service.settings.silence_s + sources.OWNED_S + 0.1
+    for batch in batches[200:]:
+        put(ward, batch, "second")
+    status = ward.latest()
+    assert status.samples_out == len(once)
+    assert ward.service._devices[NAME].source.owner == "second"
+
+
+def test_one_leap_silences_nobody(ward: Ward, once: Stream) -> None:
+    batches = once.batches()
+    ward.send(batches[:100], info(1))
+    put(ward, replace(batches[100], sequence=2**61, ticks=batches[100].ticks + np.uint64(2**61)))
+    ward.send(batches[100:])
+    assert list(ward.subscriber)[-1].quality is Quality.GOOD
+    status = ward.latest()
+    assert status.dropped == {"range": 10}
+    assert status.samples_in == status.samples_out + 10
+    assert status.events["refused leap"] == 1
+
+
+def test_a_second_sender_of_the_same_name_is_got_over_when_it_stops(
+    ward: Ward, once: Stream, clock: list[float]
+) -> None:
+    batches = once.batches()
+    ward.send(batches[:-60], info(1))
+    put(ward, replace(batches[0], boot=9))
+    for batch in batches[-60:]:
+        put(ward, batch)
+        clock[0] += 0.1
+    status = ward.latest()
+    assert (status.boot, status.state, status.quality) == (1, State.TRACKING, Quality.GOOD)
+    assert status.dropped["old_boot"] <= 320
+
+
+def test_the_calibration_of_a_boot_number_that_repeats_is_not_good_any_more(
+    ward: Ward, once: Stream, clock: list[float]
+) -> None:
+    ward.send(once.batches(), info(1))
+    again = calibration(seed=2, before_s=6.0).batches()
+    for batch in again[:60]:
+        put(ward, batch)
+        clock[0] += 0.1
+    status = ward.latest()
+    assert status.quality is Quality.BIAS_ONLY
+    assert status.events["boot number repeated"] == 1
+    ward.send(again[60:])
+    assert ward.latest().quality is Quality.GOOD
+
+
+def test_phantoms_are_forgotten_for_a_real_device(
+    ward: Ward,
+    once: Stream,
+    monkeypatch: pytest.MonkeyPatch,
+    clock: list[float],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(roster, "MAX_DEVICES", 3)
+    ward.send(once.batches(), info(1))
+    (batch,) = once.part(0, 10).batches([])
+    for name in ("a", "b", "c", "d"):
+        put(ward, replace(batch, device=name))
+        ward._bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=name)).put(
+            codec.encode_info(replace(info(1), device=name))
+        )
+    assert ward.service.counts.as_dict()["too many devices"] == 2
+    assert caplog.text.count("no more are taken") == 1
+    clock[0] += 10.0
+    put(ward, replace(batch, device="real"))
+    assert set(ward.service._devices) == {NAME, "real"}, "the calibrated one is lost too, but not forgotten"
+    assert ward.service.counts.as_dict()["devices forgotten"] == 2
+    assert len(ward.service._devices._infos) <= 3
+    assert ward.service._devices.info("bridge", NAME) is not None
+
+
+def test_a_device_of_a_few_samples_is_not_announced(ward: Ward, once: Stream) -> None:
+    for batch in once.part(0, 4).batches([2]):
+        put(ward, batch)
+    assert list(ward.subscriber) == []
+    for batch in once.part(0, 10).batches([4])[1:]:
+        put(ward, replace(batch, sequence=4))
+    assert sum(map(len, ward.subscriber)) == 10, "nothing of it is missing afterwards"
+
+
+def test_refusals_can_be_seen(ward: Ward, once: Stream, clock: list[float], caplog: pytest.LogCaptureFixture) -> None:
+    batches = once.batches()
+    ward.send(batches[:50], info(1))
+    caplog.set_level(logging.INFO)
+    caplog.clear()
+    for payload, device in ((b"\x00\xff", NAME), (b"\x00\xff", NAME), (b"\x00\xff", "stranger")):
+        ward.put(payload, bridge="bridge", device=device)
+    assert ward.latest().events == {"refused malformed": 2}
+    assert caplog.text.count("so far: sample messages refused, malformed 3") == 1
+    ward.put(b"\x00\xff", bridge="bridge", device="stranger")
+    ward.latest()
+    assert "malformed 4" not in caplog.text, "not so soon"
+    clock[0] += 11.0
+    ward.latest()
+    ward.latest()
+    assert caplog.text.count("malformed 4") == 1
+
+
+def test_a_calibration_made_while_the_disk_is_full_is_saved_later(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, clock: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise StoreError("the disk is full")
+
+    monkeypatch.setattr(ward.store, "_write", full)
+    ward.send(once.batches(), info(1))
+    assert ward.store.calibrations(NAME) == []
+    assert ward.latest().events["calibration not saved"] >= 1
+    assert caplog.text.count("is not saved; it is tried again") == 1
+    monkeypatch.undo()
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: clock[0] + 6.0)
+    ward.latest()
+    (saved,) = ward.store.calibrations(NAME)
+    assert saved.id == ward.latest().calibration
+    assert ward.store.recall(NAME, 1) is not None
+
+
+def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Same:
+        hex = "r1"
+
+    monkeypatch.setattr("estimator.client.uuid.uuid4", Same)
+    ward.send(once.batches(), info(1))
+    first = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
+    assert first.accepted
+    ward.kill()
+    ward.start()
+    ward.send(once.batches()[-5:])
+    again = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
+    assert again == first
+    assert ward.latest().state is State.TRACKING
+    assert ward.store._db.execute("SELECT count(*) FROM audit").fetchone() == (1,)
+
+
+def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serve, "LOOK_S", 0.1)
+    monkeypatch.setattr(serve, "GONE_S", 0.3)
+    serve.look_round(MemoryBus(broker), WARD, own).close()
+
+
+def test_the_same_estimator_twice_is_refused(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BusError, match="e1 serves ward w already"):
+        look(ward.broker, "e1", monkeypatch)
+    ward.kill()
+    look(ward.broker, "e1", monkeypatch)
+    ward.start()
+
+
+def test_another_estimator_is_told_of(
+    ward: Ward, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    look(ward.broker, "e2", monkeypatch)
+    assert "estimator e1 serves ward w too" in caplog.text
