@@ -11,6 +11,7 @@ from typing import Self
 
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
+from estimator.batch.methods import DEFAULT
 
 WARD = "demo"
 _CONFIG = """ward = "{ward}"
@@ -27,6 +28,7 @@ id = "bridge-1"
 [estimator]
 id = "estimator-1"
 store = "{folder}/truerate.sqlite3"
+method = "{method}"
 """
 _DEVICE = """
 [[bridge.devices]]
@@ -43,7 +45,7 @@ class DemoFailed(Exception):
 class Ward:
     """Devices, ports and processes; all ended by close. The configuration and the logs of the processes are in `folder`."""
 
-    def __init__(self, folder: Path, names: tuple[str, ...]) -> None:
+    def __init__(self, folder: Path, names: tuple[str, ...], method: str = DEFAULT) -> None:
         self.folder = folder
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.config = folder / "ward.toml"
@@ -52,7 +54,8 @@ class Ward:
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         devices = "".join(_DEVICE.format(id=name, port=place) for name, place in self._places.items())
         self.config.write_text(
-            _CONFIG.format(ward=WARD, endpoint=self.endpoint, devices=devices, folder=folder), encoding="utf-8"
+            _CONFIG.format(ward=WARD, endpoint=self.endpoint, devices=devices, folder=folder, method=method),
+            encoding="utf-8",
         )
         self._arguments = {
             "router": ("router", "--config", str(self.config)),

@@ -8,6 +8,7 @@ import pytest
 from bridge.sim.session import simulate_session
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import Calibration, Quality, Verdict
+from estimator.batch.methods import DEFAULT
 from estimator.client import Client
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
@@ -18,9 +19,11 @@ pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.tim
 SPEED = 25.0
 
 
-def play(folder: Path, device: VirtualDevice, samples: int) -> tuple[Calibration, list[Subscriber], Watcher]:
+def play(
+    folder: Path, device: VirtualDevice, samples: int, method: str = DEFAULT
+) -> tuple[Calibration, list[Subscriber], Watcher]:
     """Play a device's recording through a ward; the stored calibration and what everybody heard."""
-    with Ward(folder, (device.name,)) as ward:
+    with Ward(folder, (device.name,), method) as ward:
         ward.start("router", "estimator", "bridge")
         ward.wait_for_router()
         heard, watcher = subscribers(ward), Watcher(ward.endpoint, WARD)
@@ -51,11 +54,12 @@ def everything_once(heard: list[Subscriber], samples: int) -> None:
 
 
 @pytest.mark.data
-def test_a_real_session_calibrates_from_the_stream_alone(shared_data: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["turn360", "closure"])
+def test_a_real_session_calibrates_from_the_stream_alone(method: str, shared_data: Path, tmp_path: Path) -> None:
     with np.load(shared_data / "imucal" / "ferraris_session.npz") as file:
         gyro, accel, rate_hz = file["gyro_rad_s"], file["accel_m_s2"], float(file["rate_hz"])
-    calibration, heard, watcher = play(tmp_path, recorded("nilspod", gyro, accel, rate_hz), len(gyro))
-    assert calibration.verdict is Verdict.ACCEPTED
+    calibration, heard, watcher = play(tmp_path, recorded("nilspod", gyro, accel, rate_hz), len(gyro), method)
+    assert (calibration.method, calibration.verdict) == (method, Verdict.ACCEPTED)
     assert np.diag(calibration.matrix) == pytest.approx([0.9728, 1.0179, 1.0018], abs=2e-3)
     assert np.degrees(calibration.bias) == pytest.approx([-0.5947, -0.3680, 0.0602], abs=0.02)
     assert sorted(turn.axis for turn in calibration.turns) == [0, 1, 2]
