@@ -188,6 +188,7 @@ class Service:
         if not connected or connected != self._connected:
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
                 device.heard = now
+                device.source.hold(now)
         self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now

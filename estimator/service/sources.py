@@ -68,6 +68,10 @@ class Source:
         self._heard_s = heard_s
         return True
 
+    def hold(self, heard_s: float) -> None:
+        """Nobody can be heard now: the owner stays the owner."""
+        self._heard_s = heard_s
+
     def label(self, bridge: str) -> str:
         """Under what another bridge's samples are counted; a bounded number of names."""
         if len(self._others) < NAMED_BRIDGES:

@@ -44,6 +44,14 @@ def test_a_bridge_keeps_its_device_until_it_is_silent() -> None:
     assert not source.owns("b1", 6.1)
 
 
+def test_an_outage_of_the_bus_gives_a_device_to_nobody_else() -> None:
+    source = Source(2.0)
+    assert source.owns("b1", 0.0)
+    source.hold(60.0)
+    assert not source.owns("b2", 60.5)
+    assert source.owns("b1", 61.0)
+
+
 def test_only_so_many_bridges_are_named() -> None:
     source = Source(2.0)
     assert source.label("b1") == "also from b1"
