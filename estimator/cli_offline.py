@@ -94,6 +94,18 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
     verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
 
+    verb = add_verb(
+        inner,
+        "protocols",
+        _study_protocols,
+        "good and bad sessions at random: is a wrong one ever accepted, a good one refused?",
+    )
+    verb.add_argument(
+        "--runs", type=int, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
+    )
+    verb.add_argument("--method", default="closure")
+    verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
+
 
 def _rates(text: str) -> tuple[float, ...]:
     try:
@@ -148,3 +160,9 @@ def _study_paper(given: argparse.Namespace) -> None:
 
     scenario = Scenario(given.runs, tuple(given.noise), given.wobble, given.replacement, given.seed)
     run(Console(), scenario, given.workers, given.picture)
+
+
+def _study_protocols(given: argparse.Namespace) -> None:
+    from estimator.study.protocols import run  # noqa: PLC0415
+
+    run(Console(), given.runs, given.method, given.workers)

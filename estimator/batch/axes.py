@@ -32,8 +32,9 @@ MAPPINGS: Floats = np.array(
 _STEP_S = 0.04
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
-#: how much better another mapping must fit, in natural logarithms over all movements: right ones lead by 4 and more
-_LEAD = 2.0
+#: how much better another mapping must fit, in natural logarithms over all movements. A right gyro leads by 0.3 when its
+#: only turn about z was steady and vertical, by 4 and more otherwise; a wrong one is behind by as much.
+_LEAD = 0.1
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:

@@ -1,0 +1,216 @@
+"""Good and bad sessions at random, by the thousand: how many good ones are refused, and is a wrong one accepted."""
+
+import multiprocessing
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from bridge.recording import Recording
+from bridge.sim.imperfection import ImuSpec
+from bridge.sim.script import TurnPlan
+from bridge.sim.session import Session, simulate_session
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.axes import MAPPINGS
+from estimator.batch.result import Result
+
+Floats = NDArray[np.float64]
+Rng = np.random.Generator
+ODD = ImuSpec(scale=(0.95, 1.05), bias_limit_dps=5.0)
+SPOILT = ImuSpec(scale=(0.9, 1.1), bias_limit_dps=2.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A recording of a session, and its true scale factors (3,); None when every acceptance is wrong."""
+
+    recording: Recording
+    k: Floats | None
+
+
+def good(seed: int) -> Trial:
+    """Any order, direction, number of goes, rate, bias, scale, hand and resolution; every other one with an accelerometer."""
+    rng = np.random.default_rng(seed)
+    turns = tuple(
+        TurnPlan(int(axis), 360.0 * rng.choice([-1, 1]), goes=int(rng.integers(1, 5))) for axis in rng.permutation(3)
+    )
+    session = simulate_session(
+        seed,
+        noise_dps=float(rng.choice([0.01, 0.03, 0.15])),
+        wobble_deg=float(rng.uniform(0, 3)),
+        tilt_deg=float(rng.uniform(0, 5)),
+        replacement_deg=float(rng.uniform(0, 0.3)),
+        rate_hz=float(rng.choice([50.0, 104.0, 200.0])),
+        rests_s=(float(rng.uniform(3, 8)), 3.0, float(rng.uniform(3, 5)), 3.0),
+        turns=turns,
+        turn_s=(3.0, 8.0),
+        spec=ImuSpec(scale=(0.75, 1.35), bias_limit_dps=10.0, step_dps=float(rng.choice([0.0, 0.0076, 0.061]))),
+    )
+    return _trial(session, session.truth.k, accel=bool(seed % 2))
+
+
+def _odd(turns: Callable[[Rng], tuple[TurnPlan, ...]], *, accel: bool | None = None) -> Callable[[int], Trial]:
+    def make(seed: int) -> Trial:
+        rng = np.random.default_rng(seed)
+        session = simulate_session(seed, turns=turns(rng), spec=ODD, wobble_deg=float(rng.uniform(0, 3)))
+        return _trial(session, session.truth.k, accel=bool(seed % 2) if accel is None else accel)
+
+    return make
+
+
+def _missing(rng: Rng) -> tuple[TurnPlan, ...]:
+    axes = rng.permutation(3)[:2]
+    return tuple(TurnPlan(int(axis)) for axis in rng.choice(axes, 3))
+
+
+def _horizontal(rng: Rng) -> tuple[TurnPlan, ...]:
+    # A horizontal axis of a device that lies flat; the wrong turn last, for afterwards it lies on its side.
+    odd = int(rng.integers(0, 2))
+    angle = float(rng.choice([180.0, 270.0, 330.0, 345.0, 390.0, 540.0, 720.0]) * rng.choice([-1, 1]))
+    return (*(TurnPlan(axis) for axis in (1 - odd, 2)), TurnPlan(odd, angle))
+
+
+def _vertical(rng: Rng) -> tuple[TurnPlan, ...]:
+    return TurnPlan(0), TurnPlan(1), TurnPlan(2, float(rng.choice([90.0, 180.0, 720.0, 1080.0])))
+
+
+def _swings(rng: Rng) -> tuple[TurnPlan, ...]:
+    return tuple(TurnPlan(int(rng.integers(0, 3)), float(rng.uniform(200, 500)), swing=True) for _ in range(6))
+
+
+def _slow(rng: Rng) -> tuple[TurnPlan, ...]:
+    return tuple(TurnPlan(int(axis), duration_s=float(rng.uniform(16, 40))) for axis in rng.permutation(3))
+
+
+def _lost(session: Session, rng: Rng) -> Recording:
+    turn = _stage(session, 1 + 2 * int(rng.integers(0, 3)))
+    keep = np.ones(len(session.time_s), bool)
+    at = int(rng.integers(turn.start, turn.stop - 60))
+    keep[at : at + int(rng.integers(5, 60))] = False
+    whole = _trial(session, session.truth.k, accel=True).recording
+    accel = None if whole.accel is None else whole.accel[keep]
+    return replace(whole, time_s=whole.time_s[keep], gyro=whole.gyro[keep], accel=accel)
+
+
+def _clipped(session: Session, rng: Rng) -> Recording:
+    turn = _stage(session, 1 + 2 * int(rng.integers(0, 3)))
+    limit = float(rng.uniform(0.3, 0.95)) * float(np.abs(session.gyro[turn]).max())
+    return _with(session, np.clip(session.gyro, -limit, limit))
+
+
+def _moved_while_still(session: Session, rng: Rng) -> Recording:
+    gyro = session.gyro.copy()
+    gyro[_stage(session, 2 * int(rng.integers(0, 4)))] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
+    return _with(session, gyro)
+
+
+def _bias_jump(session: Session, rng: Rng) -> Recording:
+    gyro = session.gyro.copy()
+    turn = _stage(session, 1 + 2 * int(rng.integers(0, 3)))
+    gyro[turn.start + 50 :] += np.radians(rng.uniform(0.3, 5.0)) * rng.choice([-1, 1], 3)
+    return _with(session, gyro)
+
+
+def _spoilt(spoil: Callable[[Session, Rng], Recording]) -> Callable[[int], Trial]:
+    def make(seed: int) -> Trial:
+        session = simulate_session(seed, spec=SPOILT)
+        return Trial(spoil(session, np.random.default_rng(seed)), session.truth.k)
+
+    return make
+
+
+def _never(change: Callable[[Session, Rng], Recording]) -> Callable[[int], Trial]:
+    def make(seed: int) -> Trial:
+        rng = np.random.default_rng(seed)
+        return Trial(change(simulate_session(seed, spec=ODD, wobble_deg=float(rng.uniform(0, 3))), rng), None)
+
+    return make
+
+
+BAD: dict[str, Callable[[int], Trial]] = {
+    "a turn is missing": _odd(_missing),
+    "a wrong angle about a horizontal axis": _odd(_horizontal, accel=True),
+    "half or double about the vertical": _odd(_vertical),
+    "swings for turns": _odd(_swings),
+    "turned for 16 to 40 s": _odd(_slow),
+    "samples lost in a turn": _spoilt(_lost),
+    "clipped, unsaid": _spoilt(_clipped),
+    "moved while still": _spoilt(_moved_while_still),
+    "the bias jumps": _spoilt(_bias_jump),
+    "axes swapped or mirrored": _never(lambda s, rng: _with(s, s.gyro @ MAPPINGS[1 + int(rng.integers(0, 47))].T)),
+    "degrees for radians": _never(lambda s, _: _with(s, np.degrees(s.gyro))),
+    "radians for degrees": _never(lambda s, _: _with(s, np.radians(s.gyro))),
+    "half or double the rate": _never(lambda s, rng: _faster(s, float(rng.choice([0.5, 2.0])))),
+}
+
+
+def is_wrong(result: Result, k: Floats | None) -> bool:
+    """Accepted, although nothing can be right, or with a scale off by more than 1 % and four of its own deviations."""
+    if result.verdict is not Verdict.ACCEPTED:
+        return False
+    if k is None:
+        return True
+    error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
+    return bool(np.any((error > 0.01) & (error > 4 * std)))
+
+
+def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool]:
+    """(kind, accepted, wrong) of one kind, seed and method."""
+    kind, seed, method = job
+    trial = (good if kind == GOOD else BAD[kind])(seed)
+    result, _ = offline.calibrate(trial.recording, method)
+    return kind, result.verdict is Verdict.ACCEPTED, is_wrong(result, trial.k)
+
+
+GOOD = "good"
+
+
+def run(console: Console, runs: int, method: str, workers: int | None) -> None:
+    """So many good and so many bad sessions, on all processors; prints a table."""
+    kinds = list(BAD)
+    jobs = [(GOOD, seed, method) for seed in range(runs)]
+    jobs += [(kinds[seed % len(kinds)], seed, method) for seed in range(runs)]
+    seen, accepted, wrong = Counter[str](), Counter[str](), Counter[str]()
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        found = pool.imap_unordered(try_one, jobs, chunksize=16)
+        for kind, was_accepted, was_wrong in track(
+            found, "calibrating", total=len(jobs), console=console, transient=True
+        ):
+            seen[kind] += 1
+            accepted[kind] += was_accepted
+            wrong[kind] += was_wrong
+    table = Table(title=f"Protocols at random, method {method}", title_justify="left", box=None, pad_edge=False)
+    table.add_column("protocol")
+    for heading in ("sessions", "accepted", "accepted and wrong"):
+        table.add_column(heading, justify="right")
+    for kind in (GOOD, *kinds):
+        table.add_row(kind, str(seen[kind]), str(accepted[kind]), str(wrong[kind]))
+    console.print(table)
+    refused = runs - accepted[GOOD]
+    console.print(
+        f"{refused} of {runs} good sessions refused ({100 * refused / runs:.2f} %); {wrong.total()} wrong ones accepted"
+    )
+
+
+def _trial(session: Session, k: Floats, *, accel: bool) -> Trial:
+    s = session
+    return Trial(Recording(s.time_s, s.gyro, s.accel if accel else None, None, s.rate_hz, "simulated"), k)
+
+
+def _with(session: Session, gyro: Floats) -> Recording:
+    return replace(_trial(session, session.truth.k, accel=True).recording, gyro=gyro)
+
+
+def _faster(session: Session, factor: float) -> Recording:
+    whole = _trial(session, session.truth.k, accel=False).recording
+    return replace(whole, time_s=whole.time_s / factor, rate_hz=whole.rate_hz * factor)
+
+
+def _stage(session: Session, number: int) -> slice:
+    return slice(*session.stages[number])
