@@ -46,8 +46,12 @@ class Client:
         return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device)}
 
     def infos(self, wait_s: float = 1.5) -> dict[str, DeviceInfo]:
-        """The latest device info of every device."""
-        return {i.device: i for i in self._collect("info", codec.decode_info, wait_s)}
+        """The latest device info of every device; of several bridges that list it, from one that hears it."""
+        found: dict[str, DeviceInfo] = {}
+        for info in self._collect("info", codec.decode_info, wait_s):
+            if info.boot or info.device not in found or found[info.device].bridge == info.bridge:
+                found[info.device] = info
+        return found
 
     def follow(self, device: str | None = None) -> "Statuses":
         """Statuses as they come, of one device or of all; the latest known comes first."""

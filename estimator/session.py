@@ -336,7 +336,7 @@ class DeviceSession:
         return Calibration(
             device=self.device,
             boot=boot,
-            id=f"{self.device}-{boot:016x}-{round(self._now * 1000)}",
+            id=f"{self.device}-{boot:016x}-{self.last_heard_ns // 1_000_000:x}",
             time_ns=self.last_heard_ns,
             method=result.method,
             verdict=result.verdict,

@@ -1,14 +1,11 @@
 """`truerate estimator serve`: sessions on the bus, signals, and the wait for a router."""
 
 import logging
-import signal
-import threading
 import time
-from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 
 from bridge.bus.contract import Bus, BusError, Declared
-from bridge.bus.zenoh_bus import ZenohBus
+from bridge.process import connected, stopped_by_signal
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal
 from estimator.config import Ward
@@ -28,35 +25,16 @@ def run(ward: Ward) -> None:
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    with ExitStack() as stack:
+    with stopped_by_signal() as stop, ExitStack() as stack:
         store = Store(ward.estimator.store)
         stack.callback(store.close)
-        data, control = (connect(ward.bus.connect, stop) for _ in range(2))
+        data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
         if data is None or control is None:
             return
         stack.enter_context(data)
         stack.enter_context(control)
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id)))
         Service(ward.ward, ward.estimator, data, control, store).run(stop)
-
-
-def connect(
-    endpoints: Sequence[str], stop: threading.Event, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus
-) -> Bus | None:
-    """A session, however long its router takes to come; None when stopped meanwhile."""
-    told = False
-    while not stop.is_set():
-        try:
-            return open_bus(endpoints)
-        except BusError as error:
-            if not told:
-                log.warning("%s; waiting for it", error)
-                told = True
-            stop.wait(0.2)
-    return None
 
 
 def look_round(control: Bus, ward: str, own: str) -> Declared:

@@ -115,7 +115,7 @@ def test_the_words_say_what_is_missing() -> None:
     device = DeviceSession(NAME)
     outcome = feed(device, of.batches())
     assert state(device) is State.TURNING
-    assert any("turn about y taken; next x, z" in words for words in outcome.said)
+    assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
     assert "still needed: x, z" in device.reason
     assert device.status(1).axes_done == (1,)
 
