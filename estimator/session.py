@@ -214,9 +214,8 @@ class DeviceSession:
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
                 self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
-                self._happens(
-                    Event.TURNED, f"turn about {AXES[turn.axis]} taken; still needed: {self._missing()}", outcome
-                )
+                needed = f"; still needed: {self._missing()}" if len(self._done_axes) < 3 else ""
+                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken{needed}", outcome)
             case Ignored(no_turn):
                 self.sequence.events.add("movement ignored")
                 self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
@@ -356,7 +355,7 @@ class DeviceSession:
         )
 
     def _missing(self) -> str:
-        return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes) or "nothing"
+        return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)
 
     def _rate(self) -> float:
         if self._first_time is None or self._now <= self._first_time:

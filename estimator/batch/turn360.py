@@ -3,14 +3,19 @@
 Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope autocalibration
 with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
-The paper's letters, one step of Algorithm 1 a function:
+The paper's letters, and its equations by their numbers:
 
-    m       reading of the gyro (rad/s)                       g       calibrated rate, g = K (m + b)
-    K       diag(k), scale factors                            b       = -mean(m at rest); our bias is -b
-    C_t     attitude at sample t, from the turn's start       T       duration of a turn
-    C = I, C_t = C_(t-1) R(g_t dt), R by Rodrigues' formula
-    criterion of a turn:  | mean over t of C_t g_t | = 360 degrees / T
-    dK      what remains to be put on K, from the three criteria; stop when |dK - 1| <= 1e-5
+    m       reading of the gyro (rad/s)                       T       duration of a turn
+    K       diag(k), scale factors                            C_t     attitude at sample t, from the turn's start
+    b       -mean(m at rest); our bias is -b
+
+    (1)     g = K (m + b)                                     the calibrated rate
+    (2)     b = -mean(m) at rest, so that g = 0
+    (4)     C_t = C_(t-1) R(g_t dt), C_0 = I                  R by Rodrigues' formula
+    (8-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
+    (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
+
+Algorithm 1: K = I; integrate (4) with it; solve (11) for k, the attitudes held; again, until |k new - k| <= 1e-5.
 
 The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees it is biased by some 1e-3: that is the
 paper's method, kept as it is.
@@ -62,16 +67,16 @@ def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
     for iteration in range(1, knobs.max_iterations + 1):
         S = [turn_integral(turn, K, b) for turn in capture.turns]
         dK = solve_criteria(S)
-        K = K * dK
+        moved, K = np.linalg.norm(K * dK - K), K * dK
         if not np.all(np.isfinite(K)) or np.any(K <= 0) or np.any(K > 100):
             break
-        if np.linalg.norm(dK - 1) <= knobs.tolerance:
+        if moved <= knobs.tolerance:
             return Turn360(K, -b, covariance(capture, K, b, knobs), iteration)
     raise NotConverged(f"no scale factors close the three turns (after {iteration} iterations k = {np.round(K, 3)})")
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """(3, 3) sum of C_t diag(g_t) dt: a factor dK on the rates turns by |S dK|, the attitude held as it is."""
+    """(3, 3) S = T A diag(K) of equations (8-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
     dt = rotation.intervals(turn.samples.time)
     g = K * (turn.samples.gyro + b)
     C = rotation.attitudes(g, dt)[1:]
@@ -80,7 +85,7 @@ def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
 
 
 def solve_criteria(S: list[Floats]) -> Floats:
-    """(3,) the factors dK with |S_i dK| = 360 degrees for the three turns."""
+    """(3,) the factors dK = k new / k with |S_i dK| = 360 degrees for the three turns: equation (11)."""
     start = np.array([2 * pi / np.linalg.norm(S_i.sum(axis=1)) for S_i in S])
     axes = [int(np.argmax(np.abs(S_i.sum(axis=1)))) for S_i in S]
     guess = np.ones(3)
