@@ -64,6 +64,8 @@ class PriorKnobs:
 
     #: a datasheet's sensitivity is trusted this far (relative): known library errors reach 0.17
     scale_std: float = 0.15
+    #: an axis of the chip against the others, rad
+    misalignment_std: float = 0.02
     #: turn-on bias of a low-cost part, rad/s
     bias_std: float = radians(5.0)
     #: how far the scale factor moves from one boot to the next (relative)

@@ -22,6 +22,9 @@ def as_json(result: Result) -> dict[str, Any]:
         "bias_rad_s": result.bias.tolist() if known else None,
         "parameters": list(result.parameters),
         "covariance": result.covariance.tolist() if known else None,
+        "information_bits": dict(zip(result.parameters, result.information_bits.tolist(), strict=True))
+        if known
+        else None,
         "noise_std_rad_s": result.noise_std.tolist() if known else None,
         "turns": [
             {

@@ -8,7 +8,7 @@ import numpy as np
 from bridge.wire.messages import Turn, Verdict
 from estimator import rotation
 from estimator.batch.capture import Capture, Floats, TurnCapture
-from estimator.gyro import AXES, reading_std
+from estimator.gyro import AXES, PriorKnobs, reading_std
 
 PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
@@ -53,6 +53,14 @@ class Result:
     def scale(self) -> Floats:
         """(3,) the diagonal of the matrix."""
         return np.diag(self.matrix).copy()
+
+    @property
+    def information_bits(self) -> Floats:
+        """(p,) what the session told of each parameter: the halvings of what was believed before it, see PriorKnobs."""
+        prior = PriorKnobs()
+        of = {"bias": prior.bias_std, "k": prior.scale_std, "m": prior.misalignment_std}
+        before = np.array([of[name.split("_")[0]] for name in self.parameters])
+        return np.asarray(np.log2(before / np.sqrt(np.diag(self.covariance))))
 
     @property
     def scale_std(self) -> Floats:
