@@ -22,6 +22,9 @@ CHUNK = 10
 #: sessions in one message between processes
 TASK = 5 * CHUNK
 
+#: rad/s about each axis that the test set reaches: the paper's full-scale range
+TEST_RATE = np.radians(245.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
@@ -38,12 +41,14 @@ class Scenario:
 class Errors:
     """Of n runs: error (2 methods, n, 6) in bias °/s and k; nees (n,) of closure; bound (m, 6) variances of some of them.
 
-    The bound hardly differs from run to run of one parameter set: some of each set are enough.
+    The bound hardly differs from run to run of one parameter set: some of each set are enough. test (2, n): rms error of
+    corrected rates over that of readings, on a test set of rates and noise.
     """
 
     error: Floats
     bound: Floats
     nees: Floats
+    test: Floats
 
 
 def compute(scenario: Scenario, workers: int | None = None, progress: Progress | None = None) -> dict[float, Errors]:
@@ -84,8 +89,23 @@ def _some(scenario: Scenario, noise_dps: float, number: int, first: int) -> Erro
         error = ours.theta - truth
         nees = np.einsum("si,si->s", error, np.linalg.solve(ours.covariance, error[..., None])[..., 0])
         bound = many.bound(sessions, np.radians(noise_dps), replacement) if first == 0 else np.empty((0, 6))
-        parts.append(Errors(unit * np.stack([paper.theta - truth, error]), unit**2 * bound, nees))
+        both = np.stack([paper.theta, ours.theta])
+        test = remaining_error(both, truth, np.radians(noise_dps))
+        parts.append(Errors(unit * (both - truth), unit**2 * bound, nees, test))
     return _joined(parts)
+
+
+def remaining_error(theta: Floats, truth: Floats, noise: float) -> Floats:
+    """(…,) rms error of corrected rates over that of the readings themselves, for parameters theta (…, 6) against truth (6,).
+
+    Expected over a test set of rates, uniform within ±TEST_RATE about each axis, read with white noise (rad/s).
+    """
+    b, k = truth[:3], truth[3:]
+    bias, scale = theta[..., :3], theta[..., 3:]
+    rate_var = TEST_RATE**2 / 3
+    left = rate_var * (scale / k - 1) ** 2 + scale**2 * ((bias - b) ** 2 + noise**2)
+    raw = rate_var * (1 / k - 1) ** 2 + b**2 + noise**2
+    return np.asarray(np.sqrt(left.sum(axis=-1) / raw.sum()))
 
 
 def _joined(parts: Sequence[Errors]) -> Errors:
@@ -93,4 +113,5 @@ def _joined(parts: Sequence[Errors]) -> Errors:
         np.concatenate([part.error for part in parts], axis=1),
         np.concatenate([part.bound for part in parts]),
         np.concatenate([part.nees for part in parts]),
+        np.concatenate([part.test for part in parts], axis=1),
     )

@@ -13,7 +13,7 @@ from estimator.cli import build
 from estimator.gyro import least_step
 from estimator.study import many
 from estimator.study.paper import run
-from estimator.study.paper_runs import Scenario, compute
+from estimator.study.paper_runs import TEST_RATE, Scenario, compute, remaining_error
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +107,17 @@ def test_the_command_leaves_table_and_picture(tmp_path: Path) -> None:
     words = console.export_text()
     assert "NEES/dof" in words
     assert "wobble 1°" in words
+
+
+def test_what_is_left_on_a_test_set_is_nothing_for_the_truth_and_all_for_a_reading() -> None:
+    truth = np.array([0.01, -0.02, 0.03, 0.9, 1.1, 1.05])
+    assert remaining_error(truth, truth, 0.0) == pytest.approx(0.0, abs=1e-12)
+    reading = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+    rng = np.random.default_rng(1)
+    rate = rng.uniform(-TEST_RATE, TEST_RATE, (200_000, 3))
+    read = rate / truth[3:] + truth[:3]
+    theta = truth + np.array([1e-3, 0, 0, 1e-3, -2e-3, 0])
+    error = theta[3:] * (read - theta[:3]) - rate
+    drawn = np.sqrt(np.mean(error**2) / np.mean((read - rate) ** 2))
+    assert remaining_error(theta, truth, 0.0) == pytest.approx(drawn, rel=0.01)
+    assert remaining_error(reading, truth, 0.0) == pytest.approx(1.0, rel=0.2)
