@@ -87,7 +87,7 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
         highlight=False,
     )
     console.print(_table(rows))
-    honest = f"NEES/dof of an honest covariance: 1 ± {rows[0].nees_band:.3f} in 95 % of such studies"
+    honest = f"NEES, a degree of freedom: of an honest covariance: 1 ± {rows[0].nees_band:.3f} in 95 % of such studies"
     bands = ", ".join(f"±{band:g} at {noise:g} °/s" for noise, band in BANDS.items())
     console.print(f"{honest}. The paper's bands: {bands}.", highlight=False)
     console.print(
@@ -114,7 +114,7 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
 
 def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for heading in ("noise", "method", "of", "rms", "bound", "ratio", "median", "in band", "NEES/dof", "left"):
+    for heading in ("noise", "method", "of", "rms", "bound", "ratio", "median", "in band", "NEES", "left"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
