@@ -87,7 +87,7 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
         highlight=False,
     )
     console.print(_table(rows))
-    honest = f"NEES, a degree of freedom: of an honest covariance: 1 ± {rows[0].nees_band:.3f} in 95 % of such studies"
+    honest = f"NEES per degree of freedom of an honest covariance: 1 ± {rows[0].nees_band:.3f} in 95 % of such studies"
     bands = ", ".join(f"±{band:g} at {noise:g} °/s" for noise, band in BANDS.items())
     console.print(f"{honest}. The paper's bands: {bands}.", highlight=False)
     console.print(
