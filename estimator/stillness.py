@@ -99,7 +99,8 @@ class Stillness:
 
     def _close(self) -> Window:
         time, gyro = np.concatenate(self._time), np.concatenate(self._gyro)
-        accel = np.concatenate(self._accel) if self._accel else None
+        # A window with an accelerometer in a part of it only is judged without.
+        accel = np.concatenate(self._accel) if len(self._accel) == len(self._time) else None
         for held in (self._time, self._gyro, self._accel):
             held.clear()
         start, self._count = self._count, self._count + len(time)

@@ -130,3 +130,17 @@ def test_windows_hold_every_sample_once_and_their_own_moments() -> None:
     np.testing.assert_allclose(w.std, np.sqrt(((part - part.mean(axis=0)) ** 2).sum(axis=0) / (len(part) - 1)))
     assert (w.start_time, w.end_time) == (time[w.start], time[w.end - 1])
     assert w.samples == w.end - w.start >= 6
+
+
+def test_an_accelerometer_that_comes_and_goes_is_used_only_where_it_is_whole() -> None:
+    rng = np.random.default_rng(1)
+    time, gyro = np.arange(400) / 104, 1e-4 * rng.normal(size=(400, 3))
+    accel = np.tile([0.0, 0.0, 9.81], (400, 1))
+    stillness = Stillness()
+    windows = []
+    for start in range(0, 400, 5):
+        part = slice(start, start + 5)
+        windows += stillness.feed(time[part], gyro[part], accel[part] if start % 15 == 0 else None)
+    assert len(windows) > 20
+    assert all(window.accel_mean is None for window in windows)
+    assert all(window.still for window in windows)
