@@ -137,7 +137,7 @@ def test_an_accelerometer_that_comes_and_goes_is_used_only_where_it_is_whole() -
     time, gyro = np.arange(400) / 104, 1e-4 * rng.normal(size=(400, 3))
     accel = np.tile([0.0, 0.0, 9.81], (400, 1))
     stillness = Stillness()
-    windows = []
+    windows: list[Window] = []
     for start in range(0, 400, 5):
         part = slice(start, start + 5)
         windows += stillness.feed(time[part], gyro[part], accel[part] if start % 15 == 0 else None)
