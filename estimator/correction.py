@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
-from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
+from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 from estimator.track.bias_filter import BiasState
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,7 @@ class Correction:
                 (mine.bias, theirs.bias),
                 (mine.matrix, theirs.matrix),
                 (mine.scale_std, theirs.scale_std),
+                (mine.cross_std, theirs.cross_std),
                 (mine.noise_std, theirs.noise_std),
                 (self.bias_std, other.bias_std),
             )
@@ -53,6 +54,7 @@ class Correction:
             noise_std=model.corrected_std(model.noise_std).astype(np.float32),
             bias_std=model.corrected_std(self.bias_std).astype(np.float32),
             scale_std=model.scale_std.astype(np.float32),
+            cross_std=model.cross_std.astype(np.float32),
             bias=model.bias.astype(np.float32),
             calibration=self.calibration,
         )
@@ -76,7 +78,8 @@ def choose(
         scale_var = np.diag(used.covariance)[3:6] / scale**2
         if calibration is None:
             scale_var = scale_var + knobs.scale_repeatability**2
-        model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), used.noise_std)
+        cross_std = _cross_std(used, knobs)
+        model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), cross_std, used.noise_std)
         bias_std = np.full(3, knobs.bias_repeatability)
         quality = Quality.PRIOR
     if bias is not None:
@@ -87,3 +90,14 @@ def choose(
     if noise_std is not None:
         model = replace(model, noise_std=noise_std)
     return Correction(model, bias_std, quality, used.id if used is not None else "")
+
+
+def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:
+    """(3,) of each row of the matrix what is not known beside its diagonal: as calibrated, else as parts are made."""
+    across = [number for number, name in enumerate(used.parameters) if name.startswith("m_")]
+    if not across:
+        return np.full(3, knobs.misalignment_std)
+    var = np.zeros(3)
+    for number in across:
+        var[AXES.index(used.parameters[number][2])] += used.covariance[number, number] / 2
+    return np.asarray(np.sqrt(var))

@@ -41,12 +41,13 @@ def reading_std(std: Floats) -> Floats:
 class GyroModel:
     """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; noise_std (3,) rad/s of a reading.
 
-    scale_std (3,), relative, is that of the matrix's diagonal; what is not known of its other elements is not in it.
+    scale_std (3,), relative, is that of the matrix's diagonal; cross_std (3,), relative, that of the others of each row.
     """
 
     matrix: Floats
     bias: Floats
     scale_std: Floats
+    cross_std: Floats
     noise_std: Floats
 
     def correct(self, reading: Floats) -> Floats:
@@ -65,7 +66,7 @@ class PriorKnobs:
     #: a datasheet's sensitivity is trusted this far (relative): known library errors reach 0.17
     scale_std: float = 0.15
     #: an axis of the chip against the others, rad
-    misalignment_std: float = 0.02
+    misalignment_std: float = 0.01
     #: turn-on bias of a low-cost part, rad/s
     bias_std: float = radians(5.0)
     #: how far the scale factor moves from one boot to the next (relative)
@@ -77,4 +78,5 @@ class PriorKnobs:
 
 def uncalibrated(knobs: PriorKnobs) -> GyroModel:
     """The datasheet's word: scale 1, bias 0, and how little that is worth."""
-    return GyroModel(np.eye(3), np.zeros(3), np.full(3, knobs.scale_std), np.full(3, knobs.noise_std))
+    scale, cross, noise = (np.full(3, std) for std in (knobs.scale_std, knobs.misalignment_std, knobs.noise_std))
+    return GyroModel(np.eye(3), np.zeros(3), scale, cross, noise)

@@ -31,7 +31,7 @@ TABLE: dict[tuple[State, Event], State] = {
     **{(state, E.BOOTED): S.WARMING for state in State},
     **{(state, E.RESTORED): S.TRACKING for state in (S.WARMING, *_CALIBRATING)},
     **{(state, E.SILENT): S.LOST for state in _ALIVE},
-    **{(state, E.RECALIBRATE): S.AWAITING_STILL for state in _ALIVE},
+    **{(state, E.RECALIBRATE): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},
     **{(state, E.CANCEL_TO_TRACKING): S.TRACKING for state in _CALIBRATING},
     **{(state, E.CANCEL_TO_START): S.AWAITING_STILL for state in _CALIBRATING},
     (S.WARMING, E.WARM): S.AWAITING_STILL,

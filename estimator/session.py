@@ -55,6 +55,8 @@ class Remembered:
 
     calibration: Calibration
     bias: BiasState | None
+    #: host seconds since the bias was kept
+    age_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -117,7 +119,8 @@ class DeviceSession:
     def _restore(self, remembered: Remembered) -> None:
         self.calibration = remembered.calibration
         start = remembered.bias
-        if start is None or start.time > self._now + CACHE_S:
+        passed = 0.0 if start is None else self._now - start.time
+        if start is None or passed < -CACHE_S or remembered.age_s - passed > CACHE_S:
             # How long ago the bias was so is not known: degraded until a rest confirms it.
             start = _bias_of(remembered.calibration, self._now) if start is None else replace(start, time=self._now)
             start = replace(start, P=start.P + self.knobs.track.bias_std**2 * np.eye(3))
@@ -146,17 +149,18 @@ class DeviceSession:
         first = self.sequence.fresh(batch)
         if first == len(batch):
             return outcome
+        away_s = max(0.0, (batch.receive_time_ns - self.last_heard_ns) / 1e9 / batch.clock_rate)
         self.last_heard_ns = batch.receive_time_ns
         if self.life.heard():
             self.reason = self._reason_before_lost
             self._applied = self._correction()
             outcome.changed = True
             outcome.said.append("heard again")
-        self._take(batch, first, outcome)
+        self._take(batch, first, away_s, outcome)
         return outcome
 
-    def _take(self, batch: SampleBatch, first: int, outcome: Outcome) -> None:
-        time = self._going_on(batch.device_time[first:])
+    def _take(self, batch: SampleBatch, first: int, away_s: float, outcome: Outcome) -> None:
+        time = self._going_on(batch.device_time[first:], away_s)
         gyro = batch.gyro[first:].astype(float)
         accel = None if batch.accel is None else batch.accel[first:].astype(float)
         clipped = (batch.flags[first:] & SampleFlag.CLIPPED) != 0
@@ -180,11 +184,12 @@ class DeviceSession:
         if start < len(time):
             outcome.corrected.append(self._applied.apply(batch, first + start, len(batch)))
 
-    def _going_on(self, time: Floats) -> Floats:
+    def _going_on(self, time: Floats, away_s: float) -> Floats:
         shifted = time + self._clock_shift
         if self._first_time is not None and shifted[0] <= self._now:
             self.sequence.events.add("device clock went back")
-            self._clock_shift += self._now + CLOCK_LOST_S - float(shifted[0])
+            # At least as long has passed as the host has seen.
+            self._clock_shift += self._now + max(CLOCK_LOST_S, away_s) - float(shifted[0])
             return time + self._clock_shift
         return shifted
 
@@ -213,8 +218,10 @@ class DeviceSession:
                 self.tracker.first_rest(_bias_in(rest))
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
-                self._done_axes = tuple(sorted({*self._done_axes, turn.axis}))
-                needed = f"; still needed: {self._missing()}" if len(self._done_axes) < 3 else ""
+                before, self._done_axes = self._done_axes, self._capture.done() if self._capture is not None else ()
+                gone = ", ".join(AXES[axis] for axis in before if axis not in (*self._done_axes, turn.axis))
+                needed = f"; the turn about {gone} is too old, or the bias has moved since" if gone else ""
+                needed += f"; still needed: {self._missing()}" if len(self._done_axes) < 3 else ""
                 self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken{needed}", outcome)
             case Ignored(no_turn):
                 self.sequence.events.add("movement ignored")
@@ -246,7 +253,12 @@ class DeviceSession:
     def recalibrate(self, who: str, reason: str) -> str | None:
         """Ask for three new turns; the present calibration stays in use until they are taken. None, or why not."""
         if not self.life.on(Event.RECALIBRATE):
-            return f"{self.device} is {self.life.state.name.lower()}: nothing to recalibrate until it is heard"
+            so = (
+                "it will be calibrated anyway"
+                if self.life.state is State.WARMING
+                else "nothing to do until it is heard"
+            )
+            return f"{self.device} is {self.life.state.name.lower()}: {so}"
         self._who = who
         self._capture = CalibrationSession(self.knobs.method)
         self._done_axes = ()

@@ -131,7 +131,7 @@ def demo_script(rng: np.random.Generator, warm_up_s: float = 2.0) -> Motion:
 
     def pieces() -> Iterator[Piece]:
         yield Still(warm_up_s)
-        yield from session(rng, SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.05))
+        yield from session(rng, SessionPlan(turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2))
         yield from worn(rng)
 
     return Motion(pieces(), flat(rng))

@@ -85,6 +85,7 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
         noise_std=_packed(batch.noise_std, "<f4"),
         bias_std=_packed(batch.bias_std, "<f4"),
         scale_std=_packed(batch.scale_std, "<f4"),
+        cross_std=_packed(batch.cross_std, "<f4"),
         bias=_packed(batch.bias, "<f4"),
         calibration=clean(batch.calibration, checks.MAX_NAME),
     ).SerializeToString()
@@ -111,6 +112,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
         noise_std=_stds(raw.noise_std, "noise_std"),
         bias_std=_stds(raw.bias_std, "bias_std"),
         scale_std=_stds(raw.scale_std, "scale_std"),
+        cross_std=_stds(raw.cross_std, "cross_std"),
         bias=_floats(raw.bias, "bias", 3, MAX_RATE),
         calibration=checks.text(raw.calibration, "calibration"),
     )

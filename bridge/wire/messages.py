@@ -95,7 +95,7 @@ class SampleBatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedBatch:
-    """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, bias (3,) float32."""
+    """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, cross_std, bias (3,) float32."""
 
     device: str
     boot: int
@@ -112,6 +112,7 @@ class CorrectedBatch:
     scale_std: NDArray[np.float32]
     bias: NDArray[np.float32]
     calibration: str
+    cross_std: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -140,9 +141,11 @@ class CorrectedBatch:
 
     @property
     def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate: noise, bias and scale together."""
-        scaled = self.rate.astype(float) * self.scale_std
-        var = self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2 + scaled**2
+        """(n, 3) standard deviation of each corrected rate: noise, bias, scale and misalignment together."""
+        rate_var = self.rate.astype(float) ** 2
+        across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
+        var = rate_var * self.scale_std.astype(float) ** 2 + across_var * self.cross_std.astype(float) ** 2
+        var += self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2
         return np.asarray(np.sqrt(var), dtype=np.float64)
 
 

@@ -150,7 +150,9 @@ def _likely(k: Floats) -> str:
     mean = float(np.mean(k))
     if abs(mean - 2) < 0.2 or abs(mean - 0.5) < 0.05:
         return "the sample rate is probably off by a factor of two"
-    if np.any(k > 50) or np.any(k < 0.05):
+    if np.all(np.abs(np.log(np.maximum(k, 1e-9) * np.pi / 180)) < 0.4) or np.all(
+        np.abs(np.log(np.maximum(k, 1e-9) * 180 / np.pi)) < 0.4
+    ):
         return "the rates are probably in degrees per second"
     return "check the sensor's sensitivity and sample rate, then start over"
 

@@ -18,6 +18,8 @@ from estimator.stillness import Window
 
 #: turns older than this, or taken at another bias, are not combined with new ones
 STALE_S = 600.0
+#: while a device is calibrated live by movements: fit after every so many of them, to so many of the latest
+LIVE_EVERY, LIVE_MOVEMENTS = 2, 16
 #: seconds of stillness that somebody probably meant for a rest
 PAUSE_S = 0.8
 #: rad/s that no wearable turns at
@@ -120,6 +122,10 @@ class CalibrationSession:
                 progress += self._moved(settled.after)
         return progress
 
+    def done(self) -> tuple[int, ...]:
+        """Axes with a turn that counts."""
+        return tuple(sorted(self.turns))
+
     def missing(self) -> tuple[int, ...]:
         """Axes without a turn so far."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
@@ -132,7 +138,7 @@ class CalibrationSession:
     def unfinished(self) -> Result:
         """The result when nothing more will come: which turns are missing, and the last reason why."""
         if self._by_movements:
-            return self._run(self._capture()) if self.movements else self._without_movements()
+            return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
         if self._largest > ABSURD:
@@ -159,7 +165,11 @@ class CalibrationSession:
 
     def _keep(self, rest: Rest) -> None:
         """Keep a rest that has ended, and those since the first turn that still counts."""
-        since = min((turn.before.start for turn in self.turns.values()), default=rest.start)
+        befores = (
+            *(turn.before for turn in self.turns.values()),
+            *(movement.before for movement in self.movements[:1]),
+        )
+        since = min((before.start for before in befores), default=rest.start)
         self._rests = [r for r in self._rests if r.start >= since] + [rest]
 
     def _ignored(self, no_turn: NoTurn) -> list[Progress]:
@@ -184,21 +194,25 @@ class CalibrationSession:
     def _checked(self, capture: Capture) -> Result:
         """The method's result, unless what it was made from speaks against it."""
         result = self._run(capture)
+        shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
+        if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
+            reason = "in a rest the reading wandered: put the device on something that does not move, and turn it again"
+            return replace(result, verdict=Verdict.REPEAT, reason=reason, repeat=(0, 1, 2))
+        if self._by_movements:
+            return result  # these know of axes by themselves
         movements = [(movement.before, movement.samples) for movement in capture.movements]
         # A wrong gyro need not close: its scale is taken from the turns alone, whichever way round they were.
         fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
             return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
-        shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
-        if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
-            reason = "in a rest the reading wandered: put the device on something that does not move, and turn it again"
-            return replace(result, verdict=Verdict.REPEAT, reason=reason, repeat=(0, 1, 2))
         return result
 
     def _moved(self, rest: Rest) -> list[Progress]:
         if self._whole or len(self._movements) < BY_MOVEMENTS[self.method]:
             return []
-        result = self._run(self._capture())
+        if len(self._movements) % LIVE_EVERY:
+            return []  # a fit takes a while, and others are served by the same thread
+        result = self._checked(self._capture(LIVE_MOVEMENTS))
         enough = result.verdict is Verdict.ACCEPTED and len(result.parameters) > len(PARAMETERS)
         return [Finished(result, rest)] if enough else []
 
@@ -207,9 +221,9 @@ class CalibrationSession:
         reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
         return nothing(self.method, Verdict.REFUSED, reason)
 
-    def _capture(self) -> Capture:
+    def _capture(self, latest: int = 0) -> Capture:
         turns = tuple(self.turns[axis] for axis in sorted(self.turns))
-        movements = self.movements
+        movements = self.movements[-latest:]
         befores = [turn.before for turn in turns] or [movement.before for movement in movements]
         first = min(befores, key=lambda rest: rest.start)
         afters = [turn.after for turn in turns] or [movement.after for movement in movements]

@@ -8,6 +8,8 @@ from estimator.batch.capture import Floats, History, Movement, Rest
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
+#: m/s² that a working accelerometer measures at rest
+LEAST_GRAVITY, MOST_GRAVITY = 7.0, 13.0
 #: samples without which there is no standard deviation worth the name
 _FEWEST = 8
 #: what the means of pieces of white noise vary by, at the most, over what they should
@@ -82,7 +84,9 @@ class Stages:
         if len(still) < _FEWEST:
             return None
         accel = None if still.accel is None else still.accel.mean(axis=0)
-        accel_std = None if still.accel is None else still.accel.std(axis=0, ddof=1)
+        if accel is not None and not LEAST_GRAVITY < np.linalg.norm(accel) < MOST_GRAVITY:
+            accel = None  # dead, saturated or in other units: no witness of what is up
+        accel_std = None if still.accel is None or accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
         start, end = float(still.time[0]), float(still.time[-1])
         mean, step = still.gyro.mean(axis=0), least_step(still.gyro)

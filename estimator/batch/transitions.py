@@ -16,12 +16,14 @@ from estimator import rotation
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, Samples
 from estimator.batch.carry import ACROSS, MATRIX_PARAMETERS, Problem, TransitionKnobs, Transitions, collect, matrix_of
-from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, turn_report, unbelievable
+from estimator.batch.result import PARAMETERS, Result, VerdictKnobs, nothing, turn_report, unbelievable
 from estimator.gyro import AXES, reading_std
 
 #: fewer movements cannot determine nine elements, two equations each
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
+#: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
+CONDITION = 100.0
 MISFIT = 4.0
 
 
@@ -94,14 +96,20 @@ def estimate(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
         found = fit(data.only(kept), knobs)
     std = np.sqrt(np.diag(found.covariance)[6:12])
     unknown = tuple((ACROSS[i], float(std[i])) for i in np.argsort(-std) if std[i] > knobs.element_std)
-    full = len(kept) >= FEWEST and not unknown
+    full = len(kept) >= FEWEST and not unknown and found.condition < CONDITION
     return replace(found, full=full, left_out=len(data.links) - len(kept), unknown=unknown)
 
 
 def by_transitions(capture: Capture) -> Result:
     """The method: bias and the full matrix, or its diagonal, from all movements of a capture."""
     data = collect(capture.movements)
-    return judge_fit(capture, data, estimate(data))
+    try:
+        found = estimate(data)
+    except np.linalg.LinAlgError:
+        return nothing(
+            "transitions", Verdict.REFUSED, "the movements determine nothing: turn it between different poses"
+        )
+    return judge_fit(capture, data, found)
 
 
 def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKnobs | None = None) -> Result:
@@ -146,6 +154,10 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKno
 def _why(found: Fit) -> str:
     if len(found.angles) < FEWEST:
         return f"{len(found.angles)} movements are too few for a full matrix ({FEWEST} at least)"
+    if not found.unknown:
+        return (
+            f"the poses do not show the whole matrix (condition number {found.condition:.0f}, {CONDITION:.0f} at most)"
+        )
     name, std = found.unknown[0]
     others = f" and {len(found.unknown) - 1} more" if len(found.unknown) > 1 else ""
     return f"{name}{others} known to {degrees(std):.1f}° only: rest it on its other sides too, turning a quarter turn between"

@@ -37,9 +37,9 @@ class Subscriber:
         found = {"missed messages": c.missed, "repeated samples": c.repeated, **c.refused}
         return ", ".join(f"{count} {what}" for what, count in found.items() if count)
 
-    def close(self) -> None:
-        """Take what is still on the way, for at most DRAIN_S, and stop."""
-        self._until = time.monotonic() + DRAIN_S
+    def close(self, drain_s: float = DRAIN_S) -> None:
+        """Take what is still on the way, for at most drain_s, and stop."""
+        self._until = time.monotonic() + drain_s
         self._thread.join()
         self._client.close()
 

@@ -44,10 +44,15 @@ def run(console: Console, picture: Path, seed: int) -> bool:
                 device.power_off()
             time.sleep(1.0)
             watcher.poll()
-        finally:
+        except BaseException:
+            ward.close()  # what was started ends first, whatever ends us
             for subscriber in subscribers:
-                subscriber.close()
-            watcher.close()
+                subscriber.close(0.0)
+            console.print(f"Interrupted; the logs are in {folder}", soft_wrap=True)
+            raise
+        for subscriber in subscribers:
+            subscriber.close()
+        watcher.close()
         console.print(table(watcher.statuses, "The ward at the end"))
         console.print()
     right = _summary(console, devices, watcher, subscribers, picture)

@@ -27,7 +27,7 @@ class Record:
         if unsaved is not None:
             return Remembered(unsaved, None)
         try:
-            return self._store.recall(device.name, boot)
+            return self._store.recall(device.name, boot, self._now_ns())
         except StoreError as error:
             self._failed(device.session, error)
             return None

@@ -23,6 +23,8 @@ from estimator.session import Outcome, Remembered, SessionKnobs
 log = logging.getLogger(__name__)
 
 STATUS_S = 1.0
+#: a round that takes longer is held against nobody
+SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
 
@@ -77,6 +79,7 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came."""
         messages = self._raw.drain(512, timeout_s)
+        began = time.monotonic()
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)
             if info is not None:
@@ -87,6 +90,9 @@ class Service:
                 self._on_samples(batch)
         self._commands.work(self._do)
         now = time.monotonic()
+        if now - began > SLOW_S:
+            for device in self._devices.values():
+                device.heard += now - began  # what came meanwhile still waits: our own slowness is nobody's silence
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)

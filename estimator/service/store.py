@@ -176,10 +176,13 @@ class Store:
         rows = self._read(query, (request_id, device, verb))
         return (bool(rows[0][0]), str(rows[0][1])) if rows else None
 
-    def recall(self, device: str, boot: int) -> Remembered | None:
-        """The calibration of this very boot, with the bias since."""
+    def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
+        """The calibration of this very boot, with the bias since, and its age at now_ns."""
         calibration = self._calibration("device = ? AND boot = ?", (device, keys.boot_id(boot)))
-        return None if calibration is None else Remembered(calibration, self._bias(device, boot))
+        if calibration is None:
+            return None
+        bias, kept_ns = self._bias(device, boot)
+        return Remembered(calibration, bias, (now_ns - kept_ns) / 1e9 if bias is not None else 0.0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range and rate."""
@@ -206,25 +209,19 @@ class Store:
             log.error("store %s: calibration %s is damaged (%s) and is not used", self.path, name, error)
             return None
 
-    def _bias(self, device: str, boot: int) -> BiasState | None:
-        query = "SELECT state, digest FROM bias WHERE device = ? AND boot = ?"
+    def _bias(self, device: str, boot: int) -> tuple[BiasState | None, int]:
+        query = "SELECT state, digest, time_ns FROM bias WHERE device = ? AND boot = ?"
         rows = self._read(query, (device, keys.boot_id(boot)))
         if not rows:
-            return None
+            return None, 0
         row = rows[0]
         if row[1] != _digest(row[0].encode()):
             log.error("store %s: the bias of %s is damaged and is not used", self.path, device)
-            return None
+            return None, 0
         x, P, time, temperature, reference, farthest_k = json.loads(row[0])
         nan = float("nan")
-        return BiasState(
-            np.array(x),
-            np.array(P),
-            time,
-            nan if temperature is None else temperature,
-            nan if reference is None else reference,
-            farthest_k,
-        )
+        now_c, reference_c = (nan if celsius is None else celsius for celsius in (temperature, reference))
+        return BiasState(np.array(x), np.array(P), time, now_c, reference_c, farthest_k), int(row[2])
 
     def _read(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
         try:

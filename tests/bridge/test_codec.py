@@ -77,7 +77,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
         "d1", data.draw(U64), data.draw(TIME), data.draw(TIME), data.draw(st.floats(1e-9, 1)),
         data.draw(st.floats(1e-4, 1e4)), when, column(data, 2000, n, 3), flags(data, n),
         data.draw(st.sampled_from(Quality)), abs(column(data, 9, 3)),
-        abs(column(data, 9, 3)), abs(column(data, 9, 3)), column(data, 1000, 3), data.draw(TEXT),
+        abs(column(data, 9, 3)), abs(column(data, 9, 3)), column(data, 1000, 3), data.draw(TEXT), abs(column(data, 9, 3)),
     )  # fmt: skip
 
 
@@ -196,6 +196,7 @@ SURE = DeviceInfo(
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),
     Quality.GOOD, np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), "c1",
+    np.ones(3, np.float32),
 )  # fmt: skip
 DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "samples": (lambda payload: codec.decode_samples(RAW, payload), codec.encode_samples(plain())),

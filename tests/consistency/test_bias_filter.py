@@ -7,7 +7,8 @@ from scipy.stats import chi2
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
-from estimator.session import DeviceSession
+from estimator.gyro import PriorKnobs
+from estimator.session import DeviceSession, SessionKnobs
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState
 from estimator.track.zaru import Zaru, ZaruKnobs
@@ -101,15 +102,22 @@ def test_coarse_gyros_are_not_believed_beyond_their_step() -> None:
     assert np.abs(scores).max() < 4
 
 
-def test_published_deviations_of_corrected_rates_are_honest() -> None:
-    """Calibrated, then worn: (corrected - true) / published, over all samples of twelve devices."""
+@pytest.mark.parametrize("misalignment_deg", [0.0, 1.0])
+def test_published_deviations_of_corrected_rates_are_honest(misalignment_deg: float) -> None:
+    """Calibrated, then worn: (corrected - true) / published, over all samples of twelve devices.
+
+    Elements of the misalignment are uniform within ±1°: 0.01 rms, as a part is believed to be made.
+    """
+    knobs = SessionKnobs(prior=PriorKnobs(misalignment_std=np.radians(misalignment_deg) / np.sqrt(3)))
     scores, resting = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         wear = [p for _ in range(4) for p in (swing(rng, 4.0, np.radians(100.0)), Still(3.0))]
-        spec = ImuSpec(rrw_dps_per_sqrt_s=0.002, bias_dps_per_kelvin=0.03, warm_up_s=60.0)
+        spec = ImuSpec(
+            rrw_dps_per_sqrt_s=0.002, bias_dps_per_kelvin=0.03, warm_up_s=60.0, misalignment_deg=misalignment_deg
+        )
         of = calibration(seed=seed, spec=spec, after=wear)
-        corrected = [b for b in feed(DeviceSession(NAME), of.batches()).corrected if b.quality.name == "GOOD"]
+        corrected = [b for b in feed(DeviceSession(NAME, knobs), of.batches()).corrected if b.quality.name == "GOOD"]
         for b in corrected:
             true = of.rate[b.sequence : b.sequence + len(b)]
             score = (b.rate - true) / b.rate_std

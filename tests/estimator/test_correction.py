@@ -106,10 +106,22 @@ def test_published_deviations_add_up() -> None:
     )
     noise_bias = np.hypot([0.0009, 0.001, 0.0011], [0.9e-4, 1e-4, 1.1e-4])
     np.testing.assert_allclose(corrected.rate_std[1], noise_bias, rtol=1e-5)
-    np.testing.assert_allclose(corrected.rate_std[0], np.hypot(noise_bias, [1e-3 / 0.9, 4e-3, 0.0]), rtol=1e-5)
+    np.testing.assert_allclose(
+        corrected.rate_std[0],
+        np.sqrt(
+            noise_bias**2
+            + [
+                scale**2 + across**2
+                for scale, across in zip(
+                    [1e-3 / 0.9, 4e-3, 0.0], 0.01 * np.array([2.0, 1.0, np.sqrt(5.0)]), strict=True
+                )
+            ]
+        ),
+        rtol=1e-5,
+    )
 
 
-@pytest.mark.parametrize("field", ["bias", "matrix", "scale_std", "noise_std"])
+@pytest.mark.parametrize("field", ["bias", "matrix", "scale_std", "cross_std", "noise_std"])
 def test_same_sees_every_difference(field: str) -> None:
     one = choose(CALIBRATION, None, BIAS, None, KNOBS)
     assert one.same(choose(CALIBRATION, None, BIAS, None, KNOBS))

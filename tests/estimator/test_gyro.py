@@ -6,7 +6,7 @@ from estimator.gyro import COARSE_STEP, GyroModel, PriorKnobs, least_step, mean_
 
 def test_corrected_is_matrix_times_reading_less_bias() -> None:
     matrix = np.array([[1.1, 0.02, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 1.0]])
-    model = GyroModel(matrix, np.array([0.1, -0.2, 0.0]), np.zeros(3), np.zeros(3))
+    model = GyroModel(matrix, np.array([0.1, -0.2, 0.0]), *np.zeros((3, 3)))
     np.testing.assert_allclose(model.correct(np.array([[1.1, 0.8, 0.5]])), [[1.1 * 1.0 + 0.02 * 1.0, 0.9, 0.5]])
     np.testing.assert_allclose(
         model.corrected_std(np.array([0.03, 0.04, 0.05])), [np.hypot(0.033, 0.0008), 0.036, 0.05]

@@ -1,11 +1,15 @@
 """A device that is silent for a while, then heard again in another pose: nothing breaks, and it can be calibrated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.recording import Recording
 from bridge.sim.session import simulate_session
-from bridge.wire.messages import SampleBatch, Verdict
+from bridge.wire.messages import Quality, SampleBatch, State, Verdict
+from estimator import offline
 from estimator.session import DeviceSession
 
 
@@ -43,3 +47,48 @@ def raw(gyro: NDArray[np.float64], ticks: NDArray[np.int64], sequence: int) -> S
         temperature_c=None,
         flags=np.zeros(n, np.uint32),
     )
+
+
+@pytest.mark.parametrize("hours", [0.5, 10.0])
+def test_a_clock_that_wrapped_while_the_bridge_was_away_makes_nobody_sure(hours: float) -> None:
+    session = simulate_session(5)
+    device = DeviceSession("chest")
+    device.begin_boot(1, 0.0, None)
+    n = len(session.ticks)
+    for i in range(0, n, 5):
+        device.handle(raw(session.gyro[i : i + 5], session.ticks[i : i + 5], i))
+    before = device.status(0)
+    assert before.quality is Quality.GOOD
+    late = replace(raw(session.gyro[:5], session.ticks[:5], n), receive_time_ns=int(hours * 3600e9))
+    device.handle(late)
+    for i in range(5, 300, 5):
+        again = raw(session.gyro[i : i + 5] + 0.5, session.ticks[i : i + 5], n + i)
+        device.handle(replace(again, receive_time_ns=late.receive_time_ns + i))
+    after = device.status(0)
+    assert min(after.bias_std) > np.radians(2e-3) * np.sqrt(hours * 3600) * 0.9
+    assert after.evidence_age_s > hours * 3600 * 0.9
+    if hours > 1:
+        assert after.quality is Quality.DEGRADED
+
+
+def test_a_turn_that_no_longer_counts_is_asked_for_again() -> None:
+    session = simulate_session(5, rests_s=(3.2, 640.0, 3.2, 3.2))
+    device = DeviceSession("chest")
+    device.begin_boot(1, 0.0, None)
+    for i in range(0, len(session.ticks), 50):
+        device.handle(raw(session.gyro[i : i + 50], session.ticks[i : i + 50], i))
+    status = device.status(0)
+    assert status.state is State.TURNING
+    assert len(status.axes_done) == 2
+    assert "still needed" in status.reason
+
+
+def test_a_dead_accelerometer_is_no_witness() -> None:
+    session = simulate_session(5)
+    for accel in (np.zeros_like(session.accel), session.accel / 9.81):
+        recording = Recording(session.time_s, session.gyro, accel, None, session.rate_hz, "dead")
+        for method in ("closure", "turn360"):
+            result, _ = offline.calibrate(recording, method)
+            assert result.verdict is Verdict.ACCEPTED, result.reason
+        for method in ("transitions", "accel_aided"):
+            assert offline.calibrate(recording, method)[0].verdict is Verdict.REFUSED

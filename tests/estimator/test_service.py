@@ -106,7 +106,7 @@ def test_it_calibrates_stores_and_publishes(ward: Ward, once: Stream) -> None:
     assert published.id == stored.id == batches[-1].calibration
     np.testing.assert_allclose(np.diag(stored.matrix), once.truth.k, atol=2e-4)
     assert (stored.model, stored.firmware, stored.verdict) == ("m", "1.0", Verdict.ACCEPTED)
-    remembered = ward.store.recall(NAME, 1)
+    remembered = ward.store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is not None
     status = ward.latest()
@@ -271,5 +271,5 @@ def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> 
     while time.monotonic() < deadline and alive.get(key, True):
         time.sleep(0.01)
     assert alive == {key: False}
-    assert ward.store.recall(NAME, 1) is not None
+    assert ward.store.recall(NAME, 1, 0) is not None
     watcher.close()

@@ -46,7 +46,7 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     first.save_bias(NAME, 1, 5, BIAS, history=True)
     first.close()
     again = Store(tmp_path / "a.sqlite3")
-    remembered = again.recall(NAME, 1)
+    remembered = again.recall(NAME, 1, 0)
     again.close()
     assert remembered is not None
     assert same(remembered.calibration, GOOD)
@@ -60,7 +60,7 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
 def test_an_unknown_temperature_stays_unknown(store: Store) -> None:
     store.add_calibration(GOOD)
     store.save_bias(NAME, 1, 5, BiasState(BIAS.x, BIAS.P, 1.0), history=True)
-    remembered = store.recall(NAME, 1)
+    remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is not None
     assert np.isnan(remembered.bias.temperature_c)
@@ -69,8 +69,8 @@ def test_an_unknown_temperature_stays_unknown(store: Store) -> None:
 
 def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:
     store.add_calibration(GOOD)
-    assert store.recall(NAME, 2) is None
-    assert store.recall("other", 1) is None
+    assert store.recall(NAME, 2, 0) is None
+    assert store.recall("other", 1, 0) is None
 
 
 @pytest.mark.parametrize("verdict", [Verdict.REPEAT, Verdict.REFUSED, Verdict.UNKNOWN])
@@ -87,7 +87,7 @@ def test_it_is_append_only(store: Store) -> None:
     found = store.calibrations(NAME)
     assert [c.id for c in found] == ["c1", "c2"]
     assert same(found[0], GOOD)
-    latest = store.recall(NAME, 1)
+    latest = store.recall(NAME, 1, 0)
     assert latest is not None
     assert latest.calibration.id == "c2"
 
@@ -98,7 +98,7 @@ def test_bias_history_grows_and_the_latest_bias_is_one(store: Store) -> None:
         store.save_bias(NAME, 1, second, replace(BIAS, time=float(second)), history=second % 2 == 0)
     assert sql(store, "SELECT count(*) FROM bias_history") == [(3,)]
     assert sql(store, "SELECT count(*) FROM bias") == [(1,)]
-    remembered = store.recall(NAME, 1)
+    remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is not None
     assert remembered.bias.time == 4.0
@@ -130,7 +130,7 @@ def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
     store.add_calibration(GOOD)
     store.add_calibration(replace(GOOD, id="c2", time_ns=2))
     sql(store, f"UPDATE calibrations SET {damage} WHERE id = 'c2'")
-    remembered = store.recall(NAME, 1)
+    remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.calibration.id == "c1"
     assert "c2 is damaged" in caplog.text
@@ -140,7 +140,7 @@ def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
 def test_a_payload_of_another_device_is_refused(store: Store, caplog: pytest.LogCaptureFixture) -> None:
     store.add_calibration(GOOD)
     sql(store, "UPDATE calibrations SET device = 'other'")
-    assert store.recall("other", 1) is None
+    assert store.recall("other", 1, 0) is None
     assert "damaged" in caplog.text
 
 
@@ -149,7 +149,7 @@ def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.Lo
     store.add_calibration(GOOD)
     store.save_bias(NAME, 1, 5, BIAS, history=False)
     sql(store, f"UPDATE bias SET {damage}")
-    remembered = store.recall(NAME, 1)
+    remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is None
     assert "damaged" in caplog.text
@@ -160,7 +160,7 @@ def test_a_file_that_goes_bad_under_it_is_a_store_error(store: Store) -> None:
     for table in ("bias", "calibrations"):
         sql(store, f"DROP TABLE {table}")
         with pytest.raises(StoreError, match="backup"):
-            store.recall(NAME, 1)
+            store.recall(NAME, 1, 0)
         with pytest.raises(StoreError, match="disk"):
             store.save_bias(NAME, 1, 5, BIAS, history=False)
     with pytest.raises(StoreError, match="backup"):
@@ -247,7 +247,7 @@ def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
     boot = 2**64 - 1
     store.add_calibration(replace(GOOD, boot=boot))
     store.save_bias(NAME, boot, 5, BIAS, history=False)
-    remembered = store.recall(NAME, boot)
+    remembered = store.recall(NAME, boot, 0)
     assert remembered is not None
     assert remembered.calibration.boot == boot
     assert remembered.bias is not None

@@ -227,7 +227,7 @@ def test_a_calibration_made_while_the_disk_is_full_is_saved_later(
     ward.latest()
     (saved,) = ward.store.calibrations(NAME)
     assert saved.id == ward.latest().calibration
-    assert ward.store.recall(NAME, 1) is not None
+    assert ward.store.recall(NAME, 1, 0) is not None
 
 
 def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(

@@ -141,7 +141,7 @@ def test_device_time_runs_as_fast_as_asked(link: Path) -> None:
     with PtyPort(demo_device("a", 1), link, speed=20) as port, Reader(link) as reader:
         begin, lived = time.monotonic(), port.device_time_s
         reader.until(lambda: time.monotonic() > begin + 1)
-        assert port.device_time_s - lived == pytest.approx(20 * (time.monotonic() - begin), rel=0.2)
+        assert port.device_time_s - lived == pytest.approx(20 * (time.monotonic() - begin), rel=0.5)
 
 
 def test_a_bad_cable_costs_frames_only(link: Path) -> None:
