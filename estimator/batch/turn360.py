@@ -3,13 +3,13 @@
 Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope autocalibration
 with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
-The paper's letters, and its equations by their numbers:
+The paper's letters, and its equations; their numbers as another implementation of the paper gives them:
 
     m       reading of the gyro (rad/s)                       T       duration of a turn
     K       diag(k), scale factors                            C_t     attitude at sample t, from the turn's start
     b       -mean(m at rest); our bias is -b
 
-    (1)     g = K (m + b)                                     the calibrated rate
+            g = K (m + b)                                     the calibrated rate
     (2)     b = -mean(m) at rest, so that g = 0
     (4)     C_t = C_(t-1) R(g_t dt), C_0 = I                  R by Rodrigues' formula
     (8-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)

@@ -151,13 +151,13 @@ BAD: dict[str, Callable[[int], Trial]] = {
 
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
-    """Accepted, although nothing can be right, or with a scale off by more than 1 % and four of its own deviations."""
+    """Accepted, although nothing can be right, or with a scale off by more than 0.2 % and five of its own deviations."""
     if result.verdict is not Verdict.ACCEPTED:
         return False
     if k is None:
         return True
     error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
-    return bool(np.any((error > 0.01) & (error > 4 * std)))
+    return bool(np.any((error > 0.002) & (error > 5 * std)))
 
 
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool]:

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.recording import Recording
+from bridge.sim.script import TurnPlan
 from bridge.sim.session import simulate_session
 from bridge.wire.messages import Quality, SampleBatch, State, Verdict
 from estimator import offline
@@ -92,3 +93,23 @@ def test_a_dead_accelerometer_is_no_witness() -> None:
             assert result.verdict is Verdict.ACCEPTED, result.reason
         for method in ("transitions", "accel_aided"):
             assert offline.calibrate(recording, method)[0].verdict is Verdict.REFUSED
+
+
+def test_one_axis_is_repeated_without_starting_over() -> None:
+    session = simulate_session(5, turns=(TurnPlan(0), TurnPlan(1), TurnPlan(2), TurnPlan(0)))
+    gyro = session.gyro.copy()
+    middle = int(session.stages[1].mean())
+    gyro[middle - 10 : middle + 10, 1] += np.radians(8.0) * session.rate_hz / 20 / session.truth.k[1]
+    device = DeviceSession("chest")
+    device.begin_boot(1, 0.0, None)
+    heard = []
+    for i in range(0, len(session.ticks), 5):
+        outcome = device.handle(raw(gyro[i : i + 5], session.ticks[i : i + 5], i))
+        if outcome.calibration is not None:
+            heard.append((outcome.calibration, device.status(0)))
+    (first, then), (second, _) = heard
+    assert first.verdict is Verdict.REPEAT
+    assert "Repeat axis x" in first.reason
+    assert (then.state, then.axes_done) == (State.TURNING, (1, 2))
+    assert second.verdict is Verdict.ACCEPTED
+    assert np.diag(second.matrix) == pytest.approx(session.truth.k, abs=1e-3)

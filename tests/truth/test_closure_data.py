@@ -85,4 +85,6 @@ def test_imucals_session_closes(shared_data: Path) -> None:
         errors = [degrees(turn.closure_error) for turn in result.turns]
         assert np.all(np.array(errors) <= [0.06, 0.03, 0.012]), errors
         np.testing.assert_allclose(result.scale, [0.9728, 1.0179, 1.0018], atol=5e-4)
+        # imucal's Ferraris calibration of the session, inverted: it too takes each turn for 360 degrees.
+        np.testing.assert_allclose(result.scale, [0.97283, 1.01789, 1.00169], atol=5e-4)
         assert np.all(result.scale_std < 1.2e-3)
