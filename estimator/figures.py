@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from estimator.demo.judge import Judgement
@@ -143,3 +145,81 @@ def boxes(panels: Sequence[Boxes], title: str, path: Path) -> None:
     handles, labels = rooms[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.savefig(path)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dots:
+    """One panel: a row a scenario, for each method the value in it (NaN for none), and the goal of each row."""
+
+    title: str
+    rows: Sequence[str]
+    values: dict[str, list[float]]
+    goals: Sequence[float]
+    log: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasDay:
+    """One axis of a bias over a day at hours (n,): truth and tracks (n,) °/s, and what was done, by number, with its names."""
+
+    hours: Floats
+    truth_dps: Floats
+    tracks_dps: dict[str, Floats]
+    activity: NDArray[np.int8]
+    names: Sequence[str]
+
+
+def tracking(panels: Sequence[Dots], day: BiasDay, methods: Sequence[str], path: Path) -> None:
+    """Trackers side by side in four panels, the first the tallest; below, a day with its activities."""
+    figure = Figure(figsize=(13, 12), dpi=130)
+    rooms = figure.subplot_mosaic(
+        [["0", "1"], ["0", "2"], ["0", "3"], ["day", "day"], ["strip", "strip"]], height_ratios=[2, 7, 2, 9, 0.6]
+    )
+    colours = dict(zip(methods, _COLOURS, strict=False))
+    for name, panel in zip("0123", panels, strict=True):
+        _dots(rooms[name], panel, colours)
+    _tracks(rooms["day"], day, colours)
+    _strip(rooms["strip"], rooms["day"], day)
+    handles, labels = rooms["0"].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.savefig(path)
+
+
+def _dots(axes: Any, panel: Dots, colours: dict[str, str]) -> None:
+    if not panel.rows:
+        axes.set_axis_off()
+        return
+    height = -np.arange(len(panel.rows))
+    for number, (method, values) in enumerate(panel.values.items()):
+        apart = 0.5 * (0.5 - number / max(1, len(panel.values) - 1))
+        if not np.all(np.isnan(values)):
+            axes.plot(values, height + apart, "o", color=colours[method], markersize=7, label=method)
+    axes.plot(panel.goals, height, "|", color="black", markersize=22, markeredgewidth=2, label="goal")
+    for edge in height[:-1] - 0.5:
+        axes.axhline(edge, color="black", alpha=0.12, linewidth=0.8)
+    axes.set(title=panel.title, xscale="log" if panel.log else "linear", ylim=(height[-1] - 0.5, 0.5))
+    axes.set_yticks(height, panel.rows)
+    axes.grid(visible=False, axis="y")
+
+
+def _tracks(axes: Any, day: BiasDay, colours: dict[str, str]) -> None:
+    for method, track in day.tracks_dps.items():
+        axes.plot(day.hours, track, color=colours[method], linewidth=0.9, alpha=0.8)
+    axes.plot(day.hours, day.truth_dps, color="black", linewidth=2)
+    low, high = day.truth_dps.min(), day.truth_dps.max()
+    around = 0.6 * (high - low)
+    axes.set(title="One axis of a calibrated gyro over a simulated day on a ward; black: truth", ylabel="bias, °/s")
+    axes.set(xlim=(0, day.hours[-1]), ylim=(low - around, high + around))
+    axes.tick_params(labelbottom=False)
+
+
+def _strip(axes: Any, above: Any, day: BiasDay) -> None:
+    shades = [mpl.colormaps["Set3"](number) for number in range(len(day.names))]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(day.activity)) + 1, [len(day.activity) - 1]])
+    for begin, end in pairwise(edges):
+        axes.axvspan(day.hours[begin], day.hours[end], color=shades[day.activity[begin]], linewidth=0)
+    done = sorted(set(day.activity.tolist()))
+    handles = [Patch(color=shades[number], label=day.names[number]) for number in done]
+    axes.sharex(above)
+    axes.set(xlabel="hours", yticks=[])
+    axes.legend(handles=handles, ncols=len(done), fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -1.8))

@@ -21,7 +21,7 @@ class Wearer:
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
         #: how far breathing turns the sensor depends on where it is worn and on how one lies
-        self._breath_deg = float(np.exp(rng.uniform(np.log(0.2), np.log(1.2))))
+        self._breath_deg = float(np.exp(rng.uniform(np.log(0.2), np.log(1.0))))
         self._stride_hz = float(rng.uniform(0.75, 1.1))
         self._swing_dps = float(rng.uniform(70, 160))
         self._blocks: dict[str, Callable[[], Iterator[Stretch]]] = {
@@ -54,7 +54,7 @@ class Wearer:
 
     def quiet(self, activity: Activity, duration_s: float, *, breath: float, restless_deg: float = 0.0) -> Stretch:
         """Still but for breath (1: as deep as when awake) and, restless_deg wide, an unsteady hand."""
-        sway = [self._breathing(breath * self._rng.uniform(0.6, 1.6))]
+        sway = [self._breathing(breath * self._rng.uniform(0.6, 1.4))]
         if restless_deg:
             f = self._rng.uniform(0.1, 0.7, 4)
             size = np.radians(restless_deg) * self._rng.normal(size=(4, 3)) / 2

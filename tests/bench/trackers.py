@@ -4,7 +4,6 @@ A tracker takes gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature (n,) 
 bias (n, 3) rad/s it believes at each sample: the reading at zero rate. prior: what a calibration knew.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -129,9 +128,7 @@ TRACKERS: dict[str, Tracker] = {
     "VQF": vqf_real_time,
     "VQF offline": vqf_offline,
     "imufusion": fusion,
-    "first still window": first_still,
+    "first still": first_still,
     "truerate": ours,
     "truerate smoothed": ours_smoothed,
 }
-
-Progress = Callable[[str], None]
