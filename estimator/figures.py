@@ -180,8 +180,10 @@ def tracking(panels: Sequence[Dots], day: BiasDay, methods: Sequence[str], path:
         _dots(rooms[name], panel, colours)
     _tracks(rooms["day"], day, colours)
     _strip(rooms["strip"], rooms["day"], day)
-    handles, labels = rooms["0"].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    named = {
+        label: handle for name in "0123" for handle, label in zip(*rooms[name].get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(named.values(), named.keys(), loc="outside upper center", ncols=len(named))
     figure.savefig(path)
 
 

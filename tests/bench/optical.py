@@ -11,7 +11,6 @@ from tests.bench.broad import Trial
 from tests.bench.trackers import Floats
 
 _INTERVAL_S = 1.0
-_LEAST_TURNED = np.radians(20)
 _ROUNDS = 4
 #: intervals whose residual is this many times the median are not believed: markers seen wrongly
 _OUTLIER = 5.0
@@ -23,7 +22,7 @@ def matrix_of(trials: list[Trial]) -> Floats:
     The bias is that of the rests. Gauss-Newton on the rotation vector between the optical rotation and the integrated one.
     """
     steps, seen = (np.concatenate(both) for both in zip(*(_intervals(trial) for trial in trials), strict=True))
-    matrix, kept = np.eye(3), np.ones(len(steps), bool)
+    matrix = np.eye(3)
     for _ in range(_ROUNDS):
         carried = rotation.chained(steps @ matrix.T)
         missed = rotation.log(np.swapaxes(carried[:, -1], -1, -2) @ seen)
@@ -46,7 +45,7 @@ def _intervals(trial: Trial) -> tuple[Floats, Floats]:
     ]
     at = np.array(begins)[:, None] + np.arange(1, n + 1)
     steps = (trial.gyro - trial.bias)[at] / trial.rate_hz
-    first, last = (_rotation(trial.attitude[at[:, 0] - 1 if end == 0 else at[:, -1]]) for end in (0, 1))
+    first, last = (_rotation(trial.attitude[end]) for end in (at[:, 0] - 1, at[:, -1]))
     return steps, np.asarray((first.inv() * last).as_matrix())
 
 

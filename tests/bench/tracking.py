@@ -31,7 +31,7 @@ Results = dict[str, dict[str, dict[str, float]]]
 
 def measure(cases: Iterable[Case], n: int, progress: Progress, what: str, results: Results) -> None:
     """Run every method on each of n cases."""
-    task = progress.add_task(what, total=n * len(TRACKERS))
+    task = progress.add_task(what, total=n * len(TRACKERS), visible=n > 0)
     for case in cases:
         for row, worth in case.judge(Track(case.bias)).items():
             if row in SHOWN_FOR_TRUTH:
