@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
-from estimator.track.bias_filter import BiasState
 
 Floats = NDArray[np.float64]
 
@@ -60,36 +59,40 @@ class Correction:
         )
 
 
-def choose(
-    calibration: Calibration | None,
-    earlier: Calibration | None,
-    bias: BiasState | None,
-    noise_std: Floats | None,
-    knobs: PriorKnobs,
-) -> Correction:
-    """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet; with the tracked bias.
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What is known of a gyro before its bias is tracked: the model, bias_std (3,) rad/s of its bias, and how good that is."""
 
-    noise_std (3,) is what the present rest shows, or None.
-    """
+    model: GyroModel
+    bias_std: Floats
+    quality: Quality
+    calibration: str = ""
+
+
+def believed(calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs) -> Belief:
+    """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet."""
     used = calibration or earlier
-    model, bias_std, quality = uncalibrated(knobs), np.full(3, knobs.bias_std), Quality.NONE
-    if used is not None:
-        scale = np.diag(used.matrix)
-        scale_var = np.diag(used.covariance)[3:6] / scale**2
-        if calibration is None:
-            scale_var = scale_var + knobs.scale_repeatability**2
-        cross_std = _cross_std(used, knobs)
-        model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), cross_std, used.noise_std)
-        bias_std = np.full(3, knobs.bias_repeatability)
-        quality = Quality.PRIOR
-    if bias is not None:
-        model, bias_std = replace(model, bias=bias.x), bias.std
-        quality = Quality.BIAS_ONLY
-    if calibration is not None:
-        quality = Quality.GOOD
+    if used is None:
+        return Belief(uncalibrated(knobs), np.full(3, knobs.bias_std), Quality.NONE)
+    scale = np.diag(used.matrix)
+    scale_var = np.diag(used.covariance)[3:6] / scale**2
+    if calibration is None:
+        scale_var = scale_var + knobs.scale_repeatability**2
+    model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), _cross_std(used, knobs), used.noise_std)
+    bias_std = np.full(3, knobs.bias_repeatability)
+    return Belief(model, bias_std, Quality.PRIOR if calibration is None else Quality.GOOD, used.id)
+
+
+def choose(belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool) -> Correction:
+    """What is believed of a gyro, with the tracked bias (3,) and its bias_std (3,), rad/s.
+
+    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known.
+    """
+    quality = belief.quality if belief.quality is Quality.GOOD or not sure else Quality.BIAS_ONLY
+    model = replace(belief.model, bias=bias)
     if noise_std is not None:
         model = replace(model, noise_std=noise_std)
-    return Correction(model, bias_std, quality, used.id if used is not None else "")
+    return Correction(model, bias_std, quality, belief.calibration)
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:

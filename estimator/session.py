@@ -23,12 +23,12 @@ from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.correction import Correction, choose
+from estimator.correction import Belief, Correction, believed, choose
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BiasState
+from estimator.track.bias_filter import BIAS, BiasState, start
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
@@ -106,7 +106,8 @@ class DeviceSession:
     def _begin(self, device_time: float) -> None:
         self.calibration, self.prior = None, None
         self._stillness = Stillness(self.knobs.stillness)
-        self.tracker = Tracker(self.knobs.track, device_time)
+        self._belief = believed(None, None, self.knobs.prior)
+        self.tracker = self._track_from(self._belief, device_time)
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
         self._fed = 0
         self._now = self._began = device_time
@@ -118,13 +119,16 @@ class DeviceSession:
 
     def _restore(self, remembered: Remembered) -> None:
         self.calibration = remembered.calibration
-        start = remembered.bias
-        passed = 0.0 if start is None else self._now - start.time
-        if start is None or passed < -CACHE_S or remembered.age_s - passed > CACHE_S:
+        self._belief = believed(self.calibration, None, self.knobs.prior)
+        kept = remembered.bias
+        passed = 0.0 if kept is None else self._now - kept.time
+        if kept is None or passed < -CACHE_S or remembered.age_s - passed > CACHE_S:
             # How long ago the bias was so is not known: degraded until a rest confirms it.
-            start = _bias_of(remembered.calibration, self._now) if start is None else replace(start, time=self._now)
-            start = replace(start, P=start.P + self.knobs.track.bias_std**2 * np.eye(3))
-        self.tracker.restored(start, self._now)
+            kept = self._bias_of(remembered.calibration) if kept is None else replace(kept, time=self._now)
+            wider = kept.P.copy()
+            wider[BIAS, BIAS] += self.knobs.track.bias_std**2 * np.eye(3)
+            kept = replace(kept, P=wider)
+        self.tracker.restored(self._belief.model, kept, self._now)
         self._capture = None
         self.life.on(Event.RESTORED)
         self.reason = "calibrated; the calibration of this boot goes on"
@@ -134,6 +138,9 @@ class DeviceSession:
         """Use the scale factors of an earlier boot until this one is calibrated."""
         if self.calibration is None:
             self.prior = calibration
+            self._belief = believed(None, calibration, self.knobs.prior)
+            if not self.tracker.sure:
+                self.tracker = self._track_from(self._belief, self._now)
             self._applied = self._correction()
 
     # ---- samples --------------------------------------------------------------------------------------------------
@@ -168,6 +175,7 @@ class DeviceSession:
             self._first_time = float(time[0])
         if self._capture is not None:
             self._capture.add(Samples(time, gyro, accel, clipped))
+        self.tracker.add(time, gyro, accel, clipped)
         base, start = self._fed, 0
         for window in self._stillness.feed(time, gyro, accel):
             before = self._applied
@@ -199,13 +207,13 @@ class DeviceSession:
         if self.life.state is State.WARMING:
             if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+            self.tracker.skip(window)
             return
-        receipt = self.tracker.window(window)
-        if receipt is not None and receipt.accepted:
-            if self.tracker.trust():
+        for receipt in self.tracker.window(window, self._stillness.noise_std):
+            if not receipt.accepted:
+                self.sequence.events.add(f"{receipt.kind}: {receipt.reason}")
+            elif self.tracker.trust():
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
-        elif receipt is not None:
-            self.sequence.events.add(f"{receipt.kind} {receipt.reason}")
         if (reason := self.tracker.doubt(self._now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
         if self._capture is not None:
@@ -214,8 +222,7 @@ class DeviceSession:
 
     def _progress(self, progress: Progress, outcome: Outcome) -> None:
         match progress:
-            case RestFound(rest):
-                self.tracker.first_rest(_bias_in(rest))
+            case RestFound():
                 self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
             case TurnFound(turn):
                 before, self._done_axes = self._done_axes, self._capture.done() if self._capture is not None else ()
@@ -238,7 +245,8 @@ class DeviceSession:
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
         self.calibration, self.prior, self._capture = outcome.calibration, None, None
-        self.tracker.calibrated(result.bias, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
+        self._belief = believed(self.calibration, None, self.knobs.prior)
+        self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
 
     def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
@@ -296,7 +304,7 @@ class DeviceSession:
         """All of it, for the bus."""
         applied = self._applied
         done = self._done_axes if self._capture is not None else ()
-        share = (0.1 * (self.tracker.state is not None) + 0.3 * len(done)) if self._capture is not None else 1.0
+        share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._capture is not None else 1.0
         return Status(
             device=self.device,
             boot=self.boot or 0,
@@ -334,7 +342,8 @@ class DeviceSession:
 
     def _correction(self) -> Correction:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
-        best = choose(self.calibration, self.prior, self.tracker.state, noise_std, self.knobs.prior)
+        track = self.tracker
+        best = choose(self._belief, track.bias, track.std, noise_std, sure=track.sure)
         lost = self.life.state is State.LOST
         doubtful = lost or self.tracker.doubted or bool(np.any(best.bias_std >= self.knobs.track.bias_std))
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
@@ -366,6 +375,13 @@ class DeviceSession:
             who=self._who,
         )
 
+    def _track_from(self, belief: Belief, now: float) -> Tracker:
+        return Tracker(self.knobs.track, now, belief.model, belief.bias_std)
+
+    def _bias_of(self, calibration: Calibration) -> BiasState:
+        bias, cov = calibration.bias, calibration.covariance[:3, :3]
+        return start(bias, cov, self._now, self.knobs.track.bias, temperature_c=calibration.temperature_c)
+
     def _missing(self) -> str:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)
 
@@ -373,10 +389,6 @@ class DeviceSession:
         if self._first_time is None or self._now <= self._first_time:
             return 0.0
         return (self.sequence.seen - 1) / (self._now - self._first_time)
-
-
-def _bias_of(calibration: Calibration, time: float) -> BiasState:
-    return BiasState(calibration.bias, calibration.covariance[:3, :3], time, calibration.temperature_c)
 
 
 def _bias_in(rest: Rest) -> RestBias:

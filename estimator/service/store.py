@@ -137,21 +137,20 @@ class Store:
 
     def save_bias(self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
-        text = json.dumps(
-            [
-                state.x.tolist(),
-                state.P.tolist(),
-                state.time,
-                _or_none(state.temperature_c),
-                _or_none(state.reference_c),
-                state.farthest_k,
-            ]
-        )
+        powered = _or_none(state.powered)
+        text = json.dumps([state.x.tolist(), state.P.tolist(), state.time, _or_none(state.temperature_c), powered])
         name = keys.boot_id(boot)
         row = (device, name, time_ns, text, _digest(text.encode()))
         self._write("INSERT OR REPLACE INTO bias VALUES (?,?,?,?,?)", row)
         if history:
-            point = (device, name, time_ns, *map(float, state.x), *map(float, state.std), _or_none(state.temperature_c))
+            point = (
+                device,
+                name,
+                time_ns,
+                *map(float, state.bias),
+                *map(float, state.std),
+                _or_none(state.temperature_c),
+            )
             self._write("INSERT INTO bias_history VALUES (?,?,?,?,?,?,?,?,?,?)", point)
 
     def add_audit(
@@ -218,10 +217,7 @@ class Store:
         if row[1] != _digest(row[0].encode()):
             log.error("store %s: the bias of %s is damaged and is not used", self.path, device)
             return None, 0
-        x, P, time, temperature, reference, farthest_k = json.loads(row[0])
-        nan = float("nan")
-        now_c, reference_c = (nan if celsius is None else celsius for celsius in (temperature, reference))
-        return BiasState(np.array(x), np.array(P), time, now_c, reference_c, farthest_k), int(row[2])
+        return _state(json.loads(row[0])), int(row[2])
 
     def _read(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
         try:
@@ -239,6 +235,14 @@ class Store:
 
 def _restore_key(of: Calibration | DeviceInfo) -> tuple[str, str, float, float]:
     return of.model, of.firmware, of.gyro_range, of.rate_hz
+
+
+def _state(kept: list[Any]) -> BiasState | None:
+    if len(kept) != 5:  # of an earlier truerate: the calibration's own bias is used
+        return None
+    x, P, time, temperature, powered = kept
+    celsius, since = np.nan if temperature is None else temperature, -np.inf if powered is None else powered
+    return BiasState(np.array(x), np.array(P), time, celsius, since)
 
 
 def _digest(payload: bytes) -> str:

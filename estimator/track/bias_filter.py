@@ -1,10 +1,12 @@
-"""A random-walk Kalman filter of the gyro's bias (the reading at zero rate), on filterpy.
+"""A Kalman filter of the gyro's bias (the reading at zero rate), on filterpy.
 
-Letters of the equations: x bias (3,) rad/s, P its covariance, z a measured bias, R its covariance, Q what the walk adds.
-Knobs, state and receipts are apart: a filter built from saved state goes on as if it had never stopped.
+Letters of the equations: x the state, P its covariance, z a measurement with covariance R, H what it sees of the state, F how
+the state goes on, Q what the walk adds. The state begins with the bias now, rad/s, and its slope by temperature, rad/s/K; an
+evidence that needs more of its own (gravity.py) appends it. Knobs, state and receipts are apart: a filter built from saved state
+goes on as if it had never stopped.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import radians
 
 import numpy as np
@@ -13,41 +15,89 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+BIAS, SLOPE = slice(0, 3), slice(3, 6)
+#: states of the filter itself
+OWN = 6
+#: the largest believable NIS by degrees of freedom: false alarm 1e-6
+GATES = {1: 23.93, 2: 27.63, 3: 30.66}
+
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
     """How the bias wanders. Rates in rad/s."""
 
-    #: rate random walk, rad/s per root second: an in-run bias of a low-cost part
-    rate_random_walk: float = radians(2e-3)
-    #: how much the bias may move per kelvin
+    #: rate random walk at a constant temperature, rad/s per root second
+    rate_random_walk: float = radians(8e-4)
+    #: the same just after power-up, where no temperature tells of the warming, and how fast that fades, s
+    warm_up_walk: float = radians(3e-3)
+    warm_up_s: float = 300.0
+    #: how much the bias may move per kelvin, before that is learnt
     per_kelvin: float = radians(0.03)
-    #: largest normalised innovation squared (3 degrees of freedom) that is believed: false alarm 1e-6
-    gate: float = 30.66
+    #: how much the slope itself may change per kelvin, rad/s/K²
+    curvature: float = radians(0.001)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """All that evolves: x (3,), P (3, 3), device time and temperature now, and the temperature of the last evidence."""
+    """All that evolves: x (n,), P (n, n), device time and temperature now, and when the device was powered up."""
 
     x: Floats
     P: Floats
     time: float
     temperature_c: float = np.nan
-    reference_c: float = np.nan
-    #: how far, K, the temperature has been from that since
-    farthest_k: float = 0.0
+    powered: float = -np.inf
+
+    @property
+    def bias(self) -> Floats:
+        """(3,) the reading at zero rate, rad/s."""
+        return self.x[BIAS]
+
+    @property
+    def bias_cov(self) -> Floats:
+        """(3, 3) its covariance."""
+        return self.P[BIAS, BIAS]
 
     @property
     def std(self) -> Floats:
         """(3,) standard deviation of the bias."""
-        std: Floats = np.sqrt(np.diag(self.P))
-        return std
+        return np.asarray(np.sqrt(np.diag(self.P)[BIAS]))
+
+
+def start(
+    bias: Floats,
+    cov: Floats,
+    time: float,
+    knobs: BiasKnobs,
+    *,
+    temperature_c: float = np.nan,
+    powered: float = -np.inf,
+) -> BiasState:
+    """A state of the filter's own six from a bias (3,) with covariance (3, 3); the slope as parts are made."""
+    P = np.zeros((OWN, OWN))
+    P[BIAS, BIAS], P[SLOPE, SLOPE] = cov, knobs.per_kelvin**2 * np.eye(3)
+    return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
+
+    common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
+    gate: the largest NIS believed. soft: beyond it R grows instead of the measurement being refused.
+    """
+
+    kind: str
+    z: Floats
+    H: Floats
+    R: Floats
+    gate: float
+    common_var: Floats | None = None
+    soft: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Receipt:
-    """What one piece of evidence did: innovation (3,) = measured - predicted, its covariance, test ratio = NIS / gate."""
+    """What one piece of evidence did: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
 
     time: float
     kind: str
@@ -56,6 +106,7 @@ class Receipt:
     test_ratio: float
     accepted: bool
     reason: str = ""
+    nis: float = field(default=np.nan)
 
 
 class BiasFilter:
@@ -63,67 +114,96 @@ class BiasFilter:
 
     def __init__(self, state: BiasState, knobs: BiasKnobs | None = None) -> None:
         self.knobs = knobs or BiasKnobs()
-        self._kf = KalmanFilter(dim_x=3, dim_z=3)
-        self._kf.F = np.eye(3)
-        self._kf.H = np.eye(3)
-        self._kf.x = np.array(state.x, float)  # (3,): filterpy's own default is (3, 1)
+        self._take(state)
+
+    def _take(self, state: BiasState) -> None:
+        n = len(state.x)
+        self._kf = KalmanFilter(dim_x=n, dim_z=3)
+        self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
-        self._time = state.time
-        self._temperature_c = state.temperature_c
-        self._farthest_k = state.farthest_k
-        self._reference_c = state.reference_c if np.isfinite(state.reference_c) else state.temperature_c
+        #: by how much the bias was doubted since the last step
+        self.widened = np.zeros((3, 3))
+        self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
+
+    @property
+    def x(self) -> Floats:
+        """(n,) the state; not to be written to."""
+        return np.asarray(self._kf.x)
+
+    @property
+    def cov(self) -> Floats:
+        """(n, n) its covariance; not to be written to."""
+        return np.asarray(self._kf.P)
 
     @property
     def state(self) -> BiasState:
         """The estimate as it is now."""
-        return BiasState(
-            self._kf.x.copy(), self._kf.P.copy(), self._time, self._temperature_c, self._reference_c, self._farthest_k
-        )
+        return BiasState(self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered)
 
-    def predict(self, time: float, temperature_c: float = np.nan) -> None:
-        """Let the bias walk to a device time; time that goes backward is ignored."""
-        dt = time - self._time
+    def predict(self, time: float, temperature_c: float = np.nan) -> tuple[Floats, Floats] | None:
+        """Let the bias walk to a device time; F and Q (6, 6) of its own states. Time that goes backward is ignored: None."""
+        dt = time - self.time
         if not dt > 0:
-            return
-        q = self.knobs.rate_random_walk**2 * dt + self._warmed(temperature_c)
-        self._kf.predict(Q=q * np.eye(3))
-        self._time = time
+            return None
+        F, Q = np.eye(len(self._kf.x)), np.zeros_like(self._kf.P)
+        warmer = temperature_c - self.temperature_c
+        if np.isfinite(warmer):
+            F[BIAS, SLOPE] = warmer * np.eye(3)
+            # The slope walks with temperature, not with time; so does the bias within the step, by half of it.
+            bend = self.knobs.curvature * warmer
+            Q[SLOPE, SLOPE] = bend**2 * np.eye(3)
+            Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * np.eye(3)
+        Q[BIAS, BIAS] += self._walked(dt, known=np.isfinite(temperature_c)) * np.eye(3)
+        self._kf.predict(F=F, Q=Q)
+        self.time, self.widened = time, np.zeros((3, 3))
+        if np.isfinite(temperature_c):
+            self.temperature_c = temperature_c
+        return F[:OWN, :OWN], Q[:OWN, :OWN]
 
-    def _warmed(self, temperature_c: float) -> float:
-        """The variance added by going farther from the temperature of the last evidence than ever since.
+    def _walked(self, dt: float, *, known: bool) -> float:
+        knobs = self.knobs
+        var = knobs.rate_random_walk**2 * dt
+        if not known and np.isfinite(self._powered):
+            fading = np.exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)
+            var += knobs.warm_up_walk**2 * fading * dt
+        return float(var)
 
-        The way there adds up in full, for the bias follows it; back and forth on it adds nothing.
-        """
-        if not np.isfinite(temperature_c):
-            return 0.0
-        if not np.isfinite(self._reference_c):
-            self._reference_c = self._temperature_c = temperature_c
-        self._temperature_c = temperature_c
-        before = self._farthest_k
-        self._farthest_k = max(before, abs(temperature_c - self._reference_c))
-        return self.knobs.per_kelvin**2 * (self._farthest_k**2 - before**2)
+    def carry(self, x: Floats, F: Floats, Q: Floats) -> None:
+        """Let all of the state go on: to x (n,), by F (n, n), with Q (n, n) added."""
+        self._kf.predict(F=F, Q=Q)
+        self._kf.x = x
 
-    def update(self, kind: str, z: Floats, R: Floats, common_var: Floats | None = None) -> Receipt:
-        """Weigh a measured bias z (3,) with covariance R (3, 3) against the estimate; take it if it is believable.
+    def widen(self, cov: Floats) -> None:
+        """Doubt the bias by so much more, (3, 3)."""
+        self._kf.P[BIAS, BIAS] += cov
+        self.widened = self.widened + cov
 
-        common_var (3,): the part of R that is the same error in every measurement; no number of them gets below it.
-        """
-        innovation = z - self._kf.x
-        S = self._kf.P + R
+    def extend(self, own: BiasState) -> None:
+        """Go on with a state that has other parts behind the filter's own six."""
+        self._take(own)
+
+    def weigh(self, evidence: Evidence) -> Receipt:
+        """What `update` would say of a measurement, which is not taken."""
+        H = evidence.H
+        innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        if not (np.all(np.isfinite(innovation)) and np.all(np.isfinite(R)) and np.all(np.diag(R) > 0)):
-            return Receipt(self._time, kind, innovation, S, np.inf, accepted=False, reason="not finite")
-        ratio = float(innovation @ np.linalg.solve(S, innovation)) / self.knobs.gate
-        if ratio > 1:
-            return Receipt(self._time, kind, innovation, S, ratio, accepted=False, reason="outside the gate")
-        self._kf.update(z, R=R)
-        if common_var is not None:
-            self._kf.P += np.diag(np.maximum(0.0, common_var - np.diag(self._kf.P)))
-        self._reference_c, self._farthest_k = self._temperature_c, 0.0
-        return Receipt(self._time, kind, innovation, S, ratio, accepted=True)
+        finite = np.all(np.isfinite(innovation)) and np.all(np.isfinite(S)) and np.all(np.diag(evidence.R) > 0)
+        nis = float(innovation @ np.linalg.solve(S, innovation)) if finite else np.inf
+        ratio = nis / evidence.gate
+        reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
+        return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)
 
-    def restart(self, z: Floats, R: Floats) -> None:
-        """Begin again from a measured bias z (3,) with covariance R (3, 3): what was believed before no longer holds."""
-        self._kf.x = np.array(z, float)
-        self._kf.P = np.array(R, float)
-        self._reference_c, self._farthest_k = self._temperature_c, 0.0
+    def update(self, evidence: Evidence) -> Receipt:
+        """Weigh a measurement against the estimate; take it if it is believable."""
+        receipt = self.weigh(evidence)
+        R = evidence.R
+        if not receipt.accepted:
+            if not evidence.soft or not np.isfinite(receipt.nis):
+                return receipt
+            R = R * receipt.test_ratio
+        self._kf.update(evidence.z, R=R, H=evidence.H)
+        if evidence.common_var is not None:
+            H = evidence.H
+            seen = np.einsum("ij,jk,ik->i", H, self._kf.P, H)
+            self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
+        return replace(receipt, accepted=True, reason="")

@@ -1,35 +1,58 @@
-"""The bias of one boot, from its first rest on: the filter, the evidence that feeds it, and whether it is to be doubted."""
+"""The bias of one boot, from its first sample on: the filter, the evidence that feeds it, and whether it is to be doubted."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.gyro import GyroModel
 from estimator.stillness import Window
-from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState, Receipt
+from estimator.strapdown import Span, sum_up
+from estimator.track.bias_filter import (
+    BIAS,
+    GATES,
+    OWN,
+    BiasFilter,
+    BiasKnobs,
+    BiasState,
+    Evidence,
+    Receipt,
+    start,
+)
+from estimator.track.bounded import Bounded, BoundedKnobs
+from estimator.track.consistency import Consistency
+from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
+from estimator.track.seconds import Second, SecondKnobs, Seconds
+from estimator.track.smoother import History, Smoothed
 from estimator.track.zaru import Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
 
-#: how often an uncertainty that grows without evidence is told anew, device seconds
-PREDICT_S = 1.0
 #: temperatures kept, for bringing a rest's bias from then to now
 _TEMPERATURES = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """When a bias is doubted. Device seconds, rad/s."""
+    """How a bias is tracked, and when it is doubted. Device seconds, rad/s, m/s²."""
 
-    #: without an accepted rest for this long, or with a bias less certain than this
+    #: without accepted evidence of rest for this long, or with a bias less certain than this
     evidence_age_s: float = 1800.0
     bias_std: float = np.radians(0.2)
-    #: or after so many refused rests in a row
+    #: or after so many seconds of rest in a row that contradict it
     contradictions: int = 5
+    #: a device that moves no more than this is quiet: asleep, say
+    quiet_gyro: float = np.radians(5.0)
+    quiet_accel: float = 1.0
+    #: seconds kept for smoothing; None keeps all
+    history: int | None = 256
     bias: BiasKnobs = field(default_factory=BiasKnobs)
+    seconds: SecondKnobs = field(default_factory=SecondKnobs)
     zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
+    gravity: GravityKnobs = field(default_factory=GravityKnobs)
+    bounded: BoundedKnobs = field(default_factory=BoundedKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,23 +70,57 @@ class RestBias:
 
 
 class Tracker:
-    """Windows in; the bias, and a reason to doubt or to trust it, out. Nothing is tracked before a first rest."""
+    """Samples and their windows in; the bias, and a reason to doubt or to trust it, out.
 
-    def __init__(self, knobs: TrackKnobs, began: float) -> None:
+    model: what is believed of the gyro at `began`, device seconds, its bias with standard deviation bias_std (3,) rad/s.
+    """
+
+    def __init__(self, knobs: TrackKnobs, began: float, model: GyroModel, bias_std: Floats) -> None:
         self.knobs = knobs
         #: kept beside the state of life: a device that is being recalibrated is no better than it was before
         self.doubted = False
         self.last_receipt: Receipt | None = None
-        self._filter: BiasFilter | None = None
-        self._zaru = Zaru(knobs.zaru)
+        self.seconds = Seconds(knobs.seconds)
         self._temperatures: deque[tuple[float, float]] = deque(maxlen=_TEMPERATURES)
+        self._history = History(knobs.history)
+        self._consistency = Consistency()
         self._contradictions = 0
-        self._evidence_time = began
+        self._began = self._evidence_time = began
+        self._believe(model, start(model.bias, np.diag(bias_std**2), began, knobs.bias, powered=began))
+
+    def _believe(self, model: GyroModel, state: BiasState) -> None:
+        """Go on from a state, with this model's matrix."""
+        self._model = model
+        self._gravity = Gravity(self.knobs.gravity, model.matrix)
+        self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias)
+        self._zaru, self._bounded = Zaru(self.knobs.zaru), Bounded(self.knobs.bounded)
+
+    # ---- what is known --------------------------------------------------------------------------------------------
 
     @property
-    def state(self) -> BiasState | None:
-        """The bias as it is believed now; None before the first rest."""
-        return self._filter.state if self._filter else None
+    def state(self) -> BiasState:
+        """The estimate as it is now."""
+        return self._filter.state
+
+    @property
+    def bias(self) -> Floats:
+        """(3,) the reading at zero rate as it is believed now."""
+        return self._filter.x[BIAS].copy()
+
+    @property
+    def std(self) -> Floats:
+        """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
+        return np.asarray(np.sqrt(np.diag(self._filter.cov)[BIAS]) * self._consistency.inflation)
+
+    @property
+    def sure(self) -> bool:
+        """Whether anything worth telling is known of this boot's bias."""
+        return bool(np.all(self.std < self.knobs.bias_std))
+
+    @property
+    def consistency(self) -> Consistency:
+        """How well innovations agree with what the filter says of them."""
+        return self._consistency
 
     @property
     def temperature_c(self) -> float:
@@ -74,47 +131,110 @@ class Tracker:
         """Seconds since a rest was last accepted, or since the boot."""
         return now - self._evidence_time
 
+    def smoothed(self, since: float = -np.inf) -> Smoothed | None:
+        """The bias of each second after `since` by all that is known now."""
+        return self._history.smoothed(since)
+
+    # ---- what comes in --------------------------------------------------------------------------------------------
+
     def temperature(self, time: float, celsius: float) -> None:
         """Note a temperature."""
         self._temperatures.append((time, celsius))
 
-    def first_rest(self, rest: RestBias) -> None:
-        """Begin with the first rest; later ones come as windows."""
-        if self._filter is None:
-            state = BiasState(rest.bias, self._cov(rest), rest.middle, self._temperature_at(rest.middle))
-            self._filter = BiasFilter(state, self.knobs.bias)
-            self._evidence_time = rest.end
-
-    def calibrated(self, bias: Floats, cov: Floats, time: float, rest: RestBias) -> None:
-        """Begin anew from a calibration: bias (3,) with covariance (3, 3) at a time, and the rest after the last turn."""
-        kf = self._filter = BiasFilter(BiasState(bias, cov, time, self._temperature_at(time)), self.knobs.bias)
+    def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
+        """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""
+        before = self._filter.state
+        begun = start(
+            model.bias, cov, time, self.knobs.bias, temperature_c=self._temperature_at(time), powered=before.powered
+        )
+        self._believe(model, begun)
         if time < rest.middle:
             # That rest is newer than the one the bias came from.
-            kf.predict(rest.middle, self._temperature_at(rest.middle))
-            kf.update("zaru", rest.bias, self._cov(rest), rest.common_var)
-        kf.predict(rest.end, self._temperature_at(rest.end))
+            self._filter.predict(rest.middle, self._temperature_at(rest.middle))
+            H = np.eye(3, OWN)
+            R = rest.cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
+            self._filter.update(Evidence("zaru", rest.bias, H, R, GATES[3], rest.common_var))
+        self._filter.predict(max(rest.end, before.time), self._temperature_at(rest.end))
         self._evidence_time = rest.end
         self._contradictions, self.doubted = 0, False
 
-    def restored(self, state: BiasState, now: float) -> None:
+    def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
         """Go on from a state that was kept."""
-        self._filter = BiasFilter(state, self.knobs.bias)
+        self._believe(model, state)
         self._filter.predict(now)
         self._evidence_time = min(state.time, now)
 
-    def window(self, window: Window) -> Receipt | None:
-        """Take the next window; a receipt when it completes a piece of rest."""
-        if self._filter is None:
-            return None
-        if window.end_time - self._filter.state.time >= PREDICT_S:
-            self._filter.predict(window.end_time, self.temperature_c)
-        receipt = self._zaru.window(window, self._filter, self.temperature_c)
-        if receipt is not None:
+    def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: NDArray[np.bool_]) -> None:
+        """Hold samples (n,), (n, 3), (n, 3), (n,) for the windows over them."""
+        self.seconds.add(time, gyro, accel, clipped)
+
+    def skip(self, window: Window) -> None:
+        """Take no notice of the next window."""
+        self.seconds.skip(window)
+
+    def window(self, window: Window, noise_std: Floats) -> list[Receipt]:
+        """Take the next window; receipts of what rest there was in seconds it completes. noise_std (3,) of a reading."""
+        receipts = []
+        for second in self.seconds.window(window, noise_std):
+            receipts += self._second(second, noise_std)
+        for receipt in receipts:
             self.last_receipt = receipt
-            self._contradictions = 0 if receipt.accepted else self._contradictions + 1
-            if receipt.accepted:
-                self._evidence_time = receipt.time
-        return receipt
+            self._consistency.take(receipt)
+        if receipts:
+            self._contradictions = 0 if all(r.accepted for r in receipts) else self._contradictions + 1
+        return receipts
+
+    def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
+        span = self._carried(second, noise_std)
+        steps = self._filter.predict(second.end, self.temperature_c)
+        receipts = [] if second.flaw else self._evidence(second, span)
+        if steps is not None:
+            since, widened = min(self._evidence_time, second.start), self._filter.widened
+            F, Q = steps
+            Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
+            self._history.doubt(widened, since, second.end)
+            self._history.add(second.end, self._filter.x, self._filter.cov, F, Q)
+        if any(r.accepted for r in receipts):
+            self._evidence_time = second.end
+        return receipts
+
+    def _carried(self, second: Second, noise_std: Floats) -> Span | None:
+        """Take gravity along; None where the way it went is not known."""
+        if second.flaw or second.accel is None:
+            self._gravity.lose()
+            return None
+        bias = self._filter
+        if len(bias.x) == OWN:
+            bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
+        matrix = self._gravity.matrix_now(bias.x)
+        span = sum_up(second.dt, second.gyro, second.accel, matrix, bias.x[BIAS], bias.x[ACCEL_BIAS])
+        self._gravity.carry(span, bias, float(noise_std.max()) * np.sqrt(span.seconds / len(second)))
+        return span
+
+    def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
+        """All that a whole second says of the bias; receipts of rest."""
+        quiet = bool(np.all(second.std < self.knobs.quiet_gyro)) and (
+            second.accel_std is None or bool(np.all(second.accel_std < self.knobs.quiet_accel))
+        )
+        resting = quiet and self._zaru.at_rest(second)
+        if span is not None:
+            self._filter.update(self._gravity.evidence(span, resting=resting))
+        if not quiet:
+            self._zaru.moved(self._filter)
+            self._bounded.broken()
+            return []
+        if not resting:
+            self._zaru.interrupted(self._filter)
+            receipt = self._bounded.take(second, self._filter)
+            return [] if receipt is None else [receipt]
+        self._bounded.broken()
+        up = None
+        if span is not None:
+            g = self._filter.x[GRAVITY]
+            up = g / np.linalg.norm(g)
+        return self._zaru.take(second, self._filter, up)
+
+    # ---- doubt and trust ------------------------------------------------------------------------------------------
 
     def doubt(self, now: float) -> str | None:
         """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
@@ -123,7 +243,7 @@ class Tracker:
         if self.last_receipt is not None and self._contradictions >= self.knobs.contradictions:
             by = degrees(float(np.max(np.abs(self.last_receipt.innovation))))
             reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
-        elif self._filter is not None and age > self.knobs.evidence_age_s:
+        elif age > self.knobs.evidence_age_s:
             reason = f"no rest for {age / 60:.0f} minutes"
         if reason is None or self.doubted:
             return None
@@ -132,14 +252,11 @@ class Tracker:
 
     def trust(self) -> bool:
         """Whether the last rest has made the bias certain again."""
-        receipt, state = self.last_receipt, self.state
-        if receipt is None or state is None or not receipt.accepted or np.any(state.std >= self.knobs.bias_std):
+        receipt = self.last_receipt
+        if receipt is None or not receipt.accepted or self._contradictions or not self.sure:
             return False
         self.doubted = False
         return True
-
-    def _cov(self, rest: RestBias) -> Floats:
-        return rest.cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
 
     def _temperature_at(self, time: float) -> float:
         if not self._temperatures:

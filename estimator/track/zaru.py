@@ -1,80 +1,226 @@
 """Zero angular rate update: while the device rests, its reading is its bias.
 
-Rests are cut into pieces of about a second. A piece that contradicts the estimate is refused: it may be a bed or a chair
-that turns slowly and evenly. When the device then stays as still as that for long, the contradiction itself is believed.
+Split by gravity where there is an accelerometer. A turn about a horizontal axis would tilt gravity: that part of a rest is
+checked and always usable. A turn about the vertical is invisible, and a bed or a chair turns slowly and evenly: that part must
+lie inside its gate. When it stays outside but constant for long, it is believed; in another pose it becomes horizontal by itself.
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var
-from estimator.stillness import Window
-from estimator.track.bias_filter import BiasFilter, Receipt
+from estimator.rotation import angle_between
+from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
+from estimator.track.seconds import Second
 
 Floats = NDArray[np.float64]
+
+#: seconds whose means are compared
+_RECENT = 8
+G = 9.80665
+#: an NIS, by degrees of freedom, that one measurement in a thousand has
+_SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
+REFUSED_TILT = "it tilts"
 
 
 @dataclass(frozen=True, slots=True)
 class ZaruKnobs:
     """When a rest speaks for the bias."""
 
-    piece_s: float = 1.0
-    #: motion of a resting body that no window shows, rad/s
+    #: motion of a resting body that no reading shows, rad/s
     quasi_static: float = radians(0.003)
+    #: means that scatter by more than this many times their noise variance show a body that moves a little
+    scatter: float = 3.0
+    #: the vertical part of a rest is believed within this (normalised innovation squared): 4 standard deviations
+    vertical_gate: float = 16.0
     #: a contradiction that stays the same for this long is believed
     insist_s: float = 120.0
+    #: tilting is judged over this long, and noticed beyond so many standard deviations
+    tilt_s: float = 10.0
+    tilt_sigmas: float = 4.0
+    #: m/s², what moves a resting accelerometer's mean without any tilt
+    accel_floor: float = 0.01
+    #: in a gap between rests the bias may have walked so many times faster than the knobs of the filter say
+    hurry: float = 5.0
+    #: a gap is at least this long, s
+    gap_s: float = 5.0
+    #: after a tilt nothing is believed until gravity has stayed for this long
+    settled_s: float = 5.0
+    #: what is gated waits, and is judged together with what follows, until their mean is this good, rad/s; s at most
+    certain: float = radians(0.006)
+    longest_wait_s: int = 8
 
 
 class Zaru:
-    """Windows in, receipts out; feeds one BiasFilter."""
+    """Seconds in, receipts out; feeds one BiasFilter."""
 
     def __init__(self, knobs: ZaruKnobs | None = None) -> None:
         self.knobs = knobs or ZaruKnobs()
-        self._piece: list[Window] = []
+        self._means: deque[tuple[Floats, Floats]] = deque(maxlen=_RECENT)  # of quiet seconds, with their variance
+        self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
+        self._quiet_until = np.inf
+        self._gap_s = 0.0  # how long the device moved before this rest
+        self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
+        self._tilted = False
+        self._waiting: deque[tuple[Evidence, float]] = deque()  # to be judged with what follows, and since when
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
 
-    def window(self, window: Window, bias: BiasFilter, temperature_c: float) -> Receipt | None:
-        """Take the next window; a receipt comes when it completes a piece of rest."""
-        if not window.still:
-            self._piece.clear()
-            self._contradiction = None
-            return None
-        self._piece.append(window)
-        if window.end_time - self._piece[0].start_time < self.knobs.piece_s:
-            return None
-        piece, self._piece = self._piece, []
-        z, R, common_var = self._measure(piece)
-        bias.predict(window.end_time, temperature_c)
-        receipt = bias.update("zaru", z, R, common_var)
-        if receipt.accepted:
-            self._contradiction = None
-            return receipt
-        return self._contradicted(receipt, piece[0].start_time, bias, z, R)
+    def moved(self, bias: BiasFilter) -> None:
+        """What was seen of a rest is over."""
+        self._means.clear()
+        self._held.clear()
+        self._tilted = False
+        self.interrupted(bias)
 
-    def _measure(self, piece: list[Window]) -> tuple[Floats, Floats, Floats]:
-        n = np.array([w.samples for w in piece], float)
-        z = n @ np.array([w.mean for w in piece]) / n.sum()
-        std = np.sqrt(n @ np.square([w.std for w in piece]) / n.sum())
-        step = np.min([w.step for w in piece], axis=0)
-        R = np.diag(mean_var(std, step, float(n.sum())) + self.knobs.quasi_static**2)
-        return z, R, rounding_var(std, step)
-
-    def _contradicted(self, receipt: Receipt, start: float, bias: BiasFilter, z: Floats, R: Floats) -> Receipt:
-        if self._contradiction is None or not self._same(*self._contradiction, receipt.time, z, R, bias):
-            self._contradiction = start, z, R
-        if receipt.time - self._contradiction[0] < self.knobs.insist_s:
-            return receipt
+    def interrupted(self, bias: BiasFilter) -> None:
+        """The device was quiet still, but not at rest."""
+        for evidence, _ in self._waiting:
+            bias.update(evidence)
+        self._waiting.clear()
         self._contradiction = None
-        bias.restart(z, R)
-        r = receipt
-        return Receipt(r.time, r.kind, r.innovation, r.innovation_cov, r.test_ratio, accepted=True, reason="insisted")
 
-    def _same(
-        self, since: float, first: Floats, first_R: Floats, time: float, z: Floats, R: Floats, bias: BiasFilter
-    ) -> bool:
-        walk = bias.knobs.rate_random_walk**2 * (time - since) * np.eye(3)
-        apart = z - first
-        return bool(apart @ np.linalg.solve(R + first_R + walk, apart) <= bias.knobs.gate)
+    def at_rest(self, second: Second) -> bool:
+        """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
+        self._means.append((second.mean, mean_var(second.std, second.step, len(second))))
+        self._watch_tilt(second)
+        if second.start - self._quiet_until >= self.knobs.gap_s:
+            self._gap_s, self._surprised = second.start - self._quiet_until, set()
+        self._quiet_until = second.end
+        if not second.still:
+            return False
+        if len(self._means) < 3:
+            return True
+        means, variances = (np.array(column) for column in zip(*self._means, strict=True))
+        noise = variances.mean(axis=0) + self.knobs.quasi_static**2
+        return bool(np.all(means.var(axis=0, ddof=1) < self.knobs.scatter * noise))
+
+    def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
+        """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
+        var = mean_var(second.std, second.step, len(second)) + self.knobs.quasi_static**2
+        common = rounding_var(second.std, second.step)
+        if up is None or second.accel_mean is None:
+            evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
+            return self._gated(evidence, second, bias)
+        if self._tilted:
+            z = second.mean - bias.x[BIAS]
+            self._contradiction = None
+            nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
+            return [nothing]
+        level = self._level(second, bias, up, var, common)
+        evidence = self._evidence("zaru vertical", second, bias, up[None], var, common, self.knobs.vertical_gate)
+        return [level, *self._gated(evidence, second, bias)]
+
+    def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
+        """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
+        evidence = self._evidence("zaru level", second, bias, _across(up), var, common, GATES[2])
+        self._adapt(evidence, bias)
+        weighed = bias.weigh(evidence)
+        if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
+            return self._believed(weighed, evidence, bias, "jumped")
+        return bias.update(evidence)
+
+    def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
+        """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
+        self._adapt(evidence, bias)
+        self._waiting.append((evidence, second.start))
+        together = _mean([waiting for waiting, _ in self._waiting])
+        weighed = bias.weigh(together)
+        if weighed.accepted:
+            self._contradiction = None
+            if len(self._waiting) < self._waits(evidence, weighed):
+                return []
+            return [bias.update(self._waiting.popleft()[0])]
+        since = self._waiting[0][1]
+        self._waiting.clear()
+        if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
+            return [weighed]
+        self._contradiction = None
+        return [self._believed(weighed, evidence, bias, "insisted")]
+
+    def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
+        """How many seconds are judged together: none wait where the bias is known worse than one second tells it."""
+        own = float(np.max(np.diag(evidence.R)))
+        known = float(np.max(np.diag(weighed.innovation_cov - evidence.R / max(1, len(self._waiting)))))
+        return 1 if known > own else min(self.knobs.longest_wait_s, own / self.knobs.certain**2)
+
+    def _evidence(
+        self, kind: str, second: Second, bias: BiasFilter, axes: Floats, var: Floats, common: Floats, gate: float
+    ) -> Evidence:
+        """The reading along axes (m, 3)."""
+        H = np.zeros((len(axes), len(bias.x)))
+        H[:, BIAS] = axes
+        return Evidence(kind, axes @ second.mean, H, (axes * var) @ axes.T, gate, axes**2 @ common)
+
+    def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:
+        """The bias has moved by what was refused: doubt all of it by that much, then take it."""
+        bias.widen(float(np.mean(refused.innovation**2)) * np.eye(3))
+        bias.update(evidence)
+        return replace(refused, accepted=True, reason=reason)
+
+    def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
+        """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
+        if evidence.kind in self._surprised:
+            return
+        self._surprised.add(evidence.kind)
+        weighed = bias.weigh(evidence)
+        if _SURPRISE[len(evidence.z)] < weighed.nis < np.inf:
+            most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self._gap_s
+            bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
+
+    def _checked(self, second: Second, innovation: Floats) -> bool:
+        """Whether a turn at such a rate would by now have been seen to tilt gravity."""
+        seen_s = (second.start + second.end) / 2 - self._held[0][0]
+        least = (self.knobs.tilt_sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
+        return bool(seen_s >= min(least / float(np.linalg.norm(innovation)), self.knobs.tilt_s - 1.5))
+
+    def _insisted(self, now: float, start: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
+        if self._contradiction is None or not self._same(*self._contradiction, now, z, R, bias):
+            self._contradiction = start, z, R
+        return now - self._contradiction[0] >= self.knobs.insist_s
+
+    def _same(self, since: float, z0: Floats, R0: Floats, now: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
+        if len(z0) != len(z):
+            return False
+        walk = bias.knobs.rate_random_walk**2 * (now - since) * np.eye(len(z))
+        apart = z - z0
+        return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
+
+    def _watch_tilt(self, second: Second) -> None:
+        """Notice whether gravity has turned since the device became quiet, or within tilt_s."""
+        knobs = self.knobs
+        mean, std = second.accel_mean, second.accel_std
+        if mean is None or std is None:
+            return
+        var = float(np.mean(std**2)) / len(second) + knobs.accel_floor**2
+        now = (second.start + second.end) / 2
+        while self._held and now - self._held[0][0] > knobs.tilt_s:
+            self._held.popleft()
+        if self._held:
+            since, first, first_var = self._held[0]
+            error = np.sqrt(var + first_var) / float(np.linalg.norm(mean))
+            if angle_between(first, mean) > knobs.tilt_sigmas * error:
+                self._tilted = True
+                self._held.clear()
+                self._waiting.clear()
+            elif now - since >= knobs.settled_s:
+                self._tilted = False
+        self._held.append((now, mean, var))
+
+
+def _mean(evidence: list[Evidence]) -> Evidence:
+    """Some of the same kind as one: what is common to them does not average out."""
+    last, n = evidence[-1], len(evidence)
+    common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
+    z, R = np.mean([e.z for e in evidence], axis=0), np.mean([e.R for e in evidence], axis=0)
+    return replace(last, z=z, R=(R - common) / n + common)
+
+
+def _across(up: Floats) -> Floats:
+    """(2, 3) two unit vectors across up."""
+    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(up, first)])

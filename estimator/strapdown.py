@@ -1,0 +1,65 @@
+"""Readings of a second or so summed up: how far the device turned, how hard it was pushed, and how both depend on the sensors.
+
+Everything in the axes the device had when the stretch began. C(t) takes vectors of the device at t to those axes; phi is the
+small rotation, in those axes, by which an error of the gyro's parameters moves the end: C_true = exp(phi) C. Source: C. Forster
+et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and misaligned gyro.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator import rotation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Span:
+    """A stretch without a break, `seconds` long. end (3, 3) is C at its end; push (3,) m/s the integral of C a.
+
+    by_bias (3, 3), by_matrix (3, 9): phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix.
+    push_by_bias, push_by_matrix, push_by_accel (3, 3), (3, 9), (3, 3): the same of push, the last per m/s² of accelerometer bias.
+    way: rad turned, there and back. unrest: m/s², how far C a strays from its mean, rms.
+    """
+
+    seconds: float
+    end: Floats
+    push: Floats
+    by_bias: Floats
+    by_matrix: Floats
+    push_by_bias: Floats
+    push_by_matrix: Floats
+    push_by_accel: Floats
+    way: float
+    unrest: float
+
+
+def sum_up(dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats) -> Span:
+    """The span of n samples, each holding for dt (n,) s: gyro (n, 3) rad/s and accel (n, 3) m/s² as read."""
+    n = len(dt)
+    reading = gyro - bias
+    rate = reading @ matrix.T
+    attitude = rotation.attitudes(rate, dt)
+    mid = 0.5 * (attitude[:-1] + attitude[1:])
+    carried = mid * dt[:, None, None]
+    by_bias = np.cumsum(carried.reshape(n, 9), axis=0).reshape(n, 3, 3)
+    by_matrix = np.cumsum((carried[:, :, :, None] * rate[:, None, None, :]).reshape(n, 27), axis=0).reshape(n, 3, 9)
+    force = np.matmul(mid, (accel - accel_bias)[:, :, None])[:, :, 0]
+    # A rotation phi moves the force f by phi x f.
+    moved = -rotation.cross_matrix(force * dt[:, None])
+    across = moved.swapaxes(0, 1).reshape(3, 3 * n)
+    mean = force.mean(axis=0)
+    return Span(
+        seconds=float(dt.sum()),
+        end=attitude[-1],
+        push=dt @ force,
+        by_bias=-by_bias[-1] @ matrix,
+        by_matrix=by_matrix[-1],
+        push_by_bias=-(across @ by_bias.reshape(3 * n, 3)) @ matrix,
+        push_by_matrix=across @ by_matrix.reshape(3 * n, 9),
+        push_by_accel=-carried.sum(axis=0),
+        way=float(np.sqrt(np.einsum("ij,ij->i", rate, rate)) @ dt),
+        unrest=float(np.sqrt(np.square(force - mean).sum() / n)),
+    )

@@ -1,0 +1,63 @@
+"""Whether the filter is as sure as it may be: its innovations over some time should be as large as it says, and white."""
+
+from collections import deque
+from functools import cache
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimator.track.bias_filter import Receipt
+
+#: receipts that are looked at together
+WINDOW = 40
+#: chance of a false alarm
+_ALARM = 1e-3
+#: the same for a correlation of n innovations, times root n
+_CHANCE = 3.1
+#: a single outlier counts no more than this, per degree of freedom
+_CAP = 25.0
+
+
+class Consistency:
+    """Receipts in; by how much standard deviations are to be enlarged out."""
+
+    def __init__(self) -> None:
+        self._nis: deque[tuple[float, int]] = deque(maxlen=WINDOW)
+        self._signs: deque[float] = deque(maxlen=WINDOW)
+
+    def take(self, receipt: Receipt) -> None:
+        """Note a receipt of a rest."""
+        n = len(receipt.innovation)
+        if np.isfinite(receipt.nis):
+            self._nis.append((min(receipt.nis, _CAP * n), n))
+            std = np.sqrt(np.diag(receipt.innovation_cov))
+            self._signs.append(float(np.mean(receipt.innovation / std)))
+
+    @property
+    def nis(self) -> float:
+        """Mean NIS per degree of freedom; 1 when all is well, NaN before there is any."""
+        return sum(nis for nis, _ in self._nis) / sum(n for _, n in self._nis) if self._nis else float("nan")
+
+    @property
+    def whiteness(self) -> float:
+        """Correlation of neighbouring innovations, -1 to 1; about 0 when all is well, NaN before there are ten."""
+        if len(self._signs) < 10:
+            return float("nan")
+        signs = np.array(self._signs)
+        return float(signs[1:] @ signs[:-1] / (signs @ signs)) if signs.any() else 0.0
+
+    @property
+    def inflation(self) -> float:
+        """What standard deviations are to be multiplied with: 1, or more when innovations are too large or cling together."""
+        if not self._nis:
+            return 1.0
+        large = self.nis if self.nis > _most(sum(n for _, n in self._nis)) else 1.0
+        alike = self.whiteness
+        # Neighbours that agree by more than chance: so many fewer of them are news.
+        clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / np.sqrt(len(self._signs)) else 1.0
+        return float(np.sqrt(max(1.0, large) * clinging))
+
+
+@cache
+def _most(freedom: int) -> float:
+    return float(chi2.isf(_ALARM, freedom)) / freedom

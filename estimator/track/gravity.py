@@ -1,0 +1,139 @@
+"""Gravity, carried through any motion by the gyro, against the accelerometer: what the bias must be for the two to agree.
+
+Appended to the filter's state, all in the device's axes now: gravity g (3) m/s² as an accelerometer at rest would read it,
+velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's matrix (9, row by row). Over a span
+
+    g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
+
+Nothing measures gravity itself. But a wearer's velocity is bounded, so v is measured as zero, give or take what the unrest of
+the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The gyro's scale and misalignment
+are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are known.
+Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
+Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.rotation import cross_matrix
+from estimator.strapdown import Span
+from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasState, Evidence
+
+Floats = NDArray[np.float64]
+
+G = 9.80665
+GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
+SIZE = OWN + 18
+
+
+@dataclass(frozen=True, slots=True)
+class GravityKnobs:
+    """How far gravity is believed. m/s², m/s."""
+
+    #: m/s, speed of a wearer that shows no unrest, and what each m/s² of unrest adds to it, s
+    speed: float = 0.1
+    speed_per_unrest: float = 0.2
+    #: of a resting device
+    resting_speed: float = 0.01
+    #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
+    doubt: float = 12.0
+    #: of the gyro, per rad turned within a span: non-linearity, sensitivity to acceleration
+    way_share: float = 2e-3
+    #: of the accelerometer, m/s² per root Hz, and the walk of its bias, m/s² per root s
+    accel_noise: float = 0.03
+    accel_bias: float = 0.05
+    accel_walk: float = 1e-3
+    #: m/s², how far the strength of gravity and of its reading may differ
+    strength: float = 0.03
+    #: greatest error of gravity's first direction, m/s²
+    first: float = 4.0
+
+
+class Gravity:
+    """Carries gravity along in one filter; matrix (3, 3) is the calibration's, or the datasheet's."""
+
+    def __init__(self, knobs: GravityKnobs, matrix: Floats) -> None:
+        self.knobs = knobs
+        self.matrix = matrix
+        #: whether g and v in the state are of now
+        self.known = False
+
+    def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
+        """A state with this evidence's parts behind its own; relative deviations (3,) of the matrix's diagonal and rows."""
+        x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+        x[:OWN], P[:OWN, :OWN] = state.x[:OWN], state.P[:OWN, :OWN]
+        P[ACCEL_BIAS, ACCEL_BIAS] = self.knobs.accel_bias**2 * np.eye(3)
+        std = np.repeat(cross_std, 3)
+        std[::4] = scale_std
+        P[MATRIX, MATRIX] = np.diag(std**2)
+        self.known = False
+        return replace(state, x=x, P=P)
+
+    def matrix_now(self, x: Floats) -> Floats:
+        """(3, 3) the matrix as the state x has it."""
+        return (np.eye(3) + x[MATRIX].reshape(3, 3)) @ self.matrix
+
+    def lose(self) -> None:
+        """The way gravity went is not known."""
+        self.known = False
+
+    def carry(self, span: Span, bias: BiasFilter, gyro_noise: float) -> None:
+        """Take the filter over a span that was summed up with its own bias, matrix and accelerometer bias.
+
+        gyro_noise: white noise of the rates, rad/s per root Hz.
+        """
+        if not self.known:
+            self._begin(span, bias)
+        x, T, C = bias.x, span.seconds, span.end.T
+        g, v = x[GRAVITY], x[VELOCITY]
+        gx, after = cross_matrix(g), v + span.push - g * T
+        F = np.eye(SIZE)
+        F[GRAVITY, GRAVITY], F[GRAVITY, BIAS], F[GRAVITY, MATRIX] = C, C @ gx @ span.by_bias, C @ gx @ span.by_matrix
+        F[VELOCITY, VELOCITY], F[VELOCITY, GRAVITY] = C, -T * C
+        swing = cross_matrix(after)
+        F[VELOCITY, BIAS] = C @ (span.push_by_bias + swing @ span.by_bias)
+        F[VELOCITY, MATRIX] = C @ (span.push_by_matrix + swing @ span.by_matrix)
+        F[VELOCITY, ACCEL_BIAS] = C @ span.push_by_accel
+        moved = x.copy()
+        moved[GRAVITY], moved[VELOCITY] = C @ g, C @ after
+        moved[GRAVITY] *= G / np.linalg.norm(moved[GRAVITY])
+        bias.carry(moved, F, self._noise(span, C @ gx, gyro_noise))
+
+    def evidence(self, span: Span, *, resting: bool) -> Evidence:
+        """The velocity, measured as zero."""
+        H = np.zeros((3, SIZE))
+        H[:, VELOCITY] = np.eye(3)
+        speed = self.knobs.resting_speed if resting else self._speed(span)
+        return Evidence("gravity", np.zeros(3), H, speed**2 * np.eye(3), self.knobs.doubt, soft=True)
+
+    def _speed(self, span: Span) -> float:
+        return self.knobs.speed + self.knobs.speed_per_unrest * span.unrest
+
+    def _begin(self, span: Span, bias: BiasFilter) -> None:
+        """Gravity is where the accelerometer points on the mean; nothing ties it to what was before."""
+        speed = self._speed(span)
+        x, P = bias.x.copy(), bias.cov.copy()
+        mean = span.push / span.seconds
+        up = mean / max(float(np.linalg.norm(mean)), 1e-9)
+        x[GRAVITY], x[VELOCITY] = G * up, 0.0
+        for part in (GRAVITY, VELOCITY):
+            P[part, :] = P[:, part] = 0.0
+        tilt = min(self.knobs.first, 0.1 + np.sqrt(2) * speed / span.seconds)
+        along = np.outer(up, up)
+        P[GRAVITY, GRAVITY] = tilt**2 * (np.eye(3) - along) + self.knobs.strength**2 * along
+        P[VELOCITY, VELOCITY] = speed**2 * np.eye(3)
+        bias.extend(replace(bias.state, x=x, P=P))
+        self.known = True
+
+    def _noise(self, span: Span, tilting: Floats, gyro_noise: float) -> Floats:
+        """(n, n) what a span adds: the gyro's noise and its share of the way, tilting g, and v by half of it on the mean."""
+        knobs, T = self.knobs, span.seconds
+        turned = gyro_noise**2 * T + (knobs.way_share * span.way) ** 2
+        by_turn = np.zeros((SIZE, 3))
+        by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
+        Q = turned * by_turn @ by_turn.T
+        Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * np.eye(3)
+        Q[ACCEL_BIAS, ACCEL_BIAS] += knobs.accel_walk**2 * T * np.eye(3)
+        return Q

@@ -1,0 +1,81 @@
+"""Rauch-Tung-Striebel smoothing, by filterpy: what is learnt later improves what was believed before.
+
+Kept for each second: the filter's own six states after all evidence, and how they went on from the second before.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import rts_smoother
+from numpy.typing import NDArray
+
+from estimator.track.bias_filter import BIAS, OWN
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """m points: time (m,) s, bias (m, 3) rad/s with its standard deviation std (m, 3)."""
+
+    time: Floats
+    bias: Floats
+    std: Floats
+
+
+@dataclass(slots=True, eq=False)
+class _Step:
+    time: float
+    x: Floats
+    P: Floats
+    F: Floats  # from the step before to this one
+    Q: Floats
+
+
+class History:
+    """The latest steps of one filter; beyond `most` of them every second one is left out."""
+
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._steps: list[_Step] = []
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+    def add(self, time: float, x: Floats, P: Floats, F: Floats, Q: Floats) -> None:
+        """Note the state x (6,), P (6, 6) at a time, and F and Q (6, 6) that led there."""
+        self._steps.append(_Step(time, x[:OWN].copy(), P[:OWN, :OWN].copy(), F, Q))
+        if self._most is not None and len(self._steps) > self._most:
+            self._thin()
+
+    def doubt(self, cov: Floats, since: float, now: float) -> None:
+        """Between two times the bias walked by so much more, (3, 3), than the steps there say; evenly, as far as one knows."""
+        before = since
+        for step in (step for step in self._steps if step.time > since):
+            step.P[BIAS, BIAS] += cov * (step.time - since) / (now - since)
+            step.Q[BIAS, BIAS] += cov * (step.time - before) / (now - since)
+            before = step.time
+
+    def smoothed(self, since: float = -np.inf) -> Smoothed | None:
+        """The bias at every step after `since`, by all that is known now; None before there is any."""
+        steps = [step for step in self._steps if step.time > since]
+        if not steps:
+            return None
+        x, P = np.array([step.x for step in steps]), np.array([step.P for step in steps])
+        if len(steps) > 1:
+            # A slope that is known exactly, where there is no temperature, would make P singular.
+            P = P + 1e-24 * np.eye(OWN)
+            onward = steps[1:]
+            x, P, _, _ = rts_smoother(x, P, [s.F for s in onward], [s.Q for s in onward])
+        std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, BIAS], 0.0))
+        return Smoothed(np.array([step.time for step in steps]), x[:, BIAS], std)
+
+    def _thin(self) -> None:
+        kept = self._steps[:1]
+        for first, second in zip(self._steps[1::2], self._steps[2::2], strict=False):
+            second.Q = second.F @ first.Q @ second.F.T + second.Q
+            second.F = second.F @ first.F
+            kept.append(second)
+        if len(self._steps) % 2 == 0:
+            kept.append(self._steps[-1])
+        self._steps = kept
