@@ -45,6 +45,8 @@ class GravityKnobs:
     accel_noise: float = 0.03
     accel_bias: float = 0.05
     accel_walk: float = 1e-3
+    #: and what turning it changes in its error, m/s² per rad: scale, misalignment and curvature read otherwise in each pose
+    accel_pose: float = 0.05
     #: m/s², how far the strength of gravity and of its reading may differ
     strength: float = 0.03
     #: greatest error of gravity's first direction, m/s²
@@ -135,5 +137,6 @@ class Gravity:
         by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
         Q = turned * by_turn @ by_turn.T
         Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * np.eye(3)
-        Q[ACCEL_BIAS, ACCEL_BIAS] += knobs.accel_walk**2 * T * np.eye(3)
+        posed = (knobs.accel_pose * min(span.way, 1.0)) ** 2
+        Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * np.eye(3)
         return Q

@@ -12,9 +12,17 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
+from estimator.gyro import GyroModel
+from estimator.stillness import Stillness
+from estimator.track.bias_filter import BiasKnobs
+from estimator.track.tracker import Tracker as OurTracker
+from estimator.track.tracker import TrackKnobs
+
 Floats = NDArray[np.float64]
 
 _BLOCK = 20_000
+#: what is believed of a gyro out of a factory: rad/s of its bias, and relative of its scale and misalignment
+AS_BOUGHT, FACTORY_SCALE = np.full(3, np.radians(0.5)), 0.005
 _STILL_S, _STILL_DPS, _STILL_ACCEL = 2.0, 1.0, 0.15
 
 
@@ -114,7 +122,33 @@ def ours(
     smoothed: bool = False,
 ) -> Track | None:
     """This project's tracker, in real time or smoothed: the one place where the bench meets it."""
-    return None
+    n = len(gyro)
+    time = np.arange(1, n + 1) / rate_hz
+    bias, std = (np.zeros(3), AS_BOUGHT) if prior is None else (prior.bias, prior.std)
+    model = GyroModel(np.eye(3), bias, np.full(3, FACTORY_SCALE), np.full(3, FACTORY_SCALE), np.full(3, 2e-3))
+    knobs = TrackKnobs(history=None, bias=BiasKnobs(warm_up_walk=0.0))  # nobody knows when these were powered up
+    tracker, stillness = OurTracker(knobs, 0.0, model, std), Stillness()
+    found, stds, steps = [bias], [std], [0.0]
+    for start in range(0, n, _BLOCK):
+        here = slice(start, start + _BLOCK)
+        force = None if accel is None else accel[here]
+        tracker.add(time[here], gyro[here], force, np.zeros(len(time[here]), bool))
+        for window in stillness.feed(time[here], gyro[here], force):
+            if temperature_c is not None:
+                tracker.temperature(window.end_time, float(temperature_c[window.end - 1]))
+            tracker.window(window, stillness.noise_std)
+            if window.end_time - steps[-1] > 0.5:
+                found.append(tracker.bias)
+                stds.append(tracker.std)
+                steps.append(window.end_time)
+    if smoothed:
+        whole = tracker.smoothed()
+        if whole is None:
+            return None
+        return Track(*(np.column_stack([np.interp(time, whole.time, of[:, i]) for i in range(3)]) for of in (whole.bias, whole.std)))
+    # A sample is corrected by what was known before it.
+    known = np.searchsorted(steps, time, side="left") - 1
+    return Track(np.array(found)[known], np.array(stds)[known])
 
 
 def ours_smoothed(
