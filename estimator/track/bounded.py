@@ -4,7 +4,7 @@ Over a long stretch the mean of the true rate is the way from its first attitude
 swings is seen in the stretch itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -28,6 +28,8 @@ class BoundedKnobs:
     least_swing: float = radians(0.1)
     #: the last attitude of a stretch may be this many times the swing's deviation from its first
     ends: float = 2.0
+    #: so many stretches in a row that contradict the bias are believed
+    insist: int = 4
 
 
 class Bounded:
@@ -35,6 +37,7 @@ class Bounded:
 
     def __init__(self, knobs: BoundedKnobs | None = None) -> None:
         self.knobs = knobs or BoundedKnobs()
+        self._refused = 0
         self._seconds: list[tuple[float, float, Floats, Floats, Floats]] = []  # start, end, mean, its variance, common
 
     def broken(self) -> None:
@@ -61,4 +64,12 @@ class Bounded:
         R = np.diag((self.knobs.ends * swing / seconds) ** 2 + noise)
         H = np.zeros((3, len(bias.x)))
         H[:, BIAS] = np.eye(3)
-        return bias.update(Evidence("bounded", z, H, R, GATES[3], common))
+        evidence = Evidence("bounded", z, H, R, GATES[3], common)
+        receipt = bias.update(evidence)
+        self._refused = 0 if receipt.accepted else self._refused + 1
+        if self._refused < self.knobs.insist:
+            return receipt
+        self._refused = 0
+        bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
+        bias.update(evidence)
+        return replace(receipt, accepted=True, reason="insisted")

@@ -35,6 +35,8 @@ class ZaruKnobs:
     quasi_static: float = radians(0.003)
     #: means that scatter by more than this many times their noise variance show a body that moves a little
     scatter: float = 3.0
+    #: a jump of the bias is believed after so many seconds of rest in a row
+    sure_rests: int = 5
     #: the vertical part of a rest is believed within this (normalised innovation squared): 4 standard deviations
     vertical_gate: float = 16.0
     #: a contradiction that stays the same for this long is believed
@@ -63,6 +65,7 @@ class Zaru:
         self._means: deque[tuple[Floats, Floats]] = deque(maxlen=_RECENT)  # of quiet seconds, with their variance
         self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
         self._quiet_until = np.inf
+        self._rests = 0  # seconds in a row
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._tilted = False
@@ -74,6 +77,7 @@ class Zaru:
         self._means.clear()
         self._held.clear()
         self._tilted = False
+        self._rests = 0
         self.interrupted(bias)
 
     def interrupted(self, bias: BiasFilter) -> None:
@@ -90,8 +94,11 @@ class Zaru:
         if second.start - self._quiet_until >= self.knobs.gap_s:
             self._gap_s, self._surprised = second.start - self._quiet_until, set()
         self._quiet_until = second.end
-        if not second.still:
-            return False
+        resting = second.still and self._calm()
+        self._rests = self._rests + 1 if resting else 0
+        return resting
+
+    def _calm(self) -> bool:
         if len(self._means) < 3:
             return True
         means, variances = (np.array(column) for column in zip(*self._means, strict=True))
@@ -173,6 +180,8 @@ class Zaru:
 
     def _checked(self, second: Second, innovation: Floats) -> bool:
         """Whether a turn at such a rate would by now have been seen to tilt gravity."""
+        if self._rests < self.knobs.sure_rests:
+            return False
         seen_s = (second.start + second.end) / 2 - self._held[0][0]
         least = (self.knobs.tilt_sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
         return bool(seen_s >= min(least / float(np.linalg.norm(innovation)), self.knobs.tilt_s - 1.5))
