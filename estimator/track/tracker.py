@@ -26,7 +26,7 @@ from estimator.track.consistency import Consistency
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
-from estimator.track.zaru import Zaru, ZaruKnobs
+from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
 
@@ -194,7 +194,7 @@ class Tracker:
             Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
             self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q)
-        if any(r.accepted for r in receipts):
+        if any(r.accepted and r.reason != UNPROVEN for r in receipts):
             self._evidence_time = second.end
         return receipts
 

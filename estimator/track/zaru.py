@@ -24,7 +24,7 @@ _RECENT = 8
 G = 9.80665
 #: an NIS, by degrees of freedom, that one measurement in a thousand has
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
-REFUSED_TILT = "it tilts"
+REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,9 @@ class ZaruKnobs:
 
     #: motion of a resting body that no reading shows, rad/s
     quasi_static: float = radians(0.003)
+    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
+    unproven: float = radians(0.1)
+    proven_after: int = 4
     #: means that scatter by more than this many times their noise variance show a body that moves a little
     scatter: float = 3.0
     #: a jump of the bias is believed after so many seconds of rest in a row
@@ -107,11 +110,14 @@ class Zaru:
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
-        var = mean_var(second.std, second.step, len(second)) + self.knobs.quasi_static**2
+        proven = len(self._means) >= self.knobs.proven_after
+        motion = self.knobs.quasi_static if proven else self.knobs.unproven
+        var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
         if up is None or second.accel_mean is None:
             evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
-            return self._gated(evidence, second, bias)
+            receipts = self._gated(evidence, second, bias)
+            return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
         if self._tilted:
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
@@ -119,7 +125,8 @@ class Zaru:
             return [nothing]
         level = self._level(second, bias, up, var, common)
         evidence = self._evidence("zaru vertical", second, bias, up[None], var, common, self.knobs.vertical_gate)
-        return [level, *self._gated(evidence, second, bias)]
+        receipts = [level, *self._gated(evidence, second, bias)]
+        return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
 
     def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
         """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
@@ -170,7 +177,7 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
-        if evidence.kind in self._surprised:
+        if evidence.kind in self._surprised or len(self._means) < self.knobs.proven_after:
             return
         self._surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
