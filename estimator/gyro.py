@@ -12,6 +12,14 @@ AXES = "xyz"
 COARSE_STEP = radians(0.061)
 
 
+def spread(reading: Floats) -> tuple[Floats, Floats]:
+    """Mean (3,) and standard deviation (3,) of readings (n, 3), n > 1; in a third of NumPy's own time for few readings."""
+    n = len(reading)
+    mean: Floats = np.add.reduce(reading) / n
+    off = reading - mean
+    return mean, np.sqrt(np.add.reduce(off * off) / (n - 1))
+
+
 def least_step(reading: Floats) -> Floats:
     """(3,) least difference between readings (n, 3); next to nothing where they are not rounded."""
     steps = np.diff(np.sort(reading, axis=0), axis=0)

@@ -11,7 +11,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import least_step
+from estimator.gyro import spread
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class StillnessKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A short run of samples: `end` counts samples since the first one fed; mean, std, least step of its readings (3,)."""
+    """A short run of samples: `end` counts samples since the first one fed; mean and std of its readings (3,)."""
 
     start: int
     end: int
@@ -49,7 +49,6 @@ class Window:
     end_time: float
     mean: Floats
     std: Floats
-    step: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
     still: bool
@@ -104,22 +103,14 @@ class Stillness:
         for held in (self._time, self._gyro, self._accel):
             held.clear()
         start, self._count = self._count, self._count + len(time)
-        draft = Window(
-            start,
-            self._count,
-            float(time[0]),
-            float(time[-1]),
-            gyro.mean(axis=0),
-            gyro.std(axis=0, ddof=1),
-            least_step(gyro),
-            None if accel is None else accel.mean(axis=0),
-            None if accel is None else accel.std(axis=0, ddof=1),
-            still=False,
-        )
-        silence = max(np.diff(time).max(), time[0] - (time[0] if self._last_time is None else self._last_time))
-        self._last_time = float(time[-1])
+        mean, std = spread(gyro)
+        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
+        begun, ended = float(time[0]), float(time[-1])
+        silence = max(float((time[1:] - time[:-1]).max()), begun - (begun if self._last_time is None else self._last_time))
+        self._last_time = ended
         if silence >= self.knobs.gap_s:
             self._odd.clear()
+        draft = Window(start, self._count, begun, ended, mean, std, accel_mean, accel_std, still=False)
         window = replace(draft, still=silence < self.knobs.gap_s and self._judge(draft))
         self._learn(window)
         return window

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.refusal import Tally
-from estimator.gyro import least_step
+from estimator.gyro import least_step, spread
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,8 @@ class Seconds:
         first = self._last_time if np.isfinite(self._last_time) else time[0] - float(np.median(np.diff(time)))
         dt = np.diff(time, prepend=first)
         self._last_time = float(time[-1])
-        std = gyro.std(axis=0, ddof=1)
+        mean, std = spread(gyro)
+        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
         step = least_step(gyro)
         return Second(
             start=float(first),
@@ -103,11 +104,11 @@ class Seconds:
             accel=accel,
             still=all(window.still for window in windows),
             flaw=self._flaw(dt, std, step, clipped, noise_std),
-            mean=gyro.mean(axis=0),
+            mean=mean,
             std=std,
             step=step,
-            accel_mean=None if accel is None else accel.mean(axis=0),
-            accel_std=None if accel is None else accel.std(axis=0, ddof=1),
+            accel_mean=accel_mean,
+            accel_std=accel_std,
         )
 
     def _draw(self, n: int) -> tuple[Floats, Floats, Floats | None, Flags]:

@@ -192,7 +192,8 @@ class Tracker:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
             F, Q = steps
             Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
-            self._history.doubt(widened, since, second.end)
+            if widened.any():
+                self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q)
         if any(r.accepted and r.reason != UNPROVEN for r in receipts):
             self._evidence_time = second.end
