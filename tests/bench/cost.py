@@ -1,0 +1,70 @@
+"""What tracking costs: time for a sample and memory for a device, of many devices on one core. `make bench-tracking`."""
+
+import sys
+import tracemalloc
+from collections.abc import Callable
+from time import process_time
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from bridge.sim.day import Day, simulate_day
+from estimator.gyro import PriorKnobs, uncalibrated
+from estimator.stillness import Stillness
+from estimator.track.tracker import Tracker, TrackKnobs
+
+DEVICES, SECONDS, RATE_HZ, BATCH = 100, 120.0, 104.0, 10
+_GOAL_US, _GOAL_BYTES = 1.0, 500_000
+
+
+class One:
+    """A device as a session has it: windows, and the tracker behind them."""
+
+    def __init__(self, *, history: int | None = 256) -> None:
+        model = uncalibrated(PriorKnobs())
+        self.stillness = Stillness()
+        self.tracker = Tracker(TrackKnobs(history=history), 0.0, model, np.full(3, np.radians(5.0)))
+
+    def feed(self, time: NDArray[np.float64], gyro: NDArray[np.float64], accel: NDArray[np.float64] | None) -> None:
+        """Take a batch."""
+        self.tracker.add(time, gyro, accel, np.zeros(len(time), bool))
+        for window in self.stillness.feed(time, gyro, accel):
+            self.tracker.window(window, self.stillness.noise_std)
+
+
+def run(days: list[Day], make: Callable[[], One], *, aided: bool) -> tuple[float, list[One]]:
+    """CPU seconds for all samples of all devices, batch by batch, all devices back to back; and the devices."""
+    devices = [make() for _ in range(DEVICES)]
+    columns = [(d.time_s, d.gyro.astype(float), d.accel.astype(float) if aided else None) for d in days]
+    begun = process_time()
+    for start in range(0, len(days[0].time_s), BATCH):
+        here = slice(start, start + BATCH)
+        for i, device in enumerate(devices):
+            time, gyro, accel = columns[i % len(columns)]
+            device.feed(time[here], gyro[here], None if accel is None else accel[here])
+    return process_time() - begun, devices
+
+
+def main() -> int:
+    """Print what it costs; no verdict."""
+    console = Console()
+    days = [simulate_day(seed, SECONDS / 3600, RATE_HZ) for seed in range(10)]
+    samples = DEVICES * len(days[0].time_s)
+    for name, aided in (("with accelerometer", True), ("gyro only", False)):
+        spent, _ = run(days, One, aided=aided)
+        console.print(f"{name}: {1e6 * spent / samples:.2f} µs a sample for {DEVICES} devices (goal {_GOAL_US:g})")
+    tracemalloc.start()
+    day = simulate_day(0, 0.5, RATE_HZ)
+    before, _ = tracemalloc.get_traced_memory()
+    one, end = One(), len(day.time_s)
+    for start in range(0, end, BATCH):
+        here = slice(start, start + BATCH)
+        one.feed(day.time_s[here], day.gyro[here].astype(float), day.accel[here].astype(float))
+    after, _ = tracemalloc.get_traced_memory()
+    console.print(f"memory after half an hour: {(after - before) / 1e6:.2f} MB a device (goal {_GOAL_BYTES / 1e6:g})")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
