@@ -12,7 +12,7 @@ from bridge.sim.quaternion import up_in_body
 from bridge.sim.scenes import slow_turn
 from tests.bench import broad
 from tests.bench.optical import drift_deg_per_min, matrix_of
-from tests.bench.trackers import Floats, Track
+from tests.bench.trackers import Floats, Prior, Track
 
 TURN_RATES_DPS = (0.1, 0.3, 1.0, 2.0)
 _TURN_SEEDS = 4
@@ -52,26 +52,30 @@ class Row:
         return float(np.median(values) if self.median else np.mean(values))
 
 
+NONE = float("nan")
+#: the goals of the project; NaN where it has none
 ROWS = (
-    Row("BROAD as recorded", "BROAD: as recorded", ERROR, 0.005, 0.003),
-    Row("BROAD no rest before", "BROAD: no rest before", ERROR, 0.1, 0.01),
-    Row("BROAD ramp 0.05 °/s/min", "BROAD: ramp", ERROR, 0.04, 0.004),
-    Row("BROAD bias of 3 °/s", "BROAD: bias of 3 °/s", ERROR, 0.005, 0.003),
-    Row("BROAD with 3×3 as recorded", "3×3: as recorded", ERROR, 0.004, 0.002),
-    Row("BROAD with 3×3 no rest before", "3×3: no rest before", ERROR, 0.05, 0.0035),
-    Row("BROAD with 3×3 ramp 0.05 °/s/min", "3×3: ramp", ERROR, 0.03, 0.0035),
-    Row("BROAD with 3×3 bias of 3 °/s", "3×3: bias of 3 °/s", ERROR, 0.004, 0.002),
-    Row("ward day, calibrated", "ward day, calibrated", ERROR, 0.01, 0.005),
-    Row("ward day, as bought", "ward day, as bought", ERROR, 0.01, 0.005),
-    Row("ward day, calibrated: in ±1.96 σ", "ward day, calibrated", COVERED, 95.0, 95.0),
-    Row("ward day, as bought: in ±1.96 σ", "ward day, as bought", COVERED, 95.0, 95.0),
+    Row("BROAD as recorded", "BROAD: as recorded", ERROR, 0.003, 0.002),
+    Row("BROAD no rest before", "BROAD: no rest before", ERROR, 0.1, 0.008),
+    Row("BROAD ramp 0.05 °/s/min", "BROAD: ramp", ERROR, 0.03, 0.004),
+    Row("BROAD bias of 3 °/s", "BROAD: bias of 3 °/s", ERROR, 0.005, NONE),
+    Row("BROAD with 3×3 as recorded", "3×3: as recorded", ERROR, NONE, NONE),
+    Row("BROAD with 3×3 no rest before", "3×3: no rest before", ERROR, 0.06, NONE),
+    Row("BROAD with 3×3 ramp 0.05 °/s/min", "3×3: ramp", ERROR, 0.02, NONE),
+    Row("BROAD with 3×3 bias of 3 °/s", "3×3: bias of 3 °/s", ERROR, NONE, NONE),
+    Row("ward day, calibrated", "ward day, calibrated", ERROR, 0.01, NONE),
+    Row("ward day, gyro only", "ward day, gyro only", ERROR, 0.02, NONE),
+    Row("ward day, as bought", "ward day, as bought", ERROR, NONE, NONE),
+    Row("ward day, calibrated: in ±1.96 σ", "ward day, calibrated", COVERED, 95.0, NONE),
+    Row("ward day, gyro only: in ±1.96 σ", "ward day, gyro only", COVERED, 95.0, NONE),
+    Row("ward day, as bought: in ±1.96 σ", "ward day, as bought", COVERED, 95.0, NONE),
     *(
-        Row(f"turn of {rate:g} °/s kept, {how}", f"{rate:g} °/s {how}", KEPT, 100.0, 100.0)
+        Row(f"turn of {rate:g} °/s kept, {how}", f"{rate:g} °/s {how}", KEPT, 99.0, NONE)
         for how in ("on a table", "breathing")
         for rate in TURN_RATES_DPS
     ),
-    Row("BROAD heading drift", "as recorded", DRIFT, 5.0, 5.0),
-    Row("BROAD with 3×3 heading drift", "with 3×3", DRIFT, 2.2, 2.2),
+    Row("BROAD heading drift", "as recorded", DRIFT, NONE, NONE),
+    Row("BROAD with 3×3 heading drift", "with 3×3", DRIFT, 1.0, NONE),
 )
 
 
@@ -82,11 +86,16 @@ class Case:
     name: str
     rate_hz: float
     gyro: Floats
-    accel: Floats
+    accel: Floats | None
     temperature_c: Floats | None
     bias: Floats
     judge: Callable[[Track], dict[str, float]]
     activity: NDArray[np.int8] | None = None
+    prior: Prior | None = None
+
+
+#: what the 3×3 of another trial, and a calibration by hand, leave of scale and misalignment, relative
+_BY_OTHER_TRIAL, _BY_HAND = 1e-3, 2e-3
 
 
 def broad_cases() -> Iterator[Case]:
@@ -96,10 +105,11 @@ def broad_cases() -> Iterator[Case]:
         for trial in everything:
             yield _broad_case("BROAD", name, trial)
             if siblings := broad.siblings(trial, everything):
-                yield _broad_case("BROAD with 3×3", name, trial.turned(matrix_of(siblings)))
+                prior = Prior(scale_std=_BY_OTHER_TRIAL)
+                yield _broad_case("BROAD with 3×3", name, trial.turned(matrix_of(siblings)), prior)
 
 
-def _broad_case(prefix: str, name: str, trial: broad.Trial) -> Case:
+def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None = None) -> Case:
     changed = broad.scenario(name, trial)
 
     def judge(track: Track) -> dict[str, float]:
@@ -108,18 +118,20 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial) -> Case:
             worth[f"{prefix} heading drift"] = drift_deg_per_min(changed, track.bias)
         return worth
 
-    return Case(trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge)
+    return Case(trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior)
 
 
 def day_cases(days: int, hours: float) -> Iterator[Case]:
-    """Wearers' days, of a device read through a calibration and of one as bought."""
-    for calibrated in (True, False):
-        for seed in range(days):
-            day = simulate_day(seed, hours, _DAY_RATE_HZ, calibrated=calibrated)
-            yield _day_case(f"ward day, {'calibrated' if calibrated else 'as bought'}", f"seed {seed}", day)
+    """Wearers' days, of a device read through a calibration, the same without accelerometer, and of one as bought."""
+    for seed in range(days):
+        day = simulate_day(seed, hours, _DAY_RATE_HZ)
+        yield _day_case("ward day, calibrated", f"seed {seed}", day, Prior(scale_std=_BY_HAND))
+        yield _day_case("ward day, gyro only", f"seed {seed}", day, Prior(scale_std=_BY_HAND), aided=False)
+        as_bought = simulate_day(seed, hours, _DAY_RATE_HZ, calibrated=False)
+        yield _day_case("ward day, as bought", f"seed {seed}", as_bought, Prior(bias_std=np.radians(5.0), scale_std=0.03))
 
 
-def _day_case(row: str, name: str, day: Day) -> Case:
+def _day_case(row: str, name: str, day: Day, prior: Prior, *, aided: bool = True) -> Case:
     judged = day.time_s > _FIRST_REST_S
 
     def judge(track: Track) -> dict[str, float]:
@@ -132,7 +144,8 @@ def _day_case(row: str, name: str, day: Day) -> Case:
     gyro, accel, temperature_c, bias = (
         one.astype(np.float64) for one in (day.gyro, day.accel, day.temperature_c, day.bias)
     )
-    return Case(name, day.rate_hz, gyro, accel, temperature_c, bias, judge, day.activity)
+    force = accel if aided else None
+    return Case(name, day.rate_hz, gyro, force, temperature_c, bias, judge, day.activity, prior)
 
 
 def turn_cases() -> Iterator[Case]:

@@ -21,17 +21,18 @@ from estimator.track.tracker import TrackKnobs
 Floats = NDArray[np.float64]
 
 _BLOCK = 20_000
-#: what is believed of a gyro out of a factory: rad/s of its bias, and relative of its scale and misalignment
-AS_BOUGHT, FACTORY_SCALE = np.full(3, np.radians(0.5)), 0.005
 _STILL_S, _STILL_DPS, _STILL_ACCEL = 2.0, 1.0, 0.15
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Prior:
-    """A bias (3,) rad/s known beforehand and its standard deviation (3,)."""
+    """What is known of a gyro beforehand: bias_std rad/s of its bias, taken as zero; scale_std, relative, of its matrix.
 
-    bias: Floats
-    std: Floats
+    By default as of one calibrated by its maker. Peers have no way to be told.
+    """
+
+    bias_std: float = np.radians(0.5)
+    scale_std: float = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +64,6 @@ def vqf_real_time(
     if accel is None:
         return None
     tracker, biases, sigmas = vqf.VQF(1 / rate_hz), [], []
-    if prior is not None:
-        tracker.setBiasEstimate(prior.bias, float(prior.std.max()))
     for start in range(0, len(gyro), _BLOCK):  # its full state is a kilobyte a sample
         here = slice(start, start + _BLOCK)
         state = tracker.updateBatchFullState(np.ascontiguousarray(gyro[here]), np.ascontiguousarray(accel[here]))
@@ -89,8 +88,6 @@ def fusion(
     """xio Fusion's bias correction as it comes; the gyro alone."""
     tracker, bias = imufusion.Bias(), np.empty_like(gyro)
     tracker.set_settings(imufusion.BiasSettings(sample_rate=rate_hz))
-    if prior is not None:
-        tracker.set_offset(np.degrees(prior.bias))
     for i, rate_dps in enumerate(np.degrees(gyro)):
         tracker.update(rate_dps)
         bias[i] = tracker.get_offset()
@@ -101,7 +98,7 @@ def first_still(
     gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
 ) -> Track:
     """The mean of the first window of two still seconds, for ever; before it, the prior, or zero."""
-    bias = np.tile(np.zeros(3) if prior is None else prior.bias, (len(gyro), 1))
+    bias = np.zeros_like(gyro)
     n = round(_STILL_S * rate_hz)
     for start in range(0, len(gyro) - n, n):
         window = slice(start, start + n)
@@ -124,8 +121,10 @@ def ours(
     """This project's tracker, in real time or smoothed: the one place where the bench meets it."""
     n = len(gyro)
     time = np.arange(1, n + 1) / rate_hz
-    bias, std = (np.zeros(3), AS_BOUGHT) if prior is None else (prior.bias, prior.std)
-    model = GyroModel(np.eye(3), bias, np.full(3, FACTORY_SCALE), np.full(3, FACTORY_SCALE), np.full(3, 2e-3))
+    prior = prior or Prior()
+    bias, std = np.zeros(3), np.full(3, prior.bias_std)
+    scale_std = np.full(3, prior.scale_std)
+    model = GyroModel(np.eye(3), bias, scale_std, scale_std, np.full(3, 2e-3))
     knobs = TrackKnobs(history=None, bias=BiasKnobs(warm_up_walk=0.0))  # nobody knows when these were powered up
     tracker, stillness = OurTracker(knobs, 0.0, model, std), Stillness()
     found, stds, steps = [bias], [std], [0.0]

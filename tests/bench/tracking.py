@@ -46,7 +46,7 @@ def measure(cases: Iterable[Case], n: int, progress: Progress, what: str, result
 
 def tracked(method: str, case: Case) -> Track | None:
     """What a method makes of a case."""
-    return TRACKERS[method](case.gyro, case.accel, case.temperature_c, case.rate_hz)
+    return TRACKERS[method](case.gyro, case.accel, case.temperature_c, case.rate_hz, case.prior)
 
 
 def tables(results: Results) -> Iterator[Table]:
@@ -60,7 +60,7 @@ def tables(results: Results) -> Iterator[Table]:
             if row.group == group and results[row.name]:
                 values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
                 cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH)]
-                shown.add_row(row.label, *cells, *(f"{goal:g}" for goal in (row.goal, row.goal_smoothed)))
+                shown.add_row(row.label, *cells, *("–" if np.isnan(goal) else f"{goal:g}" for goal in (row.goal, row.goal_smoothed)))
         yield shown
 
 
@@ -110,8 +110,8 @@ def written_out(results: Results, path: Path) -> None:
             "row": row.name,
             "group": row.group,
             "unit": row.unit,
-            "goal": row.goal,
-            "goal_smoothed": row.goal_smoothed,
+            "goal": None if np.isnan(row.goal) else row.goal,
+            "goal_smoothed": None if np.isnan(row.goal_smoothed) else row.goal_smoothed,
             "statistic": "median" if row.median else "mean",
             "methods": {
                 method: {"summary": row.summary(list(of.values())), "cases": of}
@@ -140,7 +140,7 @@ def main() -> int:
         turns, trials = list(turn_cases()), list(broad_cases())
         measure(turns, len(turns), progress, "slow turns", results)
         measure(trials, len(trials), progress, "BROAD", results)
-        measure(day_cases(wanted.days, wanted.hours), 2 * wanted.days, progress, "ward days", results)
+        measure(day_cases(wanted.days, wanted.hours), 3 * wanted.days, progress, "ward days", results)
     for shown in tables(results):
         console.print(shown)
     wanted.out.mkdir(parents=True, exist_ok=True)
