@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 #: the octaves of an overlapping estimate share data: their degrees of freedom add up to twice the samples there are, and
 #: neighbours err together. With this divisor simulated intervals cover the truth as they say (tests/consistency).
 _SHARED = 2.5
-_FALL = float(chi2.ppf(0.95, 1))  # of twice the log-likelihood
+_FALL: float = float(chi2.ppf(0.95, 1))  # of twice the log-likelihood
 _LEAST_OCTAVES = 6
 
 
@@ -59,16 +59,24 @@ class Noise:
     fitted_from: float
     misfit: float
 
-    def parts(self, tau: Floats) -> Floats:
-        """(4, m) Allan deviations, rad/s, at tau (m,) of each of the noises alone, in their order."""
-        squares = np.square([self.arw.value, self.bias_instability.value, self.rrw.value, self.drift])
-        return np.sqrt(_terms(tau) * squares).T
+    def model(self, tau: Floats) -> Floats:
+        """(m,) Allan deviation, rad/s, of all of it at averaging times tau (m,)."""
+        sizes = np.array([self.arw.value, self.bias_instability.value, self.rrw.value, self.drift])
+        return np.asarray(np.sqrt(sizes**2 @ shapes(tau) ** 2))
+
+
+def shapes(tau: Floats) -> Floats:
+    """(4, m) Allan deviation at tau (m,) of each noise and of a drift, were its coefficient 1."""
+    return np.sqrt(_terms(tau)).T
 
 
 def identify(rate: Floats, rate_hz: float) -> Noise:
-    """The noise of one axis at rest from evenly sampled rates (n,), rad/s, that are not all the same."""
+    """The noise of one axis at rest from evenly sampled rates (n,), rad/s, that are not all the same; ValueError if few."""
     factors = octaves(len(rate))
-    tau, variance = np.array(factors) / rate_hz, overlapping(rate, factors)
+    if len(factors) < _LEAST_OCTAVES:
+        raise ValueError(f"{len(rate)} rates; at least {3 << (_LEAST_OCTAVES - 1)} are needed")
+    variance = np.maximum(overlapping(rate, factors), 1e-12 * rate.var())  # what alternates averages to nothing
+    tau = np.array(factors) / rate_hz
     terms, each = _terms(tau), degrees_of_freedom(len(rate), factors)
     each = np.column_stack([each, each[:, 2]])  # a drift has no scatter of its own: no better than a random walk
     first, fit = _explain(terms, variance, each)
@@ -86,14 +94,19 @@ def _terms(tau: Floats) -> Floats:
 
 
 def _explain(terms: Floats, variance: Floats, each: Floats) -> tuple[int, "_Fit"]:
-    """Leave out the least octaves, which the device's filter shapes, until the rest fits; if it never does, add a drift."""
+    """Leave out the least octaves, which the device's filter shapes, until the rest fits; if it never does, add a drift.
+
+    Two more go with them, in which what is left of the filter, half as much an octave, would hide in the scatter.
+    """
+    most = max(len(variance) - _LEAST_OCTAVES, 0)
     tried = []
     for count in (3, 4):
-        for first in range(max(len(variance) - _LEAST_OCTAVES, 0) + 1):
+        for first in range(most + 1):
             fit = _Fit(terms[first:, :count], variance[first:], each[first:])
-            if fit.explains:
-                return first, fit
             tried.append((first, fit))
+            if fit.explains:
+                later = min(first + 2, most) if first else 0
+                return later, _Fit(terms[later:, :count], variance[later:], each[later:])
     return min(tried, key=lambda trial: trial[1].misfit)
 
 
@@ -109,7 +122,7 @@ class _Fit:
             self.squares = self._solve()
             freedom = self.mixed(terms, each)
         self._least = self._deviance(self.squares)
-        self.misfit = self._least * _SHARED / spare
+        self.misfit: float = self._least * _SHARED / spare
         self.explains = self.misfit < chi2.ppf(0.99, spare) / spare
 
     def mixed(self, terms: Floats, each: Floats) -> Floats:
@@ -124,7 +137,8 @@ class _Fit:
         best = self.squares[i]
 
         def beyond(square: float) -> float:
-            return (self._deviance(self._solve(i, square)) - self._least) / max(self.misfit, 1.0) - _FALL
+            fall = self._deviance(self._solve(i, square)) - self._least
+            return fall / max(self.misfit, 1.0) - _FALL
 
         top = 2 * max(best, float(np.min(self._variance / self._terms[:, i])))
         while beyond(top) < 0:
