@@ -193,7 +193,7 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
-     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"],
+     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"], ["allan"],
      ["study", "paper"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
