@@ -3,8 +3,9 @@
 from msgspec import Struct
 
 from bridge import config
-from bridge.toml_file import nearest
+from bridge.toml_file import ConfigError, nearest
 from estimator.batch.methods import DEFAULT, METHODS
+from estimator.noise_model import GENERIC, load_model
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -14,6 +15,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     #: the SQLite file; relative to the folder the estimator is started in
     store: str = "truerate.sqlite3"
     method: str = DEFAULT
+    #: kind of device, one of configs/devices or the path of such a file; by device id for those that differ
+    model: str = GENERIC
+    models: dict[str, str] = {}
     #: seconds after power-up before a device is believed
     warming_s: float = 1.0
     #: seconds without a sample after which a device is lost
@@ -23,6 +27,13 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         config.check(self.id, "id")
         if self.method not in METHODS:
             raise ValueError(f"unknown method {self.method!r}; {nearest(self.method, METHODS)}")
+        for device, model in (("", self.model), *self.models.items()):
+            if device:
+                config.check(device, "a device in models")
+            try:
+                load_model(model)
+            except ConfigError as error:
+                raise ValueError(str(error)) from None
         if not 0 <= self.warming_s <= 3600:
             raise ValueError(f"warming_s is {self.warming_s:g}; 0 to 3600 is taken")
         if not 0.2 <= self.silence_s <= 600:

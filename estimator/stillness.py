@@ -106,7 +106,9 @@ class Stillness:
         mean, std = spread(gyro)
         accel_mean, accel_std = (None, None) if accel is None else spread(accel)
         begun, ended = float(time[0]), float(time[-1])
-        silence = max(float((time[1:] - time[:-1]).max()), begun - (begun if self._last_time is None else self._last_time))
+        silence = max(
+            float((time[1:] - time[:-1]).max()), begun - (begun if self._last_time is None else self._last_time)
+        )
         self._last_time = ended
         if silence >= self.knobs.gap_s:
             self._odd.clear()

@@ -10,7 +10,9 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
+from estimator.device_knobs import knobs_of
 from estimator.door import Door
+from estimator.noise_model import load_model
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.record import Record
@@ -45,7 +47,9 @@ class Service:
         self.counts = Tally()
         self._bus, self._now_ns, self._store_path = data, now_ns, store.path
         self._record = Record(store, self.counts, now_ns)
-        self._knobs = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
+        usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
+        self._knobs = knobs_of(load_model(settings.model), usual)
+        self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
         self._devices = Roster(self.counts, settings.silence_s)
         self._samples = Door[SampleBatch]("sample", codec.decode_samples, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
@@ -129,7 +133,8 @@ class Service:
         if device is None:
             if not self._devices.room(now):
                 return
-            device = Device(self._bus, self.ward, batch.device, self._knobs, self.settings.silence_s, now)
+            knobs = self._knobs_of.get(batch.device, self._knobs)
+            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
             device.heard = now

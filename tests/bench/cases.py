@@ -128,7 +128,9 @@ def day_cases(days: int, hours: float) -> Iterator[Case]:
         yield _day_case("ward day, calibrated", f"seed {seed}", day, Prior(scale_std=_BY_HAND))
         yield _day_case("ward day, gyro only", f"seed {seed}", day, Prior(scale_std=_BY_HAND), aided=False)
         as_bought = simulate_day(seed, hours, _DAY_RATE_HZ, calibrated=False)
-        yield _day_case("ward day, as bought", f"seed {seed}", as_bought, Prior(bias_std=np.radians(5.0), scale_std=0.03))
+        yield _day_case(
+            "ward day, as bought", f"seed {seed}", as_bought, Prior(bias_std=np.radians(5.0), scale_std=0.03)
+        )
 
 
 def _day_case(row: str, name: str, day: Day, prior: Prior, *, aided: bool = True) -> Case:

@@ -144,7 +144,12 @@ def ours(
         whole = tracker.smoothed()
         if whole is None:
             return None
-        return Track(*(np.column_stack([np.interp(time, whole.time, of[:, i]) for i in range(3)]) for of in (whole.bias, whole.std)))
+        return Track(
+            *(
+                np.column_stack([np.interp(time, whole.time, of[:, i]) for i in range(3)])
+                for of in (whole.bias, whole.std)
+            )
+        )
     # A sample is corrected by what was known before it.
     known = np.searchsorted(steps, time, side="left") - 1
     return Track(np.array(found)[known], np.array(stds)[known])

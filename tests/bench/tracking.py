@@ -60,7 +60,11 @@ def tables(results: Results) -> Iterator[Table]:
             if row.group == group and results[row.name]:
                 values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
                 cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH)]
-                shown.add_row(row.label, *cells, *("–" if np.isnan(goal) else f"{goal:g}" for goal in (row.goal, row.goal_smoothed)))
+                shown.add_row(
+                    row.label,
+                    *cells,
+                    *("–" if np.isnan(goal) else f"{goal:g}" for goal in (row.goal, row.goal_smoothed)),
+                )
         yield shown
 
 

@@ -1,0 +1,24 @@
+"""How a kind of device is to be treated: its noise model turned into the knobs of stillness, prior and tracking."""
+
+from dataclasses import replace
+
+from estimator.noise_model import NoiseModel
+from estimator.session import SessionKnobs
+
+#: readings a second at which the noise of one reading is guessed before a rest has shown it
+_USUAL_HZ = 100.0
+
+
+def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
+    """The knobs of a session of such a device; what the model does not tell stays as in `knobs`. The worst axis counts."""
+    knobs = knobs or SessionKnobs()
+    noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
+    track = knobs.track
+    bias = replace(track.bias, rate_random_walk=float(model.rrw.max()), per_kelvin=model.bias_per_kelvin)
+    gravity = track.gravity if model.zero_g is None else replace(track.gravity, accel_bias=model.zero_g)
+    return replace(
+        knobs,
+        prior=replace(knobs.prior, bias_std=model.turn_on_bias, scale_std=model.scale_tolerance, noise_std=noise),
+        stillness=replace(knobs.stillness, noise_guess=noise),
+        track=replace(track, bias=bias, gravity=gravity),
+    )
