@@ -60,9 +60,10 @@ def log(attitude: Floats) -> Floats:
 
 def cross_matrix(vector: Floats) -> Floats:
     """(…, 3, 3) matrices that multiply like the cross product with vectors (…, 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([np.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))], -2)
+    crossed = np.zeros((*vector.shape, 3))
+    crossed[..., 2, 1], crossed[..., 0, 2], crossed[..., 1, 0] = vector[..., 0], vector[..., 1], vector[..., 2]
+    crossed[..., 1, 2], crossed[..., 2, 0], crossed[..., 0, 1] = -vector[..., 0], -vector[..., 1], -vector[..., 2]
+    return crossed
 
 
 def angle_between(a: Floats, b: Floats) -> float:

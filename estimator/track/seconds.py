@@ -142,6 +142,8 @@ class Seconds:
             return gyro
         between = 0.5 * (gyro[:-2] + gyro[2:])
         off = np.abs(gyro[1:-1] - between)
+        if off.max() <= self.knobs.spike:
+            return gyro
         # A spike also spoils its neighbours' means, by half of itself.
         worst = off >= np.maximum(np.maximum(off, np.roll(off, 1, axis=0)), np.roll(off, -1, axis=0))
         lone = worst & (off > self.knobs.spike) & (off > self.knobs.spike_factor * np.median(off, axis=0))
