@@ -158,7 +158,7 @@ class BiasFilter:
         self.time, self.widened = time, np.zeros((3, 3))
         if np.isfinite(temperature_c):
             self.temperature_c = temperature_c
-        return F[:OWN, :OWN], Q[:OWN, :OWN]
+        return F[:OWN, :OWN].copy(), Q[:OWN, :OWN].copy()
 
     def _walked(self, dt: float, *, known: bool) -> float:
         knobs = self.knobs
