@@ -11,7 +11,7 @@ from bridge.sim.day import Day, simulate_day
 from bridge.sim.quaternion import up_in_body
 from bridge.sim.scenes import slow_turn
 from tests.bench import broad
-from tests.bench.optical import drift_deg_per_min, matrix_of
+from tests.bench.optical import bias_by_optics, drift_deg_per_min, matrix_of
 from tests.bench.trackers import Floats, Prior, Track
 
 TURN_RATES_DPS = (0.1, 0.3, 1.0, 2.0)
@@ -92,10 +92,16 @@ class Case:
     judge: Callable[[Track], dict[str, float]]
     activity: NDArray[np.int8] | None = None
     prior: Prior | None = None
+    #: what could be known at best, where something better than the sensors was there
+    limit: Callable[[], Track] | None = None
 
 
 #: what the 3×3 of another trial, and a calibration by hand, leave of scale and misalignment, relative
 _BY_OTHER_TRIAL, _BY_HAND = 1e-3, 2e-3
+#: scenarios in which little but the movement itself tells of the bias
+_LIMITED = broad.SCENARIOS[1:3]
+#: rad/s per root s, how the bias wanders: as such gyros do, and so that the ramp is followed best
+_WALK, _RAMP_WALK = np.radians(7e-4), np.radians(3e-3)
 
 
 def broad_cases() -> Iterator[Case]:
@@ -118,7 +124,13 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
             worth[f"{prefix} heading drift"] = drift_deg_per_min(changed, track.bias)
         return worth
 
-    return Case(trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior)
+    def limit() -> Track:
+        walk = _RAMP_WALK if name.startswith("ramp") else _WALK
+        return Track(bias_by_optics(changed, walk, Prior().bias_std))
+
+    return Case(
+        trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior, limit=limit
+    )
 
 
 def day_cases(days: int, hours: float) -> Iterator[Case]:

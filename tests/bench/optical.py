@@ -14,6 +14,9 @@ _INTERVAL_S = 1.0
 _ROUNDS = 4
 #: intervals whose residual is this many times the median are not believed: markers seen wrongly
 _OUTLIER = 5.0
+#: how the optical orientation is weighed: every so often, rad; the gyro's noise, rad/s per root Hz, and share of the way
+_OPTICAL_S, _OPTICAL_STD = 0.25, np.radians(0.3)
+_GYRO_NOISE, _WAY_SHARE = np.radians(0.01), 3e-4
 
 
 def matrix_of(trials: list[Trial]) -> Floats:
@@ -64,6 +67,41 @@ def drift_deg_per_min(trial: Trial, bias: Floats) -> float:
     first, last = max(int(moving[0]) - 1, 0), int(moving[-1])
     minutes = (seen[last] - seen[first]) / trial.rate_hz / 60
     return float(np.degrees(abs(heading[last] - heading[first])) / minutes)
+
+
+def bias_by_optics(trial: Trial, walk: float, start_std: float) -> Floats:
+    """(n, 3) the bias that the optical orientation itself shows in real time, through the matrix fitted to this very trial.
+
+    What no method with an accelerometer can hope for: it sees the heading too, and no linear acceleration disturbs it. A Kalman
+    filter of attitude error (earth) and bias, four times a second; walk rad/s per root s, start_std rad/s.
+    """
+    n, matrix = max(1, round(_OPTICAL_S * trial.rate_hz)), matrix_of([trial])
+    seen = ~np.isnan(trial.attitude[:, 0])
+    first = int(np.argmax(seen))
+    attitude, bias = _rotation(trial.attitude[first : first + 1])[0], np.zeros(3)
+    P = np.diag([_OPTICAL_STD**2] * 3 + [start_std**2] * 3)
+    found = np.zeros_like(trial.gyro)
+    for begin in range(first, len(found) - n, n):
+        found[begin : begin + n] = bias
+        rate = (trial.gyro[begin + 1 : begin + n + 1] - bias) @ matrix.T
+        path = rotation.attitudes(rate, np.full(n, 1 / trial.rate_hz))
+        F = np.eye(6)
+        F[:3, 3:] = -attitude.as_matrix() @ (path[:-1] + path[1:]).sum(axis=0) / 2 @ matrix / trial.rate_hz
+        attitude = attitude * Rotation.from_matrix(path[-1])
+        way = float(np.linalg.norm(rate, axis=1).sum()) / trial.rate_hz
+        noise = _GYRO_NOISE**2 * n / trial.rate_hz + (_WAY_SHARE * way) ** 2
+        P = F @ P @ F.T + np.diag([noise] * 3 + [walk**2 * n / trial.rate_hz] * 3)
+        if seen[begin + n]:
+            missed = (_rotation(trial.attitude[begin + n : begin + n + 1])[0] * attitude.inv()).as_rotvec()
+            R = _OPTICAL_STD**2 * np.eye(3)
+            # A marker seen wrongly counts less.
+            unlikely = float(missed @ np.linalg.solve(P[:3, :3] + R, missed)) / 12
+            S = P[:3, :3] + R * max(1.0, unlikely)
+            gain = np.linalg.solve(S, P[:3]).T
+            change, P = gain @ missed, P - gain @ P[:3]
+            attitude, bias = Rotation.from_rotvec(change[:3]) * attitude, bias + change[3:]
+    found[begin + n :] = bias
+    return found
 
 
 def _rotation(wxyz: Floats) -> Rotation:

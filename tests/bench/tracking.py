@@ -1,5 +1,7 @@
 """Bias trackers side by side on real movement, on simulated days and in slow turns. `make bench-tracking`.
 
+The column "true bias" is what the truth itself comes to; "optics" is a filter that sees the optical orientation in place of
+the accelerometer, in real time and through the matrix of the very trial: what no method can hope for.
 Writes out/tracking.json and out/tracking.png. --hours and --days make the days shorter and fewer.
 """
 
@@ -21,9 +23,9 @@ from tests.bench import broad
 from tests.bench.cases import DRIFT, ERROR, KEPT, ROWS, Case, Row, broad_cases, day_cases, turn_cases
 from tests.bench.trackers import TRACKERS, Track
 
-TRUTH = "true bias"
+TRUTH, OPTICS = "true bias", "optics"
 SHOWN_FOR_TRUTH = {row.name for row in ROWS if row.group in (KEPT, DRIFT)}
-_PICTURE_EVERY_S, _WIDTH = 30.0, 118
+_PICTURE_EVERY_S, _WIDTH = 30.0, 128
 
 #: row, method, values of its cases by name
 Results = dict[str, dict[str, dict[str, float]]]
@@ -36,6 +38,9 @@ def measure(cases: Iterable[Case], n: int, progress: Progress, what: str, result
         for row, worth in case.judge(Track(case.bias)).items():
             if row in SHOWN_FOR_TRUTH:
                 results[row][TRUTH][case.name] = worth
+        if case.limit is not None:
+            for row, worth in case.judge(case.limit()).items():
+                results[row][OPTICS][case.name] = worth
         for method in TRACKERS:
             track = tracked(method, case)
             progress.advance(task)
@@ -54,12 +59,12 @@ def tables(results: Results) -> Iterator[Table]:
     for group in dict.fromkeys(row.group for row in ROWS if results[row.name]):
         shown = Table(title=group, title_justify="left", title_style="bold", box=None, pad_edge=False)
         shown.add_column("", width=22, no_wrap=True)
-        for heading in (*TRACKERS, TRUTH, "goal", "goal smoothed"):
+        for heading in (*TRACKERS, TRUTH, OPTICS, "goal", "goal smoothed"):
             shown.add_column(heading.replace(" ", "\n", 1), justify="right", width=9, no_wrap=True)
         for row in ROWS:
             if row.group == group and results[row.name]:
                 values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
-                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH)]
+                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH, OPTICS)]
                 shown.add_row(
                     row.label,
                     *cells,
