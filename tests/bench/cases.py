@@ -126,7 +126,7 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
 
     def limit() -> Track:
         walk = _RAMP_WALK if name.startswith("ramp") else _WALK
-        return Track(bias_by_optics(changed, walk, Prior().bias_std))
+        return Track(bias_by_optics(changed, matrix_of([trial]), walk, Prior().bias_std))
 
     return Case(
         trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior, limit=limit

@@ -69,13 +69,13 @@ def drift_deg_per_min(trial: Trial, bias: Floats) -> float:
     return float(np.degrees(abs(heading[last] - heading[first])) / minutes)
 
 
-def bias_by_optics(trial: Trial, walk: float, start_std: float) -> Floats:
-    """(n, 3) the bias that the optical orientation itself shows in real time, through the matrix fitted to this very trial.
+def bias_by_optics(trial: Trial, matrix: Floats, walk: float, start_std: float) -> Floats:
+    """(n, 3) the bias that the optical orientation itself shows in real time, through a matrix (3, 3).
 
     What no method with an accelerometer can hope for: it sees the heading too, and no linear acceleration disturbs it. A Kalman
     filter of attitude error (earth) and bias, four times a second; walk rad/s per root s, start_std rad/s.
     """
-    n, matrix = max(1, round(_OPTICAL_S * trial.rate_hz)), matrix_of([trial])
+    n = max(1, round(_OPTICAL_S * trial.rate_hz))
     seen = ~np.isnan(trial.attitude[:, 0])
     first = int(np.argmax(seen))
     attitude, bias = _rotation(trial.attitude[first : first + 1])[0], np.zeros(3)
