@@ -165,7 +165,7 @@ class BiasFilter:
         var = knobs.rate_random_walk**2 * dt
         if not known and np.isfinite(self._powered):
             fading = np.exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)
-            var += knobs.warm_up_walk**2 * fading * dt
+            var += knobs.warm_up_walk**2 * fading * -np.expm1(-dt / knobs.warm_up_s) * knobs.warm_up_s
         return float(var)
 
     def carry(self, x: Floats, F: Floats, Q: Floats) -> None:

@@ -186,6 +186,10 @@ class Tracker:
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
         span = self._carried(second, noise_std)
+        if second.flaw:
+            # Before time goes on: what waits to be judged was measured before the gap.
+            self._zaru.moved(self._filter)
+            self._bounded.broken()
         steps = self._filter.predict(second.end, self.temperature_c)
         receipts = [] if second.flaw else self._evidence(second, span)
         if steps is not None:

@@ -1,7 +1,7 @@
 """What a simulated device sends, cut into batches at will, with the truth beside it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +20,7 @@ NAME = "chest"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stream:
-    """n samples of one boot and what is true of them: ticks of 1 µs, gyro, accel, temperature; rate and bias."""
+    """n samples of one boot and what is true of them: ticks of 1 µs, gyro, accel, temperature; rate, bias and attitude."""
 
     ticks: NDArray[np.int64]
     gyro: Floats
@@ -30,6 +30,7 @@ class Stream:
     bias: Floats
     truth: Truth
     rate_hz: float
+    attitude: Floats = field(default_factory=lambda: np.zeros((0, 4)))
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -51,6 +52,7 @@ class Stream:
             temperature_c=self.temperature_c[cut],
             rate=self.rate[cut],
             bias=self.bias[cut],
+            attitude=self.attitude[cut] if len(self.attitude) else self.attitude,
         )
 
     def at(self, time_s: float) -> int:
@@ -88,15 +90,23 @@ class Stream:
 
 
 def stream(
-    pieces: Iterable[Piece], duration_s: float, *, seed: int = 0, spec: ImuSpec | None = None, rate_hz: float = 104.0
+    pieces: Iterable[Piece],
+    duration_s: float,
+    *,
+    seed: int = 0,
+    spec: ImuSpec | None = None,
+    rate_hz: float = 104.0,
+    attitude: Floats | None = None,
 ) -> Stream:
-    """What a device that lives through these pieces sends."""
+    """What a device that lives through these pieces sends; attitude (4,) is its first, flat when None."""
     rng = np.random.default_rng(seed)
     ticks = np.round(np.arange(1, int(duration_s * rate_hz) + 1) / (rate_hz * 1e-6)).astype(np.int64)
-    motion = Motion(pieces, flat(rng)).advance(np.asarray(ticks * 1e-6, np.float64))
+    motion = Motion(pieces, flat(rng) if attitude is None else attitude).advance(np.asarray(ticks * 1e-6, np.float64))
     sensor = Imperfection(spec or ImuSpec(), rng)
     read = sensor.read(motion)
-    return Stream(ticks, read.gyro, read.accel, read.temperature_c, motion.rate, read.bias, sensor.truth, rate_hz)
+    return Stream(
+        ticks, read.gyro, read.accel, read.temperature_c, motion.rate, read.bias, sensor.truth, rate_hz, motion.attitude
+    )
 
 
 def calibration(

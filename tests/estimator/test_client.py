@@ -9,10 +9,9 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
 from bridge.wire.refusal import Refusal
 from estimator.client import Client
-from estimator.correction import choose
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, info, stream
-from tests.estimator.test_correction import BIAS, CALIBRATION, KNOBS
+from tests.estimator.test_correction import CALIBRATION, chosen
 
 WARD = "w"
 
@@ -29,7 +28,7 @@ def client(broker: MemoryBroker) -> Client:
 
 def corrected(start: int, end: int, boot: int = 1) -> CorrectedBatch:
     (batch,) = stream([], 3.0).part(start, end).batches([], boot=boot, first=start)
-    return choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 0, len(batch))
+    return chosen(CALIBRATION).apply(batch, 0, len(batch))
 
 
 def publisher(broker: MemoryBroker, what: str = "corrected") -> Publisher:

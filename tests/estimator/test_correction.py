@@ -6,9 +6,8 @@ import pytest
 from bridge.wire.messages import Calibration, Quality, Verdict
 from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.result import PARAMETERS
-from estimator.correction import choose
+from estimator.correction import Correction, Floats, believed, choose
 from estimator.gyro import PriorKnobs
-from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import stream
 
 KNOBS = PriorKnobs()
@@ -33,38 +32,51 @@ CALIBRATION = Calibration(
     temperature_c=25.0,
     who="",
 )
-BIAS = BiasState(np.array([0.011, 0.021, 0.031]), 1e-8 * np.eye(3), 0.0)
+BIAS = np.array([0.011, 0.021, 0.031])
+
+
+def chosen(
+    calibration: Calibration | None,
+    earlier: Calibration | None = None,
+    bias: Floats | None = BIAS,
+    noise_std: Floats | None = None,
+) -> Correction:
+    """With a bias that was tracked to 1e-4 rad/s, or with what is believed of it before."""
+    belief = believed(calibration, earlier, KNOBS)
+    if bias is None:
+        return choose(belief, belief.model.bias, belief.bias_std, noise_std, sure=False)
+    return choose(belief, bias, np.full(3, 1e-4), noise_std, sure=True)
 
 
 def test_the_datasheet_when_nothing_is_known() -> None:
-    best = choose(None, None, None, None, KNOBS)
+    best = chosen(None, bias=None)
     assert (best.quality, best.calibration) == (Quality.NONE, "")
     np.testing.assert_array_equal(best.model.matrix, np.eye(3))
     np.testing.assert_array_equal(best.bias_std, np.full(3, KNOBS.bias_std))
 
 
 def test_a_rest_gives_the_bias_and_nothing_of_the_scale() -> None:
-    best = choose(None, None, BIAS, None, KNOBS)
+    best = chosen(None)
     assert best.quality is Quality.BIAS_ONLY
-    np.testing.assert_array_equal(best.model.bias, BIAS.x)
+    np.testing.assert_array_equal(best.model.bias, BIAS)
     np.testing.assert_array_equal(best.model.scale_std, np.full(3, KNOBS.scale_std))
 
 
 def test_an_earlier_boot_gives_the_scale_a_little_worn() -> None:
-    best = choose(None, CALIBRATION, None, None, KNOBS)
+    best = chosen(None, CALIBRATION, bias=None)
     assert (best.quality, best.calibration) == (Quality.PRIOR, "c1")
     np.testing.assert_array_equal(best.model.matrix, CALIBRATION.matrix)
     np.testing.assert_array_equal(best.bias_std, np.full(3, KNOBS.bias_repeatability))
     assert (best.model.scale_std >= KNOBS.scale_repeatability).all()
-    with_rest = choose(None, CALIBRATION, BIAS, None, KNOBS)
+    with_rest = chosen(None, CALIBRATION)
     assert with_rest.quality is Quality.BIAS_ONLY
     np.testing.assert_array_equal(with_rest.model.matrix, CALIBRATION.matrix)
 
 
 def test_this_boots_calibration_goes_before_an_earlier_one() -> None:
-    best = choose(CALIBRATION, replace(CALIBRATION, id="old", matrix=np.eye(3)), BIAS, np.full(3, 0.002), KNOBS)
+    best = chosen(CALIBRATION, replace(CALIBRATION, id="old", matrix=np.eye(3)), noise_std=np.full(3, 0.002))
     assert (best.quality, best.calibration) == (Quality.GOOD, "c1")
-    np.testing.assert_array_equal(best.model.bias, BIAS.x)
+    np.testing.assert_array_equal(best.model.bias, BIAS)
     np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
     np.testing.assert_array_equal(best.model.noise_std, np.full(3, 0.002))
 
@@ -77,21 +89,21 @@ def test_a_full_matrix_is_applied_whole() -> None:
         parameters=MATRIX_PARAMETERS,
         covariance=np.diag(np.square([1e-4] * 3 + [1e-3, 2e-3, 3e-3] + [5e-3] * 6)),
     )
-    best = choose(full, None, BIAS, None, KNOBS)
+    best = chosen(full)
     np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
     (batch,) = stream([], 0.2).batches([])
-    expected = (batch.gyro.astype(float) - BIAS.x) @ matrix.T
+    expected = (batch.gyro.astype(float) - BIAS) @ matrix.T
     np.testing.assert_array_equal(best.apply(batch, 0, len(batch)).rate, expected.astype(np.float32))
 
 
 def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
     (batch,) = stream([], 1.0).batches([])
     batch = replace(batch, clock_rate=1.01, sequence=70)
-    part = choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 20, 50)
-    whole = choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 0, len(batch))
+    part = chosen(CALIBRATION).apply(batch, 20, 50)
+    whole = chosen(CALIBRATION).apply(batch, 0, len(batch))
     assert part.sequence == 90
     assert len(part) == 30
-    expected = (batch.gyro[20:50].astype(float) - BIAS.x) * [0.9, 1.0, 1.1]
+    expected = (batch.gyro[20:50].astype(float) - BIAS) * [0.9, 1.0, 1.1]
     np.testing.assert_array_equal(part.rate, expected.astype(np.float32))
     np.testing.assert_allclose(part.sample_time_ns, whole.sample_time_ns[20:50], atol=1)
     np.testing.assert_allclose(part.noise_std, np.array([0.9, 1.0, 1.1]) * 0.001, rtol=1e-6)
@@ -101,7 +113,7 @@ def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
 def test_published_deviations_add_up() -> None:
     (batch,) = stream([], 0.1).batches([])
     corrected = replace(
-        choose(CALIBRATION, None, BIAS, None, KNOBS).apply(batch, 0, 2),
+        chosen(CALIBRATION).apply(batch, 0, 2),
         rate=np.array([[1.0, -2.0, 0.0], [0.0, 0.0, 0.0]], np.float32),
     )
     noise_bias = np.hypot([0.0009, 0.001, 0.0011], [0.9e-4, 1e-4, 1.1e-4])
@@ -123,8 +135,8 @@ def test_published_deviations_add_up() -> None:
 
 @pytest.mark.parametrize("field", ["bias", "matrix", "scale_std", "cross_std", "noise_std"])
 def test_same_sees_every_difference(field: str) -> None:
-    one = choose(CALIBRATION, None, BIAS, None, KNOBS)
-    assert one.same(choose(CALIBRATION, None, BIAS, None, KNOBS))
+    one = chosen(CALIBRATION)
+    assert one.same(chosen(CALIBRATION))
     changed = getattr(one.model, field) * (1 + 1e-15)
     other = replace(one, model=replace(one.model, **{field: np.nextafter(changed, np.inf)}))
     assert not one.same(other)

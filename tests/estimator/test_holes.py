@@ -12,6 +12,7 @@ from bridge.sim.session import simulate_session
 from bridge.wire.messages import Quality, SampleBatch, State, Verdict
 from estimator import offline
 from estimator.session import DeviceSession
+from estimator.track.bias_filter import BiasKnobs
 
 
 @pytest.mark.parametrize("hole_s", [1.0, 60.0, 119.0, 121.0, 3600.0])
@@ -66,7 +67,8 @@ def test_a_clock_that_wrapped_while_the_bridge_was_away_makes_nobody_sure(hours:
         again = raw(session.gyro[i : i + 5] + 0.5, session.ticks[i : i + 5], n + i)
         device.handle(replace(again, receive_time_ns=late.receive_time_ns + i))
     after = device.status(0)
-    assert min(after.bias_std) > np.radians(2e-3) * np.sqrt(hours * 3600) * 0.9
+    walk = BiasKnobs().rate_random_walk * np.sqrt(hours * 3600)
+    assert min(after.bias_std) > walk * 0.9
     assert after.evidence_age_s > hours * 3600 * 0.9
     if hours > 1:
         assert after.quality is Quality.DEGRADED

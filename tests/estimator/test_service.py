@@ -118,13 +118,13 @@ def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot:
     ward.send(once.batches(), info(1))
     list(ward.subscriber)
     early = other_boot.batches(boot=2)
-    ward.send(early[:30], info(2))
+    ward.send(early[:15], info(2))
     after = list(ward.subscriber)
     assert {b.boot for b in after} == {2}
     assert {b.quality for b in after} == {Quality.PRIOR}, "the same hardware: its scale is a prior"
     assert "restarted" in ward.latest().reason or "still" in ward.latest().reason
     ward.send(once.batches(boot=1)[-5:])
-    ward.send(early[30:])
+    ward.send(early[15:])
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     assert len(ward.store.calibrations(NAME)) == 2
     status = ward.latest()
@@ -136,7 +136,7 @@ def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot:
 def test_other_hardware_under_the_same_name_has_no_prior(ward: Ward, once: Stream, change: str) -> None:
     ward.send(once.batches(), info(1))
     list(ward.subscriber)
-    ward.send(once.batches(boot=2)[:30], replace(info(2), **{change: "other"}))  # type: ignore[arg-type]
+    ward.send(once.batches(boot=2)[:15], replace(info(2), **{change: "other"}))  # type: ignore[arg-type]
     assert {b.quality for b in ward.subscriber} == {Quality.NONE}
 
 
@@ -145,7 +145,7 @@ def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, o
     again = once.batches(boot=2)
     ward.send(again[:5])
     list(ward.subscriber)
-    ward.send(again[5:30], info(2))
+    ward.send(again[5:15], info(2))
     assert {b.quality for b in ward.subscriber} == {Quality.PRIOR}
 
 

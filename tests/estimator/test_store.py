@@ -12,7 +12,7 @@ from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
 
-BIAS = BiasState(np.array([0.1, -0.2, 0.3]), np.diag([1e-8, 2e-8, 3e-8]), 123.456, 31.5, 30.0, 1.5)
+BIAS = BiasState(np.array([0.1, -0.2, 0.3]), np.diag([1e-8, 2e-8, 3e-8]), 123.456, 31.5, powered=30.0)
 GOOD = replace(CALIBRATION, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
 
 
@@ -54,17 +54,17 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     np.testing.assert_array_equal(remembered.bias.x, BIAS.x)
     np.testing.assert_array_equal(remembered.bias.P, BIAS.P)
     got = remembered.bias
-    assert (got.time, got.temperature_c, got.reference_c, got.farthest_k) == (123.456, 31.5, 30.0, 1.5)
+    assert (got.time, got.temperature_c, got.powered) == (123.456, 31.5, 30.0)
 
 
-def test_an_unknown_temperature_stays_unknown(store: Store) -> None:
+def test_an_unknown_temperature_and_power_up_stay_unknown(store: Store) -> None:
     store.add_calibration(GOOD)
     store.save_bias(NAME, 1, 5, BiasState(BIAS.x, BIAS.P, 1.0), history=True)
     remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is not None
     assert np.isnan(remembered.bias.temperature_c)
-    assert np.isnan(remembered.bias.reference_c)
+    assert remembered.bias.powered == -np.inf
 
 
 def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:

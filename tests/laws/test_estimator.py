@@ -8,11 +8,19 @@ from numpy.typing import NDArray
 
 from estimator import rotation
 from estimator.stillness import Stillness, Window
-from estimator.track.bias_filter import BiasFilter, BiasState
+from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, Evidence, start
 
 Floats = NDArray[np.float64]
 RATES = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-20, 20))
 VECTORS = arrays(np.float64, 3, elements=st.floats(-1e-2, 1e-2))
+
+
+def begun() -> BiasFilter:
+    return BiasFilter(start(np.zeros(3), 1e-4 * np.eye(3), 0.0, BiasKnobs(), temperature_c=25.0))
+
+
+def seen(z: Floats, var: float) -> Evidence:
+    return Evidence("zaru", z, np.eye(3, OWN), var * np.eye(3), GATES[3])
 
 
 @given(RATES)
@@ -31,26 +39,28 @@ def test_attitudes_chain(rate: Floats, cut: int) -> None:
     np.testing.assert_allclose(first[-1] @ second[-1], rotation.attitudes(rate, dt)[-1], atol=1e-12)
 
 
-@given(st.lists(VECTORS, min_size=1, max_size=30), st.floats(1e-12, 1e-2))
-def test_evidence_never_makes_the_filter_less_sure_nor_its_covariance_crooked(zs: list[Floats], var: float) -> None:
-    bias = BiasFilter(BiasState(np.zeros(3), 1e-4 * np.eye(3), 0.0))
-    for i, z in enumerate(zs):
+@given(st.lists(st.tuples(VECTORS, st.floats(-40, 85)), min_size=1, max_size=30), st.floats(1e-12, 1e-2))
+def test_evidence_never_makes_the_filter_less_sure_nor_its_covariance_crooked(
+    lived: list[tuple[Floats, float]], var: float
+) -> None:
+    bias = begun()
+    for i, (z, celsius) in enumerate(lived):
         before = bias.state.P
-        receipt = bias.update("zaru", z, var * np.eye(3))
+        receipt = bias.update(seen(z, var))
         assert (np.linalg.eigvalsh(before - bias.state.P) > -1e-15).all()
-        np.testing.assert_array_equal(bias.state.P, bias.state.P.T)
+        np.testing.assert_allclose(bias.state.P, bias.state.P.T, atol=1e-18)
         assert (np.linalg.eigvalsh(bias.state.P) > 0).all()
         assert np.isfinite(bias.state.x).all()
         assert receipt.accepted is (receipt.test_ratio <= 1)
-        bias.predict(float(i + 1))
+        bias.predict(float(i + 1), celsius)
         assert (np.diag(bias.state.P) > 0).all()
 
 
 @given(arrays(np.float64, 3, elements=st.floats(allow_nan=True, allow_infinity=True)), st.floats())
 def test_nothing_from_outside_makes_the_filter_not_finite(z: Floats, var: float) -> None:
-    bias = BiasFilter(BiasState(np.zeros(3), 1e-4 * np.eye(3), 0.0))
+    bias = begun()
     with np.errstate(all="ignore"):
-        bias.update("zaru", z, var * np.eye(3))
+        bias.update(seen(z, var))
     assert np.isfinite(bias.state.x).all()
     assert np.isfinite(bias.state.P).all()
 
