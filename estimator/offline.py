@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bridge.intake import CLIPPED_AT, PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
+from estimator import smoothed
 from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
 from estimator.batch.result import Result
@@ -17,7 +18,6 @@ from estimator.batch.session import CalibrationSession, Finished, Ignored
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.session import DeviceSession, Remembered, SessionKnobs
-from estimator.smoothed import smooth_rows
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
@@ -72,24 +72,35 @@ def correct(
     batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
-    pass_ = _Pass(recording, knobs, _known(calibration), other_boot=other_boot)
+    knobs = knobs or SessionKnobs()
+    if smooth:
+        smoothed.check()
+        knobs = smoothed.remembering(knobs)
+    pass_ = _Pass(recording, knobs, _known(calibration), smooth=smooth, other_boot=other_boot)
     for samples in _batches(recording, gyro_range, batch or max(1, round(BATCH_S * recording.rate_hz))):
         pass_.take(samples)
         if progress is not None:
             progress(pass_.rows.filled, len(recording))
-    return pass_.corrected(smooth=smooth)
+    return pass_.corrected()
 
 
 class _Pass:
     """One pass through a recording, fed as the service feeds a session."""
 
     def __init__(
-        self, recording: Recording, knobs: SessionKnobs | None, known: Calibration | None, *, other_boot: bool
+        self,
+        recording: Recording,
+        knobs: SessionKnobs,
+        known: Calibration | None,
+        *,
+        smooth: bool,
+        other_boot: bool,
     ) -> None:
         self.rows = Rows(len(recording))
         self._recording = recording
         self._session = DeviceSession("recorded", knobs)
         self._session.info = _info(recording)
+        self._smooth = smooth
         self._said: list[str] = []
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
@@ -113,13 +124,13 @@ class _Pass:
             self.rows.take(batch, self._matrices[batch.calibration])
             self._last = batch
 
-    def corrected(self, *, smooth: bool) -> Corrected:
+    def corrected(self) -> Corrected:
         last, rows, session = self._last, self.rows, self._session
         if last is None or rows.filled != len(self._recording):
             raise RuntimeError(f"{self._recording.name}: {rows.filled} of {len(self._recording)} samples came out")
         matrix = self._matrices[last.calibration]
-        if smooth:
-            smooth_rows(rows, self._recording, session, last, matrix)
+        if self._smooth:
+            smoothed.smooth_rows(rows, self._recording, session, last, matrix)
         return Corrected(
             time_s=self._recording.time_s,
             rate=rows.rate,
@@ -130,7 +141,7 @@ class _Pass:
             matrix=matrix,
             calibration=self._names[last.calibration],
             rate_hz=self._recording.rate_hz,
-            smoothed=smooth,
+            smoothed=self._smooth,
             events=session.sequence.events.as_dict(),
             said=tuple(self._said),
         )
