@@ -19,6 +19,8 @@ FORMAT, VERSION = "truerate calibration", 1
 _MAX_BYTES = 1 << 20
 #: an axis is never so far off the others, rad: a matrix that says so is of something else
 _MOST_ACROSS = 0.3
+#: no gyro reads so much at rest, rad/s: probably it is in °/s
+_MOST_BIAS = 1.0
 _ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
 _ADVICE = "`truerate calibrate RECORDING --json > FILE` writes one"
 
@@ -151,7 +153,7 @@ def load(path: Path | str) -> Calibration:
             verdict=Verdict.ACCEPTED,
             reason=file.reason,
             matrix=_matrix(np.array(file.matrix)),
-            bias=_within("bias_rad_s", np.array(file.bias_rad_s), -MAX_RATE, MAX_RATE),
+            bias=_within("bias_rad_s", np.array(file.bias_rad_s), -_MOST_BIAS, _MOST_BIAS),
             parameters=(names := _parameters(tuple(file.parameters))),
             covariance=_covariance(file.covariance, len(names)),
             turns=tuple(map(_turn, file.turns)),

@@ -38,6 +38,7 @@ examples:
 
 #: a bar is shown for what takes longer
 _PATIENCE_S = 2.0
+_PICTURES = (".png", ".svg", ".pdf")
 
 
 def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -74,8 +75,7 @@ def _correct(given: argparse.Namespace) -> None:
     if not 0 <= given.range_dps <= 10_000:
         raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to 10000 is taken")
     corrected_file.check(given.out, given.file)
-    if given.picture is not None and not given.picture.parent.is_dir():
-        raise ConfigError(f"--picture {given.picture}: there is no folder {given.picture.parent}; make it first")
+    _check_picture(given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = load_recording(given.file, given.rate_hz)
     with _Bar() as bar:
@@ -102,6 +102,13 @@ def _correct(given: argparse.Namespace) -> None:
         console.print(words, highlight=False, soft_wrap=True)
     if given.picture is not None:
         console.print(f"drawn in {given.picture}", highlight=False, soft_wrap=True)
+
+
+def _check_picture(picture: Path | None) -> None:
+    if picture is not None and picture.suffix not in _PICTURES:
+        raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
+    if picture is not None and not picture.parent.is_dir():
+        raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
 
 
 class _Bar:
