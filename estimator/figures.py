@@ -178,7 +178,7 @@ def corrected(recording: Recording, found: Corrected, path: Path) -> None:
     how = "smoothed" if found.smoothed else "as live"
     figure.suptitle(f"{recording.name}, corrected {how}: {_qualities(found)}", fontsize=12)
     here = [name for name in _SHADES if name in found.seconds() and name != "GOOD"]
-    patches = [Patch(color=_SHADES[name], label=name) for name in here]
+    patches = [Patch(facecolor=_SHADES[name], alpha=0.45, label=name) for name in here]
     if patches:
         figure.legend(
             handles=patches, loc="outside lower center", ncols=len(patches), title="quality where it is not GOOD"
