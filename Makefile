@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -50,6 +50,10 @@ study: setup
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
+
+# Bias trackers, ours and its peers, side by side; takes minutes. ARGS='--hours 1 --days 1' for a short look.
+bench-tracking: setup-dev
+	$(BIN)/python -m tests.bench.tracking $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -19,7 +19,7 @@ from bridge.config import LOCAL, ConfigError, check_endpoints, load
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator import cli_correct, cli_offline
+from estimator import cli_correct, cli_offline, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
 EPILOG = """examples:
@@ -31,7 +31,8 @@ EPILOG = """examples:
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate watch chest --config configs/ward.toml
   truerate calibrate session.npz --json          calibrate from a recording
-  truerate correct day.npz corrected.npz         correct a recording"""
+  truerate correct day.npz corrected.npz         correct a recording
+  truerate allan night.npz                       the noise of a device, from a recording at rest"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,6 +101,7 @@ def build() -> argparse.ArgumentParser:
         _add_ward(verb)
     cli_offline.add_calibrate(verbs)
     cli_correct.add_correct(verbs)
+    cli_tracking.add_allan(verbs)
     config = verbs.add_parser(
         "config", help="check a ward's file", description="Example: truerate config check configs/demo.toml"
     ).add_subparsers(metavar="VERB", required=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,11 @@ from numpy.typing import NDArray
 
 from bridge.recording import Recording
 from bridge.wire.messages import Quality
+from estimator.allan_fit import Noise, shapes
+from estimator.allan_report import COEFFICIENTS, said
 from estimator.corrected import Corrected
 from estimator.demo.judge import Judgement
+from estimator.identification import AtRest
 
 Floats = NDArray[np.float64]
 mpl.rcParams.update(
@@ -223,3 +227,133 @@ def _shade(axes: Any, time: Floats, quality: NDArray[np.uint8], end: float) -> N
         name = Quality(int(quality[begin])).name
         if name != "GOOD":
             axes.axvspan(time[begin], until, color=_SHADES[name], alpha=0.45, linewidth=0, zorder=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dots:
+    """One panel: a row a scenario, for each method the value in it (NaN for none), and the goal of each row."""
+
+    title: str
+    rows: Sequence[str]
+    values: dict[str, list[float]]
+    goals: Sequence[float]
+    log: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasDay:
+    """One axis of a bias over a day at hours (n,): truth and tracks (n,) °/s, and what was done, by number, with its names."""
+
+    hours: Floats
+    truth_dps: Floats
+    tracks_dps: dict[str, Floats]
+    activity: NDArray[np.int8]
+    names: Sequence[str]
+
+
+def tracking(panels: Sequence[Dots], day: BiasDay, methods: Sequence[str], path: Path) -> None:
+    """Trackers side by side in four panels, the first the tallest; below, a day with its activities."""
+    figure = Figure(figsize=(13, 12), dpi=130)
+    rooms = figure.subplot_mosaic(
+        [["0", "1"], ["0", "2"], ["0", "3"], ["day", "day"], ["strip", "strip"]], height_ratios=[2, 7, 2, 9, 0.6]
+    )
+    colours = dict(zip(methods, _COLOURS, strict=False))
+    for name, panel in zip("0123", panels, strict=True):
+        _dots(rooms[name], panel, colours)
+    _tracks(rooms["day"], day, colours)
+    _strip(rooms["strip"], rooms["day"], day)
+    named = {
+        label: handle for name in "0123" for handle, label in zip(*rooms[name].get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(named.values(), named.keys(), loc="outside upper center", ncols=len(named))
+    figure.savefig(path)
+
+
+def _dots(axes: Any, panel: Dots, colours: dict[str, str]) -> None:
+    if not panel.rows:
+        axes.set_axis_off()
+        return
+    height = -np.arange(len(panel.rows))
+    for number, (method, values) in enumerate(panel.values.items()):
+        apart = 0.5 * (0.5 - number / max(1, len(panel.values) - 1))
+        if not np.all(np.isnan(values)):
+            axes.plot(values, height + apart, "o", color=colours[method], markersize=7, label=method)
+    axes.plot(panel.goals, height, "|", color="black", markersize=22, markeredgewidth=2, label="goal")
+    for edge in height[:-1] - 0.5:
+        axes.axhline(edge, color="black", alpha=0.12, linewidth=0.8)
+    axes.set(title=panel.title, xscale="log" if panel.log else "linear", ylim=(height[-1] - 0.5, 0.5))
+    axes.set_yticks(height, panel.rows)
+    axes.grid(visible=False, axis="y")
+
+
+def _tracks(axes: Any, day: BiasDay, colours: dict[str, str]) -> None:
+    for method, track in day.tracks_dps.items():
+        axes.plot(day.hours, track, color=colours[method], linewidth=0.9, alpha=0.8)
+    axes.plot(day.hours, day.truth_dps, color="black", linewidth=2)
+    low, high = day.truth_dps.min(), day.truth_dps.max()
+    around = 0.6 * (high - low)
+    axes.set(title="One axis of a calibrated gyro over a simulated day on a ward; black: truth", ylabel="bias, °/s")
+    axes.set(xlim=(0, day.hours[-1]), ylim=(low - around, high + around))
+    axes.tick_params(labelbottom=False)
+
+
+def _strip(axes: Any, above: Any, day: BiasDay) -> None:
+    shades = [mpl.colormaps["Set3"](number) for number in range(len(day.names))]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(day.activity)) + 1, [len(day.activity) - 1]])
+    for begin, end in pairwise(edges):
+        axes.axvspan(day.hours[begin], day.hours[end], color=shades[day.activity[begin]], linewidth=0)
+    done = sorted(set(day.activity.tolist()))
+    handles = [Patch(color=shades[number], label=day.names[number]) for number in done]
+    axes.sharex(above)
+    axes.set(xlabel="hours", yticks=[])
+    axes.legend(handles=handles, ncols=len(done), fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -1.8))
+
+
+def allan(rest: AtRest, title: str, path: Path) -> None:
+    """A panel an axis: Allan deviation with its 95 % interval, the fitted model, and each noise or its upper limit."""
+    figure = Figure(figsize=(13, 6), dpi=130)
+    figure.suptitle(f"{title}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.4g} Hz", fontsize=12)
+    rooms = figure.subplots(1, 3, sharey=True)
+    for axes, noise, name in zip(rooms, rest.axes, _AXES, strict=True):
+        _allan(axes, noise)
+        axes.set(title=f"axis {name}", xlabel="averaging time τ, s")
+    lowest = min(float(noise.low.min()) for noise in rest.axes)
+    highest = max(float(noise.high.max()) for noise in rest.axes)
+    rooms[0].set(ylabel="Allan deviation of the rate, °/s", ylim=np.degrees([lowest / 3, highest * 1.2]))
+    figure.savefig(path)
+
+
+def _allan(axes: Any, noise: Noise) -> None:
+    measured, low, high = (np.degrees(values) for values in (noise.deviation, noise.low, noise.high))
+    used = noise.tau >= noise.fitted_from
+    for chosen, face, label in (
+        (used, _COLOURS[0], "measured, 95 %"),
+        (~used, "white", "not used: the device's filter"),
+    ):
+        axes.errorbar(
+            noise.tau[chosen],
+            measured[chosen],
+            yerr=np.array([measured - low, high - measured])[:, chosen],
+            color=_COLOURS[0],
+            markerfacecolor=face,
+            fmt="o",
+            markersize=4,
+            linewidth=1,
+            capsize=2,
+            label=label if chosen.any() else None,
+        )
+    tau = np.geomspace(noise.fitted_from, noise.tau[-1] * 1.5, 200)
+    axes.plot(tau, np.degrees(noise.model(tau)), color="black", linewidth=1.4, label="fitted")
+    for (field, words, unit, scale), colour, shape in zip(COEFFICIENTS, _COLOURS[1:], shapes(tau), strict=False):
+        coefficient = getattr(noise, field)
+        style = {"linestyle": "--"} if coefficient.seen else {"linestyle": ":", "alpha": 0.6}
+        size = coefficient.value if coefficient.seen else coefficient.high
+        axes.plot(
+            tau, np.degrees(size) * shape, color=colour, label=f"{words} {said(coefficient, scale)} {unit}", **style
+        )
+    if noise.drift:
+        axes.plot(
+            tau, np.degrees(noise.drift) * shapes(tau)[3], color=_COLOURS[4], linestyle="--", label="steady drift"
+        )
+    axes.set(xscale="log", yscale="log")
+    axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.14))

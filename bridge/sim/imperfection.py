@@ -1,7 +1,8 @@
 """What a cheap gyroscope makes of the true rate, one error at a time, and the truth about it.
 
-    reading = M⁻¹ rate + bias(t) + noise, then clipped to the range and rounded to the step
-    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal
+    reading = M⁻¹ rate + bias(t) + G force + noise, then clipped to the range and rounded to the step
+    rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, often none
+    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk,  T₀ the cold temperature of the spec
 
 Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature.
 """
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.sim.motion import TrueMotion
+from bridge.sim.motion import GRAVITY, TrueMotion
 from bridge.sim.quaternion import Array
 
 
@@ -20,7 +21,8 @@ class ImuSpec:
 
     k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
     noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²). accel_bias: ± m/s².
-    rrw_dps_per_sqrt_s: random walk of the bias. bias_dps_per_kelvin: ±, per axis.
+    accel_scale: ±, what its scale factors differ from 1. g_sensitivity_dps_per_g: ±, each element of G.
+    rrw_dps_per_sqrt_s: random walk of the bias. bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
     temperature_c: at power-up and when warm; warm_up_s: its time constant.
     range_dps: full scale of the reading, ±. step_dps: least step of the reading, 0 for none.
     """
@@ -37,6 +39,9 @@ class ImuSpec:
     step_dps: float = 0.0
     accel_noise: float = 0.02
     accel_bias: float = 0.0
+    accel_scale: float = 0.0
+    bias_dps_per_kelvin2: float = 0.0
+    g_sensitivity_dps_per_g: float = 0.0
 
 
 DEMO_SPEC = ImuSpec(
@@ -53,13 +58,18 @@ DEMO_SPEC = ImuSpec(
 class Truth:
     """What is true of one boot: rate = matrix (reading − bias). Bias at a sample is in Readings.bias.
 
-    matrix (3, 3), its diagonal k (3,); turn_on_bias (3,) rad/s, the bias at power-up; bias_per_kelvin (3,) rad/s/K.
+    matrix (3, 3), its diagonal k (3,); turn_on_bias (3,) rad/s, the bias at power-up, or at T₀ where that is not the
+    temperature then; bias_per_kelvin (3,) rad/s/K, bias_per_kelvin2 (3,) rad/s/K²; g_sensitivity (3, 3) rad/s per m/s².
+    accel_bias (3,) m/s², accel_scale (3,).
     """
 
     matrix: Array
     turn_on_bias: Array
     bias_per_kelvin: Array
     accel_bias: Array
+    accel_scale: Array
+    bias_per_kelvin2: Array
+    g_sensitivity: Array
 
     @property
     def k(self) -> Array:
@@ -81,29 +91,35 @@ class Readings:
 
 
 class Imperfection:
-    """The sensor of one boot: drawn from rng at construction, then fed true motion in order."""
+    """The sensor of one boot: drawn from rng at construction unless its truth is given, then fed true motion in order."""
 
-    def __init__(self, spec: ImuSpec, rng: np.random.Generator) -> None:
+    def __init__(self, spec: ImuSpec, rng: np.random.Generator, truth: Truth | None = None) -> None:
         self.spec = spec
-        self.truth = _draw(spec, rng)
+        self.truth = truth or draw(spec, rng)
         # The walk draws from a stream of its own, so that the readings do not depend on how the motion is cut.
         self._rng, self._walk_rng = rng.spawn(2)
         self._inverse = np.linalg.inv(self.truth.matrix)
         self._walk = np.zeros(3)
         self._time_s = 0.0
 
-    def read(self, motion: TrueMotion) -> Readings:
-        """The readings of the next stretch of motion; times count from this boot's first sample interval."""
+    def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
+        """The readings of the next stretch of motion; times count from this boot's first sample interval.
+
+        temperature_c (n,): the sensor's; without it, it warms up by its spec.
+        """
         spec, rng, n = self.spec, self._rng, len(motion.time_s)
-        temperature_c = self.temperature_c(motion.time_s)
+        if temperature_c is None:
+            temperature_c = self.temperature_c(motion.time_s)
         bias = self._bias(motion.time_s, temperature_c)
         noise = rng.normal(size=(n, 6))
         gyro = motion.rate @ self._inverse.T + bias + np.radians(spec.noise_dps) * noise[:, :3]
+        if spec.g_sensitivity_dps_per_g > 0:
+            gyro += motion.force @ self.truth.g_sensitivity.T
         limit, step = np.radians(spec.range_dps), np.radians(spec.step_dps)
         gyro = np.clip(gyro, -limit, limit)
         if step > 0:
             gyro = step * np.round(gyro / step)
-        accel = motion.force + self.truth.accel_bias + spec.accel_noise * noise[:, 3:]
+        accel = motion.force * self.truth.accel_scale + self.truth.accel_bias + spec.accel_noise * noise[:, 3:]
         return Readings(gyro, accel, temperature_c, bias)
 
     def temperature_c(self, time_s: Array) -> Array:
@@ -113,7 +129,8 @@ class Imperfection:
 
     def _bias(self, time_s: Array, temperature_c: Array) -> Array:
         truth = self.truth
-        bias = truth.turn_on_bias + (temperature_c - self.spec.temperature_c[0])[:, None] * truth.bias_per_kelvin
+        warmer = (temperature_c - self.spec.temperature_c[0])[:, None]
+        bias = truth.turn_on_bias + warmer * (truth.bias_per_kelvin + warmer * truth.bias_per_kelvin2)
         if self.spec.rrw_dps_per_sqrt_s > 0:
             dt = np.diff(time_s, prepend=self._time_s)[:, None]
             steps = np.sqrt(dt) * self._walk_rng.normal(size=(len(time_s), 3))
@@ -124,9 +141,15 @@ class Imperfection:
         return bias
 
 
-def _draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
+def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
+    """What is true of a device at one boot."""
+
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)
+
+    def some(limit: float, shape: int | tuple[int, int] = 3) -> Array:
+        # What a device does not have draws nothing, so that seeds keep their meaning.
+        return within(limit, shape) if limit > 0 else np.zeros(shape)
 
     k = rng.uniform(*spec.scale, 3)
     across = np.radians(within(spec.misalignment_deg, (3, 3))) * (1 - np.eye(3))
@@ -135,4 +158,7 @@ def _draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
         turn_on_bias=np.radians(within(spec.bias_limit_dps)),
         bias_per_kelvin=np.radians(within(spec.bias_dps_per_kelvin)),
         accel_bias=within(spec.accel_bias),
+        accel_scale=1 + some(spec.accel_scale),
+        bias_per_kelvin2=np.radians(some(spec.bias_dps_per_kelvin2)),
+        g_sensitivity=np.radians(some(spec.g_sensitivity_dps_per_g, (3, 3))) / GRAVITY,
     )

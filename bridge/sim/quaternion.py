@@ -45,6 +45,12 @@ def conjugate(q: Array) -> Array:
     return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
+def rotate(q: Array, vector: Array) -> Array:
+    """Vectors (n, 3) in sensor axes as seen from earth; either may have one row."""
+    across = 2 * np.cross(q[:, 1:], vector)
+    return np.asarray(vector + q[:, :1] * across + np.cross(q[:, 1:], across))
+
+
 def up_in_body(q: Array) -> Array:
     """Earth's up (0, 0, 1) in sensor axes, (n, 3): the third row of each rotation matrix."""
     w, x, y, z = q.T

@@ -78,6 +78,34 @@ def test_bias_follows_the_warm_up() -> None:
     np.testing.assert_allclose(warmed, device.truth.bias_per_kelvin * 10, rtol=1e-3)
 
 
+def test_bias_follows_a_given_temperature_along_a_parabola() -> None:
+    spec = replace(PERFECT, bias_dps_per_kelvin=0.1, bias_dps_per_kelvin2=0.01)
+    motion = at_rest(10)
+    device = Imperfection(spec, np.random.default_rng(1))
+    temperature_c = np.linspace(20.0, 40.0, len(motion.time_s))
+    readings, truth = device.read(motion, temperature_c), device.truth
+    np.testing.assert_array_equal(readings.temperature_c, temperature_c)
+    warmer = (temperature_c - 25.0)[:, None]
+    np.testing.assert_allclose(readings.bias, warmer * truth.bias_per_kelvin + warmer**2 * truth.bias_per_kelvin2)
+    assert (truth.bias_per_kelvin2 != 0).all()
+
+
+def test_gravity_and_scale_err_where_asked_for() -> None:
+    motion = at_rest(1)
+    device, readings = read(replace(PERFECT, g_sensitivity_dps_per_g=0.1, accel_scale=0.01), motion)
+    np.testing.assert_allclose(readings.gyro, motion.force @ device.truth.g_sensitivity.T)
+    assert 0 < np.degrees(np.abs(readings.gyro)).max() < 0.1
+    np.testing.assert_allclose(readings.accel, motion.force * device.truth.accel_scale)
+    assert 0 < np.abs(device.truth.accel_scale - 1).max() < 0.01
+
+
+def test_what_a_device_does_not_have_draws_nothing() -> None:
+    rng, other = np.random.default_rng(1), np.random.default_rng(1)
+    Imperfection(ImuSpec(), rng)
+    other.uniform(size=3 + 9 + 3 + 3 + 3)
+    assert rng.uniform() == other.uniform()
+
+
 def test_readings_saturate_at_the_range_and_fall_on_steps() -> None:
     _, clipped = read(replace(PERFECT, range_dps=60.0), truth())
     assert np.degrees(np.abs(clipped.gyro).max()) == pytest.approx(60.0)

@@ -1,0 +1,92 @@
+"""Small scenes for one question each: a slow turn between two rests, and rests and motion just as a bias filter models them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.sim.body import Activity, Body, Stretch
+from bridge.sim.day import Day, anyhow, recorded, worn_spec
+from bridge.sim.imperfection import Imperfection, ImuSpec
+from bridge.sim.life import Wearer
+from bridge.sim.quaternion import Array
+
+#: how seldom the temperature steps, s
+_STEP_EVERY_S = 200.0
+
+
+def slow_turn(
+    rate_dps: float,
+    seconds: float = 60.0,
+    *,
+    rest_s: float = 60.0,
+    breath: float = 0.0,
+    seed: int = 0,
+    rate_hz: float = 104.0,
+    spec: ImuSpec | None = None,
+) -> Day:
+    """Still on a ward, turned about the vertical at an even rate for so many seconds, and still again.
+
+    breath: 0 for a device that lies, 1 for one on a wearer that breathes. Turned samples are of Activity.SLOW_TURN.
+    """
+    rng, sensor_rng = np.random.default_rng([seed, 2]).spawn(2)
+    wearer = Wearer(rng)
+
+    def rest() -> Stretch:
+        return wearer.quiet(Activity.LYING, rest_s, breath=breath) if breath else wearer.table(rest_s)
+
+    stretches = [rest(), wearer.turned(rate_dps, seconds, breath=breath), rest()]
+    body = Body(iter(stretches), attitude=anyhow(rng))
+    spec = spec or worn_spec(rate_hz)
+    duration_s = sum(one.duration_s for one in stretches)
+    steady = Steps(rng, 0.0, spec.temperature_c[0], duration_s)
+    return recorded(body, Imperfection(spec, sensor_rng), steady, duration_s, rate_hz)
+
+
+def rests_and_motion(
+    seed: int,
+    seconds: float = 600.0,
+    rate_hz: float = 50.0,
+    *,
+    rrw_dps_per_sqrt_s: float = 2e-3,
+    noise_dps: float = 0.1,
+    rest_s: tuple[float, float] = (3.0, 20.0),
+    motion_s: tuple[float, float] = (5.0, 60.0),
+    bias_dps_per_kelvin: float = 0.0,
+    step_k: float = 0.0,
+) -> Day:
+    """True rests and free movement in turn; the bias a pure random walk, the gyro's noise white, all else perfect.
+
+    step_k: standard deviation, K, of a step of temperature every few minutes; the bias follows at a fixed ± per kelvin.
+    """
+    rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 3]).spawn(3)
+    wearer = Wearer(rng)
+
+    def life() -> Iterator[Stretch]:
+        while True:
+            yield Stretch(Activity.TABLE, rng.uniform(*rest_s))
+            yield wearer.moved(rng.uniform(*motion_s), 90)
+
+    spec = ImuSpec(
+        scale=(1.0, 1.0),
+        bias_limit_dps=1.0,
+        noise_dps=noise_dps,
+        rrw_dps_per_sqrt_s=rrw_dps_per_sqrt_s,
+        bias_dps_per_kelvin=bias_dps_per_kelvin,
+        range_dps=np.inf,
+    )
+    steps = Steps(warmth_rng, step_k, spec.temperature_c[0], seconds)
+    body = Body(life(), attitude=anyhow(rng))
+    return recorded(body, Imperfection(spec, sensor_rng), steps, seconds, rate_hz)
+
+
+class Steps:
+    """A temperature that jumps every few minutes by a normal step of that many K."""
+
+    def __init__(self, rng: np.random.Generator, step_k: float, start_c: float, seconds: float) -> None:
+        steps = step_k * rng.normal(size=int(seconds / _STEP_EVERY_S) + 1)
+        self._temperature_c = start_c + np.cumsum(np.concatenate([[0.0], steps]))
+
+    def at(self, time_s: Array, worn: NDArray[np.bool_]) -> Array:  # noqa: ARG002
+        """See Temperature."""
+        return np.asarray(self._temperature_c[(time_s / _STEP_EVERY_S).astype(int)])

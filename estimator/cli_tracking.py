@@ -1,0 +1,102 @@
+"""The verbs about what a device does between calibrations: its noise."""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from bridge.config import ConfigError
+from bridge.recording import load as load_recording
+from estimator.cli_offline import Verbs, add_verb
+
+if TYPE_CHECKING:
+    from estimator.identification import AtRest
+
+ALLAN = """Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
+how its bias wanders. The longest rest in the file is used; the table gives each coefficient with its 95 % interval, or
+the upper limit where the record is too short to show it.
+
+examples:
+  truerate allan night.npz                                  a table, and the picture out/allan.png
+  truerate allan night.csv --rate-hz 100 --json             one JSON object, SI
+  truerate allan night.npz --write configs/devices/mine.toml --model mpu-6050
+                                                            a device model: measured where the recording shows it,
+                                                            else as the mpu-6050's"""
+
+
+def add_allan(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `allan FILE`."""
+    verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
+    verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("file", type=Path, help="a recording, .npz or .csv; see bridge/recording.py for what is in it")
+    verb.add_argument(
+        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+    )
+    verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
+    verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
+    verb.add_argument(
+        "--write", type=Path, metavar="FILE", help="leave a device model here, a .toml of a name of its own"
+    )
+    verb.add_argument(
+        "--model",
+        default="generic",
+        metavar="NAME",
+        help="what kind of device it is, for what a rest cannot show: a name in configs/devices, or a .toml "
+        "(default: %(default)s)",
+    )
+
+
+def _allan(given: argparse.Namespace) -> None:
+    from estimator.allan_report import as_json, as_table, sentences  # noqa: PLC0415
+    from estimator.identification import identify_noise  # noqa: PLC0415
+
+    if given.write:
+        _check_written(given.write, given.model)
+    rest = identify_noise(load_recording(given.file, given.rate_hz))
+    if given.json:
+        print(json.dumps(as_json(rest)))
+    else:
+        console = Console()
+        console.print(as_table(rest))
+        for sentence in sentences(rest):
+            console.print(sentence, style="dim", highlight=False)
+    picture = given.picture or (None if given.json else Path("out/allan.png"))
+    if picture:
+        from estimator import figures  # noqa: PLC0415
+
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        figures.allan(rest, f"Allan deviation of {given.file.stem}", picture)
+    if given.write:
+        _write(given.write, given.file, rest, given.model)
+    if not given.json:
+        for path in filter(None, (picture, given.write)):
+            print(f"written: {path}")
+
+
+def _check_written(path: Path, like: str) -> None:
+    """Before a long computation: what would only be noticed after it."""
+    from estimator.noise_model import load_model  # noqa: PLC0415
+
+    if path.suffix != ".toml":
+        raise ConfigError(f"--write {path}: a device model ends in .toml")
+    if path.exists():
+        raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
+    load_model(like)
+
+
+def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:
+    from estimator.identification import measured  # noqa: PLC0415
+    from estimator.noise_model import as_toml, load_model  # noqa: PLC0415
+
+    kind = load_model(like)
+    model, origin = measured(rest, kind)
+    head = (
+        f"Measured from {source.name}: {rest.duration_s:.0f} s at rest, {rest.rate_hz:.1f} readings a second.\n"
+        f"What is not marked as measured is taken from the model {kind.model}."
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("x", encoding="utf-8") as file:
+        file.write(as_toml(replace(model, model=path.stem), origin, head))

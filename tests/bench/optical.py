@@ -1,0 +1,70 @@
+"""What optical orientation says of a gyro: its matrix, and how far its integrated heading drifts."""
+
+from itertools import pairwise
+
+import numpy as np
+import vqf
+from scipy.spatial.transform import Rotation
+
+from estimator import rotation
+from tests.bench.broad import Trial
+from tests.bench.trackers import Floats
+
+_INTERVAL_S = 1.0
+_ROUNDS = 4
+#: intervals whose residual is this many times the median are not believed: markers seen wrongly
+_OUTLIER = 5.0
+
+
+def matrix_of(trials: list[Trial]) -> Floats:
+    """M (3, 3) of rate = M (reading - bias), by least squares on the rotations over about a second of all trials.
+
+    The bias is that of the rests. Gauss-Newton on the rotation vector between the optical rotation and the integrated one.
+    """
+    steps, seen = (np.concatenate(both) for both in zip(*(_intervals(trial) for trial in trials), strict=True))
+    matrix = np.eye(3)
+    for _ in range(_ROUNDS):
+        carried = rotation.chained(steps @ matrix.T)
+        missed = rotation.log(np.swapaxes(carried[:, -1], -1, -2) @ seen)
+        # A step changed by d changes the end by (attitude after it to the end)⁻¹ d, and d = (change of M) (step).
+        turn = np.swapaxes(carried[:, -1], -1, -2)[:, None] @ carried[:, 1:]
+        jacobian = np.einsum("ikab,ikc->iabc", turn, steps).reshape(len(steps), 3, 9)
+        size = np.linalg.norm(missed, axis=1)
+        kept = size < _OUTLIER * np.median(size)
+        change, *_ = np.linalg.lstsq(jacobian[kept].reshape(-1, 9), missed[kept].ravel(), rcond=None)
+        matrix = matrix + change.reshape(3, 3)
+    return matrix
+
+
+def _intervals(trial: Trial) -> tuple[Floats, Floats]:
+    """Steps (m, n, 3) rad of the gyro, bias removed, over each interval with movement in it, and what was seen (m, 3, 3)."""
+    n = round(_INTERVAL_S * trial.rate_hz)
+    seen = ~np.isnan(trial.attitude[:, 0])
+    begins = [
+        a for a, b in pairwise(range(0, len(trial.gyro), n)) if trial.moving[a : b + 1].any() and seen[a] and seen[b]
+    ]
+    at = np.array(begins)[:, None] + np.arange(1, n + 1)
+    steps = (trial.gyro - trial.bias)[at] / trial.rate_hz
+    first, last = (_rotation(trial.attitude[end]) for end in (at[:, 0] - 1, at[:, -1]))
+    return steps, np.asarray((first.inv() * last).as_matrix())
+
+
+def drift_deg_per_min(trial: Trial, bias: Floats) -> float:
+    """How fast the heading of the trial's rates less a bias (n, 3) leaves the truth while moving.
+
+    Tilt is kept by VQF with its own bias estimation off (6 axes, no magnetometer); headings agree just before the movement.
+    """
+    plain = vqf.VQF(1 / trial.rate_hz, restBiasEstEnabled=False, motionBiasEstEnabled=False)
+    gyro = np.ascontiguousarray(trial.gyro - bias)
+    attitude = plain.updateBatch(gyro, np.ascontiguousarray(trial.accel))["quat6D"]
+    seen = np.flatnonzero(~np.isnan(trial.attitude[:, 0]))
+    _, _, z, w = (_rotation(attitude[seen]) * _rotation(trial.attitude[seen]).inv()).as_quat().T
+    heading = np.unwrap(2 * np.arctan2(z, w))
+    moving = np.flatnonzero(trial.moving[seen])
+    first, last = max(int(moving[0]) - 1, 0), int(moving[-1])
+    minutes = (seen[last] - seen[first]) / trial.rate_hz / 60
+    return float(np.degrees(abs(heading[last] - heading[first])) / minutes)
+
+
+def _rotation(wxyz: Floats) -> Rotation:
+    return Rotation.from_quat(np.roll(wxyz, -1, axis=1))

@@ -1,0 +1,67 @@
+"""The bench measures what it says: its figures of a peer, its matrix, and the truth itself as a tracker."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.sim.scenes import rests_and_motion
+from tests.bench import broad
+from tests.bench.cases import KEPT, ROWS, day_cases, turn_cases
+from tests.bench.optical import drift_deg_per_min, matrix_of
+from tests.bench.trackers import TRACKERS, Track, first_still
+
+
+def simulated() -> broad.Trial:
+    """Five minutes with a perfect gyro, as if seen by cameras."""
+    day = rests_and_motion(1, 300.0, rate_hz=200.0, rrw_dps_per_sqrt_s=0.0, noise_dps=0.02)
+    gyro, accel, bias, attitude = (one.astype(float) for one in (day.gyro, day.accel, day.bias, day.attitude))
+    return broad.Trial("99_simulated", 200.0, gyro, accel, day.activity != 0, bias, attitude)
+
+
+def test_every_row_has_a_name_of_its_own() -> None:
+    assert len({row.name for row in ROWS}) == len(ROWS)
+
+
+def test_the_optical_fit_finds_the_matrix() -> None:
+    matrix = np.eye(3) + 0.01 * np.random.default_rng(1).normal(size=(3, 3))
+    trial = simulated()
+    inverse = np.linalg.inv(matrix)
+    read = replace(trial, gyro=(trial.gyro - trial.bias) @ inverse.T + trial.bias)
+    np.testing.assert_allclose(matrix_of([read]), matrix, atol=1e-4)
+
+
+def test_a_true_bias_does_not_drift_and_a_wrong_one_does() -> None:
+    trial = simulated()
+    assert drift_deg_per_min(trial, trial.bias) < 0.3
+    up = np.radians(0.5) * np.ones(3)
+    assert drift_deg_per_min(trial, trial.bias + up) > 1
+
+
+def test_the_truth_keeps_slow_turns_and_days() -> None:
+    for case in [next(turn_cases()), next(day_cases(1, 0.1))]:
+        worth = case.judge(Track(case.bias, np.full(case.bias.shape, 1e-6)))
+        for row in ROWS:
+            if row.name in worth:
+                assert worth[row.name] == pytest.approx({"°/s": 0.0, "%": 100.0}[row.unit], abs=5.0)
+                assert row.group != KEPT or "0.1" in row.label
+
+
+def test_a_first_rest_is_not_known_before_it_has_passed() -> None:
+    trial = simulated()
+    bias = first_still(trial.gyro, None, None, trial.rate_hz).bias
+    assert not bias[: int(2 * trial.rate_hz)].any()
+    assert np.abs(bias[-1] - trial.bias[-1]).max() < np.radians(0.01)
+
+
+@pytest.mark.data
+def test_vqf_does_as_published(shared_data: Path) -> None:
+    trial = broad.load(next((shared_data / "broad").glob("08_*")))
+    errors = []
+    for name in broad.SCENARIOS:
+        tried = broad.scenario(name, trial)
+        track = TRACKERS["VQF"](tried.gyro, tried.accel, None, tried.rate_hz)
+        assert track is not None
+        errors.append(tried.rmse_dps(track.bias))
+    assert errors == pytest.approx([0.0031, 0.1625, 0.0216, 0.8782], abs=6e-5)

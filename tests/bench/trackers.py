@@ -1,0 +1,134 @@
+"""Who tracks a bias: peers as their authors give them, one naive method, and ours, all behind one function.
+
+A tracker takes gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature (n,) °C or None and the rate in Hz, and gives the
+bias (n, 3) rad/s it believes at each sample: the reading at zero rate. prior: what a calibration knew.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import imufusion
+import numpy as np
+import vqf
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_BLOCK = 20_000
+_STILL_S, _STILL_DPS, _STILL_ACCEL = 2.0, 1.0, 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """A bias (3,) rad/s known beforehand and its standard deviation (3,)."""
+
+    bias: Floats
+    std: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The bias (n, 3) rad/s at each sample, and its standard deviation (n, 3) where the method gives one."""
+
+    bias: Floats
+    std: Floats | None = None
+
+
+class Tracker(Protocol):
+    """A method."""
+
+    def __call__(
+        self,
+        gyro: Floats,
+        accel: Floats | None,
+        temperature_c: Floats | None,
+        rate_hz: float,
+        prior: Prior | None = None,
+    ) -> Track | None:
+        """The bias at each sample; None where the method does not apply, or is not there yet."""
+
+
+def vqf_real_time(
+    gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
+) -> Track | None:
+    """VQF as it comes."""
+    if accel is None:
+        return None
+    tracker, biases, sigmas = vqf.VQF(1 / rate_hz), [], []
+    if prior is not None:
+        tracker.setBiasEstimate(prior.bias, float(prior.std.max()))
+    for start in range(0, len(gyro), _BLOCK):  # its full state is a kilobyte a sample
+        here = slice(start, start + _BLOCK)
+        state = tracker.updateBatchFullState(np.ascontiguousarray(gyro[here]), np.ascontiguousarray(accel[here]))
+        biases.append(state["bias"].copy())
+        sigmas.append(state["biasSigma"].copy())
+    return Track(np.concatenate(biases), np.repeat(np.concatenate(sigmas)[:, None], 3, axis=1))
+
+
+def vqf_offline(
+    gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
+) -> Track | None:
+    """VQF with the whole recording in hand, as it comes; it takes no prior."""
+    if accel is None:
+        return None
+    found = vqf.offlineVQF(np.ascontiguousarray(gyro), np.ascontiguousarray(accel), None, 1 / rate_hz)
+    return Track(found["bias"], np.repeat(found["biasSigma"][:, None], 3, axis=1))
+
+
+def fusion(
+    gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
+) -> Track:
+    """xio Fusion's bias correction as it comes; the gyro alone."""
+    tracker, bias = imufusion.Bias(), np.empty_like(gyro)
+    tracker.set_settings(imufusion.BiasSettings(sample_rate=rate_hz))
+    if prior is not None:
+        tracker.set_offset(np.degrees(prior.bias))
+    for i, rate_dps in enumerate(np.degrees(gyro)):
+        tracker.update(rate_dps)
+        bias[i] = tracker.get_offset()
+    return Track(np.radians(bias))
+
+
+def first_still(
+    gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
+) -> Track:
+    """The mean of the first window of two still seconds, for ever; before it, the prior, or zero."""
+    bias = np.tile(np.zeros(3) if prior is None else prior.bias, (len(gyro), 1))
+    n = round(_STILL_S * rate_hz)
+    for start in range(0, len(gyro) - n, n):
+        window = slice(start, start + n)
+        quiet = np.degrees(gyro[window].std(axis=0)).max() < _STILL_DPS
+        if quiet and (accel is None or accel[window].std(axis=0).max() < _STILL_ACCEL):
+            bias[start + n :] = gyro[window].mean(axis=0)
+            break
+    return Track(bias)
+
+
+def ours(
+    gyro: Floats,
+    accel: Floats | None,
+    temperature_c: Floats | None,
+    rate_hz: float,
+    prior: Prior | None = None,
+    *,
+    smoothed: bool = False,
+) -> Track | None:
+    """This project's tracker, in real time or smoothed: the one place where the bench meets it."""
+    return None
+
+
+def ours_smoothed(
+    gyro: Floats, accel: Floats | None, temperature_c: Floats | None, rate_hz: float, prior: Prior | None = None
+) -> Track | None:
+    """This project's tracker with the whole recording in hand."""
+    return ours(gyro, accel, temperature_c, rate_hz, prior, smoothed=True)
+
+
+TRACKERS: dict[str, Tracker] = {
+    "VQF": vqf_real_time,
+    "VQF offline": vqf_offline,
+    "imufusion": fusion,
+    "first still": first_still,
+    "truerate": ours,
+    "truerate smoothed": ours_smoothed,
+}

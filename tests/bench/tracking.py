@@ -1,0 +1,155 @@
+"""Bias trackers side by side on real movement, on simulated days and in slow turns. `make bench-tracking`.
+
+Writes out/tracking.json and out/tracking.png. --hours and --days make the days shorter and fewer.
+"""
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from bridge.sim.body import Activity
+from estimator import figures
+from tests.bench import broad
+from tests.bench.cases import DRIFT, ERROR, KEPT, ROWS, Case, Row, broad_cases, day_cases, turn_cases
+from tests.bench.trackers import TRACKERS, Track
+
+TRUTH = "true bias"
+SHOWN_FOR_TRUTH = {row.name for row in ROWS if row.group in (KEPT, DRIFT)}
+_PICTURE_EVERY_S, _WIDTH = 30.0, 118
+
+#: row, method, values of its cases by name
+Results = dict[str, dict[str, dict[str, float]]]
+
+
+def measure(cases: Iterable[Case], n: int, progress: Progress, what: str, results: Results) -> None:
+    """Run every method on each of n cases."""
+    task = progress.add_task(what, total=n * len(TRACKERS), visible=n > 0)
+    for case in cases:
+        for row, worth in case.judge(Track(case.bias)).items():
+            if row in SHOWN_FOR_TRUTH:
+                results[row][TRUTH][case.name] = worth
+        for method in TRACKERS:
+            track = tracked(method, case)
+            progress.advance(task)
+            if track is not None:
+                for row, worth in case.judge(track).items():
+                    results[row][method][case.name] = worth
+
+
+def tracked(method: str, case: Case) -> Track | None:
+    """What a method makes of a case."""
+    return TRACKERS[method](case.gyro, case.accel, case.temperature_c, case.rate_hz)
+
+
+def tables(results: Results) -> Iterator[Table]:
+    """One a group: scenarios down, methods and goals across."""
+    for group in dict.fromkeys(row.group for row in ROWS if results[row.name]):
+        shown = Table(title=group, title_justify="left", title_style="bold", box=None, pad_edge=False)
+        shown.add_column("", width=22, no_wrap=True)
+        for heading in (*TRACKERS, TRUTH, "goal", "goal smoothed"):
+            shown.add_column(heading.replace(" ", "\n", 1), justify="right", width=9, no_wrap=True)
+        for row in ROWS:
+            if row.group == group and results[row.name]:
+                values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
+                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH)]
+                shown.add_row(row.label, *cells, *(f"{goal:g}" for goal in (row.goal, row.goal_smoothed)))
+        yield shown
+
+
+def written(row: Row, value: float | None) -> str:
+    """A value of a row."""
+    return (
+        "–"
+        if value is None
+        else f"{value:.4f}"
+        if row.unit == "°/s"
+        else f"{value:.2f}"
+        if row.median
+        else f"{value:.0f}"
+    )
+
+
+def picture(results: Results, case: Case, path: Path) -> None:
+    """All of the table, and one axis of one day."""
+    step = round(_PICTURE_EVERY_S * case.rate_hz)
+    axis = int(np.argmax(np.ptp(case.bias, axis=0)))
+    tracks = {method: track.bias for method in TRACKERS if (track := tracked(method, case)) is not None}
+    day = figures.BiasDay(
+        hours=np.arange(0, len(case.bias), step) / case.rate_hz / 3600,
+        truth_dps=np.degrees(case.bias[::step, axis]),
+        tracks_dps={method: np.degrees(bias[::step, axis]) for method, bias in tracks.items()},
+        activity=np.zeros(0, np.int8) if case.activity is None else case.activity[::step],
+        names=[one.name.lower().replace("_", " ") for one in Activity],
+    )
+    panels = [dots(results, group) for group in dict.fromkeys(row.group for row in ROWS)]
+    figures.tracking(panels, day, list(TRACKERS), path)
+
+
+def dots(results: Results, group: str) -> figures.Dots:
+    """The rows of a group that were measured, as a panel."""
+    rows = [row for row in ROWS if row.group == group and results[row.name]]
+    values = {
+        method: [row.summary(list(results[row.name].get(method, {"": np.nan}).values())) for row in rows]
+        for method in TRACKERS
+    }
+    return figures.Dots(group, [row.label for row in rows], values, [row.goal for row in rows], log=group == ERROR)
+
+
+def written_out(results: Results, path: Path) -> None:
+    """Every case of every method, and the goals."""
+    rows = [
+        {
+            "row": row.name,
+            "group": row.group,
+            "unit": row.unit,
+            "goal": row.goal,
+            "goal_smoothed": row.goal_smoothed,
+            "statistic": "median" if row.median else "mean",
+            "methods": {
+                method: {"summary": row.summary(list(of.values())), "cases": of}
+                for method, of in results[row.name].items()
+            },
+        }
+        for row in ROWS
+        if results[row.name]
+    ]
+    path.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Print a table; no verdict."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--hours", type=float, default=8.0, help="of each day")
+    asked.add_argument("--days", type=int, default=3, help="of each kind; 0 for none")
+    asked.add_argument("--out", type=Path, default=Path("out"))
+    wanted = asked.parse_args()
+    console = Console()
+    console.width = max(console.width, _WIDTH)
+    results: Results = {row.name: defaultdict(dict) for row in ROWS}
+    if not broad.FOLDER.is_dir():
+        console.print(f"BROAD is not there ({broad.FOLDER}): left out", style="yellow")
+    with Progress(console=console) as progress:
+        turns, trials = list(turn_cases()), list(broad_cases())
+        measure(turns, len(turns), progress, "slow turns", results)
+        measure(trials, len(trials), progress, "BROAD", results)
+        measure(day_cases(wanted.days, wanted.hours), 2 * wanted.days, progress, "ward days", results)
+    for shown in tables(results):
+        console.print(shown)
+    wanted.out.mkdir(parents=True, exist_ok=True)
+    written_out(results, wanted.out / "tracking.json")
+    with console.status("drawing one day"):
+        picture(results, next(day_cases(1, wanted.hours)), wanted.out / "tracking.png")
+    console.print(f"{wanted.out / 'tracking.json'}, {wanted.out / 'tracking.png'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
