@@ -14,8 +14,8 @@ from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 
 BEFORE_IDENTITY = "before_identity"
-_CLIPPED_AT = 0.99  # of full scale
-_PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
+CLIPPED_AT = 0.99  # of full scale
+PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
 _RATE_WINDOW_S = 10.0
 _NO_TEMPERATURE = "temperature_missing"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
@@ -161,7 +161,7 @@ class Intake:
 
     def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
         """Which of the new samples may be published; counts the others."""
-        limit = min(MAX_RATE, _PLAUSIBLE * identity.gyro_range) if identity.gyro_range else MAX_RATE
+        limit = min(MAX_RATE, PLAUSIBLE * identity.gyro_range) if identity.gyro_range else MAX_RATE
         finite = np.isfinite(readings.gyro).all(axis=1)
         with np.errstate(invalid="ignore"):
             plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
@@ -191,7 +191,7 @@ class Intake:
         n, first = len(gyro), int(sequence[run.start])
         flags = np.zeros(n, np.uint32)
         if identity.gyro_range:
-            flags[(np.abs(gyro) >= _CLIPPED_AT * identity.gyro_range).any(axis=1)] = SampleFlag.CLIPPED
+            flags[(np.abs(gyro) >= CLIPPED_AT * identity.gyro_range).any(axis=1)] = SampleFlag.CLIPPED
         if self._next is not None and first != self._next:
             flags[0] |= np.uint32(SampleFlag.AFTER_GAP)
             self.events.add("gaps")

@@ -26,6 +26,7 @@ __all__ = ["Recording", "RecordingError", "load"]
 
 Floats = NDArray[np.float64]
 MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
+TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
 _WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _LIMITS = {
@@ -52,6 +53,18 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def ticks(self) -> NDArray[np.uint64]:
+        """(n,) the time of each sample in ticks of TICK_S."""
+        return np.rint(self.time_s / TICK_S).astype(np.uint64)
+
+    @property
+    def sequence(self) -> NDArray[np.int64]:
+        """(n,) a number for each sample: where time jumps, the samples that are missing have numbers too."""
+        steps = np.diff(self.time_s) * self.rate_hz
+        missing = np.where(steps > 1.75, np.rint(steps) - 1, 0)
+        return np.arange(len(self)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Recording:
@@ -117,7 +130,7 @@ def _unreadable(path: Path) -> RecordingError:
 def _numbers(path: Path, name: str, array: NDArray[np.generic]) -> Floats:
     if array.dtype.kind not in "fiu":
         raise RecordingError(f"{path}: {name!r} holds {array.dtype}, not numbers")
-    return array.astype(np.float64)
+    return array.astype(np.float64, copy=False)
 
 
 def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> Recording:

@@ -2,7 +2,7 @@
 
 import csv
 import difflib
-import io
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +22,7 @@ _VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _
 
 def read_csv(path: Path) -> dict[str, Floats]:
     """The columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,)."""
-    names, rows = _rows(path)
-    try:
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
-    except ValueError:
-        raise _bad_number(path, names, rows) from None
+    names, table = _table(path)
     at = {name: table[:, i] for i, name in enumerate(names)}
     columns = {}
     for column, (long, short, units) in _VECTORS.items():
@@ -39,19 +35,32 @@ def read_csv(path: Path) -> dict[str, Floats]:
         if name in at:
             columns["t_s"] = at[name] * scale
     if "temperature_c" in at:
-        columns["temperature_c"] = at["temperature_c"]
+        columns["temperature_c"] = at["temperature_c"].copy()
     return columns
 
 
-def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
+def _table(path: Path) -> tuple[list[str], Floats]:
+    """The names in the header, and a row of numbers for each of the file's; only numbers are kept, a file may be long."""
+    numbers = array("d")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = (row for row in csv.reader(file, skipinitialspace=True) if row)
+            names = _names(path, next(rows, []))
+            for number, row in enumerate(rows, 1):
+                if len(row) != len(names):
+                    raise RecordingError(f"{path}: row {number} has {len(row)} columns; the header has {len(names)}")
+                try:
+                    numbers.extend(map(float, row))
+                except ValueError:
+                    raise _bad_number(path, names, number, row) from None
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from None
-    try:
-        header, *rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row] or [[]]
     except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
+    return names, np.frombuffer(numbers, np.float64).reshape(-1, len(names))
+
+
+def _names(path: Path, header: list[str]) -> list[str]:
     if not header:
         raise RecordingError(
             f"{path}: it is empty; a header row that names the columns, and a row a sample, are needed"
@@ -60,10 +69,7 @@ def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise RecordingError(f"{path}: the header has {', '.join(sorted(twice))} more than once")
-    for number, row in enumerate(rows, 1):
-        if len(row) != len(names):
-            raise RecordingError(f"{path}: row {number} has {len(row)} columns; the header has {len(names)}")
-    return names, rows
+    return names
 
 
 def _vector(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> Floats | None:
@@ -87,11 +93,10 @@ def _no_gyro(names: list[str]) -> str:
     return f"{missing}; the header has {', '.join(names)}. {' '.join(hints[:3])}".strip()
 
 
-def _bad_number(path: Path, names: list[str], rows: list[list[str]]) -> RecordingError:
-    for number, row in enumerate(rows, 1):
-        for name, value in zip(names, row, strict=True):
-            try:
-                float(value)
-            except ValueError:
-                return RecordingError(f"{path}: row {number}, column {name!r}: {value[:32]!r} is not a number")
-    return RecordingError(f"{path}: not a table of numbers")
+def _bad_number(path: Path, names: list[str], number: int, row: list[str]) -> RecordingError:
+    for name, value in zip(names, row, strict=True):
+        try:
+            float(value)
+        except ValueError:
+            return RecordingError(f"{path}: row {number}, column {name!r}: {value[:32]!r} is not a number")
+    return RecordingError(f"{path}: row {number} is not of numbers")

@@ -121,6 +121,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
     from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
     from estimator.batch.result import PARAMETERS  # noqa: PLC0415
+    from estimator.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
 
@@ -135,7 +136,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     rates = tuple(map(radians, given.rates_dps))
     result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
     if given.json:
-        print(json.dumps(as_json(result)))
+        print(json.dumps(as_json(result, of_result(result, recording, radians(given.range_dps)))))
     else:
         console = Console()
         for words in passed_over:

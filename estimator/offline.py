@@ -1,13 +1,30 @@
-"""Calibrate from a recording: the same recognition and methods as live, all at once."""
+"""Calibrate from a recording, and correct one: the same recognition, methods and session as live, all at once."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bridge.recording import Recording
+from bridge.intake import CLIPPED_AT, PLAUSIBLE
+from bridge.recording import TICK_S, Recording, RecordingError
+from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
+from estimator import smoothed
 from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
+from estimator.calibration_file import of_result
+from estimator.corrected import Corrected, Rows
+from estimator.session import DeviceSession, Remembered, SessionKnobs
 from estimator.stillness import Stillness
+
+#: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
+BATCH_S = 1.0
+#: a calibration and a recording whose rates differ by more than this (relative) are not of one boot
+SAME_RATE = 0.05
+_BOOT = 1
 
 
 def calibrate(
@@ -18,9 +35,7 @@ def calibrate(
     A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
     count as clipped. rates: a machine's known rates in rad/s, for the methods that need them.
     """
-    limit = 0.99 * gyro_range if gyro_range else np.inf
-    clipped = np.any(np.abs(recording.gyro) >= limit, axis=1)
-    samples = Samples(recording.time_s, recording.gyro, recording.accel, clipped)
+    samples = Samples(recording.time_s, recording.gyro, recording.accel, _clipped(recording.gyro, gyro_range))
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
     stillness, session = Stillness(), CalibrationSession(method, whole=method in BY_MOVEMENTS)
@@ -36,3 +51,180 @@ def calibrate(
                 if not last.repeat:
                     return last, passed_over
     return last or session.unfinished(), passed_over
+
+
+def correct(
+    recording: Recording,
+    calibration: Calibration | Result | None = None,
+    knobs: SessionKnobs | None = None,
+    *,
+    smooth: bool = False,
+    other_boot: bool = False,
+    gyro_range: float = 0.0,
+    batch: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Corrected:
+    """Correct a recording as the service would have, row for row what was known when the sample came.
+
+    calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
+    one: then its scale is a prior, its bias forgotten. Without it the first calibration within the recording is used from
+    there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
+    batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
+    Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
+    """
+    knobs = knobs or SessionKnobs()
+    if smooth:
+        smoothed.check()
+        knobs = smoothed.remembering(knobs)
+    pass_ = _Pass(recording, knobs, _known(calibration), smooth=smooth, other_boot=other_boot)
+    for samples in _batches(recording, gyro_range, batch or max(1, round(BATCH_S * recording.rate_hz))):
+        pass_.take(samples)
+        if progress is not None:
+            progress(pass_.rows.filled, len(recording))
+    return pass_.corrected()
+
+
+class _Pass:
+    """One pass through a recording, fed as the service feeds a session."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        knobs: SessionKnobs,
+        known: Calibration | None,
+        *,
+        smooth: bool,
+        other_boot: bool,
+    ) -> None:
+        self.rows = Rows(len(recording))
+        self._recording = recording
+        self._session = DeviceSession("recorded", knobs)
+        self._session.info = _info(recording)
+        self._smooth = smooth
+        self._said: list[str] = []
+        self._matrices = {"": np.eye(3)}
+        self._names = {"": ""}
+        self._last: CorrectedBatch | None = None
+        remembered = None
+        if known is not None:
+            if not other_boot and (why := _foreign(known, recording)) is not None:
+                self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
+                other_boot = True
+            remembered = Remembered(replace(known, boot=_BOOT + other_boot), None)
+            self._matrices[known.id] = known.matrix
+            self._names[known.id] = known.id
+        self._session.begin_boot(_BOOT, 0.0, remembered)
+
+    def take(self, samples: SampleBatch) -> None:
+        outcome = self._session.handle(samples)
+        self._said += outcome.said
+        if (made := outcome.calibration) is not None:
+            self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
+        for batch in outcome.corrected:
+            self.rows.take(batch, self._matrices[batch.calibration])
+            self._last = batch
+
+    def corrected(self) -> Corrected:
+        last, rows, session = self._last, self.rows, self._session
+        if last is None or rows.filled != len(self._recording):
+            raise RuntimeError(f"{self._recording.name}: {rows.filled} of {len(self._recording)} samples came out")
+        matrix = self._matrices[last.calibration]
+        if self._smooth:
+            smoothed.smooth_rows(rows, self._recording, session, last, matrix)
+        return Corrected(
+            time_s=self._recording.time_s,
+            rate=rows.rate,
+            rate_std=rows.rate_std,
+            bias=rows.bias,
+            bias_std=rows.bias_std,
+            quality=rows.quality,
+            matrix=matrix,
+            calibration=self._names[last.calibration],
+            rate_hz=self._recording.rate_hz,
+            smoothed=self._smooth,
+            events=session.sequence.events.as_dict(),
+            said=tuple(self._said),
+        )
+
+
+def _known(calibration: Calibration | Result | None) -> Calibration | None:
+    if calibration is None:
+        return None
+    if calibration.verdict is not Verdict.ACCEPTED:
+        raise ValueError(
+            f"a calibration with verdict {calibration.verdict.name} corrects nothing: {calibration.reason}"
+        )
+    known = of_result(calibration) if isinstance(calibration, Result) else calibration
+    return known if known.id else replace(known, id="given")
+
+
+def _foreign(known: Calibration, recording: Recording) -> str | None:
+    """Why a calibration cannot be of the recording's boot."""
+    if known.rate_hz and abs(recording.rate_hz / known.rate_hz - 1) > SAME_RATE:
+        return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
+    return None
+
+
+def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
+    """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, clipped ones marked."""
+    _check_range(recording, gyro_range)
+    sequence, ticks = recording.sequence, recording.ticks
+    holes = np.flatnonzero(np.diff(sequence) != 1) + 1
+    after_hole = set(holes.tolist())
+    edges = np.unique(np.concatenate([np.arange(0, len(recording), size), holes, [len(recording)]])).tolist()
+    for start, end in pairwise(edges):
+        gyro = recording.gyro[start:end].astype(np.float32)
+        flags = np.where(_clipped(gyro, gyro_range), SampleFlag.CLIPPED, SampleFlag.OK).astype(np.uint32)
+        if start in after_hole:
+            flags[0] |= np.uint32(SampleFlag.AFTER_GAP)
+        accel, warm = recording.accel, recording.temperature_c
+        yield SampleBatch(
+            device="recorded",
+            boot=_BOOT,
+            sequence=int(sequence[start]),
+            receive_time_ns=0,
+            start_time_ns=0,
+            tick_period_s=TICK_S,
+            clock_rate=1.0,
+            ticks=ticks[start:end],
+            gyro=gyro,
+            accel=None if accel is None else accel[start:end].astype(np.float32),
+            temperature_c=None if warm is None else warm[start:end].astype(np.float32),
+            flags=flags,
+        )
+
+
+def _check_range(recording: Recording, gyro_range: float) -> None:
+    """A live door drops what is far beyond the range; here every sample has a row, so the range must be right."""
+    limit = PLAUSIBLE * gyro_range if gyro_range else np.inf
+    beyond = np.flatnonzero(np.any((recording.gyro > limit) | (recording.gyro < -limit), axis=1))
+    if len(beyond):
+        most = np.degrees(np.abs(recording.gyro[beyond[0]]).max())
+        raise RecordingError(
+            f"{recording.name}: {most:.0f} °/s at sample {beyond[0]} is more than twice the range given, "
+            f"{np.degrees(gyro_range):.0f} °/s; is the range right?"
+        )
+
+
+def _clipped(gyro: NDArray[np.floating], gyro_range: float) -> NDArray[np.bool_]:
+    limit = CLIPPED_AT * gyro_range if gyro_range else np.inf
+    return np.asarray(np.any(np.abs(gyro) >= limit, axis=1))
+
+
+def _info(recording: Recording) -> DeviceInfo:
+    return DeviceInfo(
+        device="recorded",
+        bridge="",
+        boot=_BOOT,
+        boot_cause=BootCause.PORT_OPENED,
+        model=recording.name,
+        firmware="recording",
+        driver="",
+        port="",
+        rate_hz=recording.rate_hz,
+        measured_rate_hz=recording.rate_hz,
+        gyro_range=0.0,
+        has_accel=recording.accel is not None,
+        has_temperature=recording.temperature_c is not None,
+        time_ns=0,
+    )

@@ -6,35 +6,20 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from bridge.wire.messages import Calibration
+from estimator import calibration_file
 from estimator.batch.result import Result
 from estimator.gyro import AXES
 
 
-def as_json(result: Result) -> dict[str, Any]:
-    """Plain values; matrix, bias and covariance are null when there is no estimate."""
+def as_json(result: Result, calibration: Calibration) -> dict[str, Any]:
+    """Plain values: the calibration as it is loaded again, what to repeat, and what each parameter was told."""
     known = bool(np.all(np.isfinite(result.covariance)))
+    bits = result.information_bits.tolist() if known else []
     return {
-        "method": result.method,
-        "verdict": result.verdict.name.lower(),
-        "reason": result.reason,
+        **calibration_file.as_json(calibration),
         "repeat": [AXES[axis] for axis in result.repeat],
-        "matrix": result.matrix.tolist() if known else None,
-        "bias_rad_s": result.bias.tolist() if known else None,
-        "parameters": list(result.parameters),
-        "covariance": result.covariance.tolist() if known else None,
-        "information_bits": dict(zip(result.parameters, result.information_bits.tolist(), strict=True))
-        if known
-        else None,
-        "noise_std_rad_s": result.noise_std.tolist() if known else None,
-        "turns": [
-            {
-                "axis": AXES[turn.axis],
-                "angle_deg": degrees(turn.angle),
-                "closure_error_deg": degrees(turn.closure_error),
-                "duration_s": turn.duration_s,
-            }
-            for turn in result.turns
-        ],
+        "information_bits": dict(zip(result.parameters, bits, strict=True)) if known else None,
     }
 
 

@@ -9,14 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Identity, Readings
-from bridge.recording import Recording, RecordingError, load
+from bridge.recording import TICK_S, Recording, RecordingError, load
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
-_TICK_S = 1e-6
 _CHUNK_S = 0.02  # host seconds between deliveries
 _MAX_CHUNK = 512  # samples
 
@@ -44,8 +42,8 @@ class Playback:
         self.speed = speed
         self.boot = boot
         self._gyro_range = gyro_range
-        self._ticks = np.rint(recording.time_s / _TICK_S).astype(np.uint64)
-        self._sequence = _numbered(recording)
+        self._ticks = recording.ticks
+        self._sequence = recording.sequence
         self._next = 0
 
     @property
@@ -62,7 +60,7 @@ class Playback:
             firmware="recording",
             rate_hz=self.recording.rate_hz,
             gyro_range=self._gyro_range,
-            tick_period_s=_TICK_S,
+            tick_period_s=TICK_S,
             has_accel=self.recording.accel is not None,
             has_temperature=self.recording.temperature_c is not None,
             tick_bits=64,
@@ -140,13 +138,6 @@ class ReplayedDriver:
         """Stop playing, ending a read in another thread."""
         self._closed.set()
         self._playback = None
-
-
-def _numbered(recording: Recording) -> NDArray[np.int64]:
-    """A sequence number for each sample: where time jumps, the samples that are missing have numbers too."""
-    steps = np.diff(recording.time_s) * recording.rate_hz
-    missing = np.where(steps > 1.75, np.rint(steps) - 1, 0)
-    return np.arange(len(recording)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)
 
 
 def _state(options: ReplayedOptions) -> str:

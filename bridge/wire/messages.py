@@ -142,11 +142,22 @@ class CorrectedBatch:
     @property
     def rate_std(self) -> Floats:
         """(n, 3) standard deviation of each corrected rate: noise, bias, scale and misalignment together."""
-        rate_var = self.rate.astype(float) ** 2
-        across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
-        var = rate_var * self.scale_std.astype(float) ** 2 + across_var * self.cross_std.astype(float) ** 2
-        var += self.noise_std.astype(float) ** 2 + self.bias_std.astype(float) ** 2
-        return np.asarray(np.sqrt(var), dtype=np.float64)
+        return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std)
+
+
+def rate_std(
+    rate: NDArray[np.floating],
+    noise_std: NDArray[np.floating],
+    bias_std: NDArray[np.floating],
+    scale_std: NDArray[np.floating],
+    cross_std: NDArray[np.floating],
+) -> Floats:
+    """(n, 3) standard deviation of corrected rates (n, 3), from those of a CorrectedBatch: (3,), or (n, 3) each its own."""
+    rate_var = rate.astype(float) ** 2
+    across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
+    var = rate_var * scale_std.astype(float) ** 2 + across_var * cross_std.astype(float) ** 2
+    var += noise_std.astype(float) ** 2 + bias_std.astype(float) ** 2
+    return np.asarray(np.sqrt(var), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

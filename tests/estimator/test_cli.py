@@ -193,8 +193,8 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
-     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["config", "check"], ["study", "algorithm1"], ["allan"],
-     ["study", "paper"]],
+     ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["correct"], ["config", "check"],
+     ["study", "algorithm1"], ["study", "paper"], ["allan"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

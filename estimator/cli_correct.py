@@ -1,0 +1,141 @@
+"""The verb `correct`: a recording in; corrected rates, bias, deviations and quality out."""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from math import radians
+from pathlib import Path
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from bridge.config import ConfigError
+from bridge.recording import load as load_recording
+from estimator.cli_offline import Verbs, add_verb
+
+HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
+quality. .npz: see estimator/corrected_file.py; .csv: the unit is in each column's name. All is in rad/s.
+
+quality:
+  NONE, PRIOR          nothing is known yet; or the scale of another boot
+  BIAS_ONLY            the bias is known, the scale is not of this boot
+  GOOD, DEGRADED       calibrated; DEGRADED while the bias is in doubt or older than it should be
+ways:
+  --realtime  (default) each row says what was known when its sample came, to the bit as a ward would have published it.
+  --smooth    each row says what is known in the end: later rests improve the bias before them, and a calibration within
+              the recording is used for all of it.
+calibrations:
+  The first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
+  device (it has not been switched off since): its scale is used at once, its bias is doubted until a rest confirms it.
+  After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten.
+examples:
+  truerate correct day.npz corrected.npz
+  truerate calibrate session.npz --json > chest.json
+  truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
+  truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
+
+#: a bar is shown for what takes longer
+_PATIENCE_S = 2.0
+_PICTURES = (".png", ".svg", ".pdf")
+
+
+def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `correct IN OUT`."""
+    verb = add_verb(
+        verbs, "correct", _correct, "correct a recording (.npz, .csv) as a ward would: rates, bias, deviations, quality"
+    )
+    verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording; see bridge/recording.py for what is in it")
+    verb.add_argument("out", type=Path, metavar="OUT", help="where to write, .npz or .csv; never IN itself")
+    way = verb.add_mutually_exclusive_group()
+    way.add_argument("--realtime", action="store_true", help="what was known when each sample came (default)")
+    way.add_argument("--smooth", action="store_true", help="what is known of each sample in the end")
+    verb.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="made before, by `truerate calibrate RECORDING --json > FILE`"
+    )
+    verb.add_argument("--other-boot", action="store_true", help="the device was switched off since that calibration")
+    verb.add_argument("--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature as .png")
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb.add_argument(
+        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+    )
+    verb.add_argument(
+        "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
+    )
+
+
+def _correct(given: argparse.Namespace) -> None:
+    from estimator import calibration_file, corrected_file, report_correct  # noqa: PLC0415
+    from estimator.offline import correct  # noqa: PLC0415
+
+    if given.other_boot and given.calibration is None:
+        raise ConfigError("--other-boot says of which boot a calibration is: it needs --calibration FILE")
+    if not 0 <= given.range_dps <= 10_000:
+        raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to 10000 is taken")
+    corrected_file.check(given.out, given.file)
+    _check_picture(given.picture)
+    calibration = calibration_file.load(given.calibration) if given.calibration else None
+    recording = load_recording(given.file, given.rate_hz)
+    with _Bar() as bar:
+        corrected = correct(
+            recording,
+            calibration,
+            smooth=given.smooth,
+            other_boot=given.other_boot,
+            gyro_range=radians(given.range_dps),
+            progress=bar.on("correcting"),
+        )
+        corrected_file.save(given.out, corrected, recording, bar.on("writing"))
+    if given.picture is not None:
+        from estimator import figures  # noqa: PLC0415
+
+        figures.corrected(recording, corrected, given.picture)
+    if given.json:
+        print(json.dumps(report_correct.as_json(corrected, recording, given.out)))
+        return
+    console = Console()
+    for words in report_correct.said(corrected):
+        console.print(words, style="dim", highlight=False, soft_wrap=True)
+    for words in report_correct.as_words(corrected, recording, given.out):
+        console.print(words, highlight=False, soft_wrap=True)
+    if given.picture is not None:
+        console.print(f"drawn in {given.picture}", highlight=False, soft_wrap=True)
+
+
+def _check_picture(picture: Path | None) -> None:
+    if picture is not None and picture.suffix not in _PICTURES:
+        raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
+    if picture is not None and not picture.parent.is_dir():
+        raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
+
+
+class _Bar:
+    """A progress bar on standard error, of a terminal only, and only when somebody would wait for it."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._began = time.monotonic()
+        self._shown: Progress | None = None
+
+    def on(self, what: str) -> Callable[[int, int], None]:
+        """A function to be told of progress, rows done and of how many."""
+        return lambda done, n: self._tell(what, done, n)
+
+    def _tell(self, what: str, done: int, n: int) -> None:
+        if not self._console.is_terminal or time.monotonic() - self._began < _PATIENCE_S:
+            return
+        if self._shown is None:
+            columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %")
+            self._shown = Progress(*columns, TimeRemainingColumn(), console=self._console, transient=True)
+            self._shown.add_task(what)
+            self._shown.start()
+        self._shown.update(self._shown.task_ids[0], description=what, completed=done, total=n)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown is not None:
+            self._shown.stop()

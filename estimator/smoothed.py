@@ -1,0 +1,76 @@
+"""The past improved by what came after it: a corrected recording once more, with the bias a smoother has found."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording import Recording, RecordingError
+from bridge.wire.messages import CorrectedBatch, Quality, rate_std
+from estimator.corrected import Floats, Rows
+from estimator.session import DeviceSession, SessionKnobs
+from estimator.track.tracker import Tracker, TrackKnobs
+
+#: rows at a time, for the sake of memory
+_ROWS = 100_000
+
+
+def check() -> None:
+    """Refuse before a long pass, not after it; raises RecordingError."""
+    if not hasattr(Tracker, "smoothed"):
+        raise RecordingError("smoothing is not available: this truerate's tracker offers no smoother; use --realtime")
+
+
+def remembering(knobs: SessionKnobs) -> SessionKnobs:
+    """The same knobs, with a tracker that forgets nothing of the boot."""
+    history: dict[str, Any] = {"history": None} if "history" in TrackKnobs.__dataclass_fields__ else {}
+    return replace(knobs, track=replace(knobs.track, **history))
+
+
+def history(session: DeviceSession) -> tuple[Floats, Floats, Floats] | None:
+    """What the tracker's smoother says: time (m,) s, bias (m, 3) rad/s, its std (m, 3); None when there is nothing."""
+    found: Any = getattr(session.tracker, "smoothed", lambda: None)()
+    if found is None:
+        return None
+    time, bias, std = found if isinstance(found, tuple) else (found.time, found.bias, found.std)
+    return (time, bias, std) if len(time) else None
+
+
+def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
+    """Fill the rows anew: the smoothed bias, and for all of the boot what was known at its end (`last`, matrix (3, 3)).
+
+    Before the first point of the history and after its last the bias wanders on. Raises RecordingError.
+    """
+    found = history(session)
+    if found is None:
+        raise RecordingError(f"{recording.name}: nothing to smooth: it has no evidence of the bias; use --realtime")
+    time, bias, std = found
+    walk = session.knobs.track.bias.rate_random_walk
+    for start in range(0, len(recording), _ROWS):
+        part = slice(start, start + _ROWS)
+        now = recording.time_s[part]
+        outside_s = np.maximum(0.0, np.maximum(time[0] - now, now - time[-1]))
+        bias_now = _between(now, time, bias)
+        bias_std = np.hypot(_between(now, time, std), walk * np.sqrt(outside_s)[:, None])
+        rate = (recording.gyro[part] - bias_now) @ matrix.T
+        left = np.sqrt(np.square(bias_std) @ np.square(matrix).T)
+        rows.rate[part], rows.bias[part], rows.bias_std[part] = rate, bias_now, bias_std
+        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std)
+    rows.quality[:] = _quality(rows, session)
+
+
+def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
+    """The best state for all of the boot; doubt that was never cleared stays with the rows it was on."""
+    unsure = np.any(rows.bias_std >= session.knobs.track.bias_std, axis=1)
+    if session.calibration is None:
+        return np.where(unsure, Quality.PRIOR if session.prior else Quality.NONE, Quality.BIAS_ONLY)
+    if session.tracker.doubted:
+        trusted = np.flatnonzero(rows.quality != Quality.DEGRADED)
+        unsure[trusted[-1] + 1 if len(trusted) else 0 :] = True
+    return np.where(unsure, Quality.DEGRADED, Quality.GOOD)
+
+
+def _between(now: Floats, time: Floats, values: Floats) -> Floats:
+    """(n, 3) values (m, 3) at the times now (n,), on straight lines between those of the history (m,)."""
+    return np.column_stack([np.interp(now, time, column) for column in values.T])

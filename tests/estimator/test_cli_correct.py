@@ -1,0 +1,230 @@
+"""`truerate correct` as people use it: what it writes, what it says, and what it refuses."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.recording import load
+from bridge.sim.session import Session, simulate_session
+from bridge.wire.messages import Quality
+from estimator import corrected_file
+from estimator.cli import main
+from estimator.offline import correct
+from estimator.track.tracker import Tracker
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return simulate_session(4)
+
+
+@pytest.fixture
+def recorded(session: Session, tmp_path: Path) -> Path:
+    path = tmp_path / "day.npz"
+    np.savez(
+        path, gyro_rad_s=session.gyro, accel_m_s2=session.accel, temperature_c=session.temperature_c, t_s=session.time_s
+    )
+    return path
+
+
+def test_it_writes_a_row_for_each_sample(session: Session, recorded: Path, tmp_path: Path) -> None:
+    out = tmp_path / "corrected.npz"
+    assert main(["correct", str(recorded), str(out)]) == 0
+    expected = correct(load(recorded))
+    with np.load(out, allow_pickle=False) as file:
+        assert set(file.files) == {
+            "t_s", "rate_rad_s", "rate_std_rad_s", "bias_rad_s", "bias_std_rad_s", "quality", "quality_names", "matrix",
+            "rate_hz", "accel_m_s2", "temperature_c",
+        }  # fmt: skip
+        for name in ("rate", "rate_std", "bias", "bias_std"):
+            assert file[f"{name}_rad_s"].shape == (len(session.gyro), 3)
+            np.testing.assert_array_equal(file[f"{name}_rad_s"], getattr(expected, name))
+        np.testing.assert_array_equal(file["quality"], expected.quality)
+        assert file["quality_names"][file["quality"][-1]] == "GOOD"
+        np.testing.assert_allclose(np.diag(file["matrix"]), session.truth.k, atol=3e-4)
+        np.testing.assert_array_equal(file["accel_m_s2"], session.accel)
+        np.testing.assert_array_equal(file["temperature_c"], session.temperature_c)
+        np.testing.assert_allclose(file["t_s"], session.time_s - session.time_s[0])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["corrected.npz", "day.npz"]
+
+
+def test_csv_holds_the_same_numbers(recorded: Path, tmp_path: Path) -> None:
+    for name in ("c.npz", "c.csv"):
+        assert main(["correct", str(recorded), str(tmp_path / name)]) == 0
+    header, *rows = [line.split(",") for line in (tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()]
+    assert header[:4] == ["t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"]
+    assert header[-5:] == ["quality", "accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "temperature_c"]
+    with np.load(tmp_path / "c.npz") as file:
+        assert [row[header.index("quality")] for row in rows] == file["quality_names"][file["quality"]].tolist()
+        for vector in ("rate", "rate_std", "bias", "bias_std"):
+            at = header.index(f"{vector}_x_rad_s")
+            columns = np.array([row[at : at + 3] for row in rows], np.float32)
+            np.testing.assert_array_equal(columns, file[f"{vector}_rad_s"])
+        np.testing.assert_allclose([float(row[0]) for row in rows], file["t_s"], atol=6e-7)
+        np.testing.assert_allclose([float(row[-1]) for row in rows], file["temperature_c"], rtol=1e-8)
+
+
+def test_a_csv_of_rates_alone_has_no_empty_columns(session: Session, tmp_path: Path) -> None:
+    np.savez(tmp_path / "bare.npz", gyro_rad_s=session.gyro, rate_hz=104.0)
+    assert main(["correct", str(tmp_path / "bare.npz"), str(tmp_path / "c.csv")]) == 0
+    header, first = (tmp_path / "c.csv").read_text(encoding="utf-8").splitlines()[:2]
+    assert header.split(",")[-1] == "quality"
+    assert len(first.split(",")) == len(header.split(",")) == 14
+
+
+def test_it_says_in_words_what_became_of_it(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["correct", "--realtime", str(recorded), str(tmp_path / "c.npz")]) == 0
+    printed, err = capsys.readouterr()
+    recording = load(recorded)
+    assert f"{len(recording)} samples" in printed
+    assert "as it would have been live" in printed
+    assert "GOOD" in printed
+    assert "TURNING -> TRACKING: calibrated: three turns closed to" in printed
+    assert "temperature: 25.0 to" in printed
+    assert f"written to {tmp_path / 'c.npz'}" in printed
+    assert err == "", "no bar where there is no terminal"
+
+
+def test_json_for_machines(
+    session: Session, recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["samples"] == len(session.gyro)
+    assert sum(found["seconds_by_quality"].values()) == pytest.approx(len(session.gyro) / 104.0, rel=1e-3)
+    assert found["bias_rad_s"] == pytest.approx(list(session.bias[-1]), abs=np.radians(0.02))
+    assert found["calibration"] == "day"
+    assert found["written"].endswith("c.npz")
+
+
+def test_a_calibration_goes_from_one_verb_to_the_other(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", str(recorded), "--json"]) == 0
+    kept = tmp_path / "chest.json"
+    kept.write_text(capsys.readouterr().out, encoding="utf-8")
+    words = ["correct", str(recorded), str(tmp_path / "c.npz"), "--calibration", str(kept)]
+    assert main([*words, "--json"]) == 0
+    seconds = json.loads(capsys.readouterr().out)["seconds_by_quality"]
+    assert set(seconds) == {"DEGRADED", "GOOD"}, "the scale is used at once, the bias doubted until a rest"
+    assert seconds["DEGRADED"] < 5.0
+    assert main([*words, "--json", "--other-boot"]) == 0
+    assert "PRIOR" in json.loads(capsys.readouterr().out)["seconds_by_quality"]
+
+
+def test_smoothed_is_said_to_be(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = np.zeros(1), np.zeros((1, 3)), np.full((1, 3), 1e-4)
+    monkeypatch.setattr(Tracker, "smoothed", lambda _: found, raising=False)
+    assert main(["correct", "--smooth", str(recorded), str(tmp_path / "c.npz")]) == 0
+    assert "smoothed" in capsys.readouterr().out
+    with np.load(tmp_path / "c.npz") as file:
+        assert (file["quality"] == Quality.GOOD).all()
+        assert not file["bias_rad_s"].any()
+
+
+def test_a_tracker_without_a_smoother_is_told_before_anything_is_read(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delattr(Tracker, "smoothed", raising=False)
+    assert main(["correct", "--smooth", str(recorded), str(tmp_path / "c.npz")]) == 1
+    assert "smoothing is not available" in capsys.readouterr().err
+    assert not (tmp_path / "c.npz").exists()
+
+
+@pytest.mark.parametrize("warm", [True, False])
+def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool) -> None:
+    if not warm:
+        np.savez(recorded, gyro_rad_s=session.gyro[:700], rate_hz=104.0)
+    picture = tmp_path / "day.png"
+    assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["IN", "IN"], 1, "never overwritten"),
+        (["IN", "./sub/../day.npz"], 1, "never overwritten"),
+        (["IN", "out.txt"], 1, "ends in .npz or .csv, not in '.txt'"),
+        (["IN", "out"], 1, "not in ''"),
+        (["IN", "nowhere/out.npz"], 1, "there is no folder"),
+        (["IN", "folder.npz"], 1, "is a folder"),
+        (["missing.npz", "out.npz"], 1, "cannot be read"),
+        (["IN", "out.npz", "--calibration", "missing.json"], 1, "missing.json: cannot be read"),
+        (["IN", "out.npz", "--calibration", "IN"], 1, "not a calibration"),
+        (["IN", "out.npz", "--other-boot"], 2, "needs --calibration FILE"),
+        (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
+        (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
+        (["IN", "out.npz", "--picture", "nowhere/p.png"], 2, "there is no folder"),
+        (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
+    ],
+)
+def test_wrong_use_is_one_line(
+    words: list[str],
+    code: int,
+    said: str,
+    recorded: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.npz").mkdir()
+    (tmp_path / "sub").mkdir()
+    before = recorded.read_bytes()
+    assert main(["correct", *(str(recorded) if word == "IN" else word for word in words)]) == code
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert recorded.read_bytes() == before
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_both_ways_at_once_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["correct", "--smooth", "--realtime", "a.npz", "b.npz"])
+    assert ended.value.code == 2
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def test_what_fails_half_way_leaves_the_old_file(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "c.npz"
+    out.write_bytes(b"old")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(corrected_file.np, "savez", full)  # type: ignore[attr-defined] # where it is called
+    assert main(["correct", str(recorded), str(out)]) == 1
+    assert out.read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.npz", "day.npz"]
+
+
+def test_a_bar_is_shown_to_who_waits_at_a_terminal(recorded: Path, tmp_path: Path) -> None:
+    """On a terminal of its own, with no patience at all."""
+    code = (
+        "import sys; from estimator import cli, cli_correct; cli_correct._PATIENCE_S = 0.0;"
+        f"sys.exit(cli.main(['correct', {str(recorded)!r}, {str(tmp_path / 'c.csv')!r}]))"
+    )
+    master, slave = os.openpty()
+    environment = {**os.environ, "TERM": "xterm", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], stderr=slave, capture_output=False, stdout=subprocess.DEVNULL,
+                          check=False, env=environment)  # fmt: skip
+    os.close(slave)
+    shown = os.read(master, 100_000).decode()
+    os.close(master)
+    assert done.returncode == 0, shown
+    assert "correcting" in shown
+    assert "%" in shown

@@ -1,0 +1,285 @@
+"""A recording corrected as the service corrects a stream: against the truth, against the live path, and however it is cut."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.drivers.replayed import Playback
+from bridge.intake import Intake
+from bridge.recording import Recording, RecordingError, load
+from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
+from bridge.sim.motion import Piece, Still
+from bridge.sim.script import swing
+from bridge.wire.messages import Quality, Verdict
+from estimator.corrected import Corrected
+from estimator.offline import calibrate, correct
+from estimator.session import DeviceSession
+from estimator.track.tracker import Tracker
+from tests.estimator.stream import NAME, Stream, calibration, feed, rates, stream
+
+Floats = NDArray[np.float64]
+COLUMNS = ("time_s", "rate", "rate_std", "bias", "bias_std", "quality", "matrix")
+README = Path(__file__).parents[2] / "README.md"
+
+
+def pieces(seed: int, bursts: int) -> list[Piece]:
+    rng = np.random.default_rng(seed)
+    return [p for _ in range(bursts) for p in (swing(rng, 3.0, np.radians(100.0)), Still(4.0))]
+
+
+def recorded(of: Stream) -> Recording:
+    return replace(of.recording(), temperature_c=of.temperature_c, time_s=of.time - of.time[0])
+
+
+def same(one: Corrected, other: Corrected) -> bool:
+    return (one.calibration, one.events, one.said) == (other.calibration, other.events, other.said) and all(
+        np.array_equal(getattr(one, name), getattr(other, name)) for name in COLUMNS
+    )
+
+
+@pytest.fixture(scope="module")
+def day() -> Stream:
+    """Calibrated within 30 s, then worn for two minutes."""
+    return calibration(seed=1, after=pieces(1, 18), spec=replace(DEMO_SPEC, accel_bias=0.0))
+
+
+@pytest.fixture(scope="module")
+def corrected(day: Stream) -> Corrected:
+    return correct(recorded(day))
+
+
+@pytest.fixture(scope="module")
+def worn() -> Stream:
+    """Worn from the first second on, without any turn for a calibration."""
+    after = pieces(2, 6)
+    return stream([Still(1.0), *after], 43.0, seed=3, spec=ImuSpec(bias_limit_dps=2.0, noise_dps=0.05))
+
+
+# ---- row for row, as live -----------------------------------------------------------------------------------------
+
+
+def test_against_the_truth(day: Stream, corrected: Corrected) -> None:
+    assert len(corrected) == len(day)
+    good = corrected.quality == Quality.GOOD
+    assert good[corrected.time_s > 32.0].all()
+    assert not good[corrected.time_s < 20.0].any()
+    np.testing.assert_allclose(np.diag(corrected.matrix), day.truth.k, atol=3e-4)
+    error, bias_error = (corrected.rate - day.rate)[good], (corrected.bias - day.bias)[good]
+    assert np.degrees(np.sqrt(np.mean(error**2))) < 0.06
+    for off, std in ((error, corrected.rate_std[good]), (bias_error, corrected.bias_std[good])):
+        assert 0.3 < np.sqrt(np.mean((off / std) ** 2)) < 1.5, "the deviation is that of the error"
+
+
+def test_nothing_is_known_before_it_came(day: Stream, corrected: Corrected) -> None:
+    n = day.at(20.0)
+    early = correct(recorded(day.part(0, n)))
+    for name in ("rate", "rate_std", "bias", "bias_std", "quality"):
+        np.testing.assert_array_equal(getattr(early, name), getattr(corrected, name)[:n])
+    assert corrected.quality[0] == Quality.NONE
+    np.testing.assert_array_equal(corrected.rate[0], day.gyro[0].astype(np.float32))
+
+
+def test_however_it_is_cut(day: Stream, corrected: Corrected) -> None:
+    for batch in (7, 100, len(day)):
+        assert same(correct(recorded(day), batch=batch), corrected), batch
+
+
+@pytest.mark.parametrize("ranged", [False, True])
+def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bool) -> None:
+    """Playback, the bridge's door, and the session as the service feeds it."""
+    kept = np.delete(np.arange(len(day)), slice(day.at(60.0), day.at(61.0)))
+    of = recorded(day.only(kept))
+    # The fastest turn just reaches what counts as clipped.
+    gyro_range = float(np.abs(day.gyro[: day.at(30.0)]).max()) / 0.995 if ranged else 0.0
+    playback = Playback(of, 1.0, 1, gyro_range)
+    intake = Intake(NAME, "bridge", "replayed", "file")
+    intake.take(playback.identity())
+    batches = []
+    for _, until in pairwise(np.arange(0.0, of.time_s[-1] + 1.0, 0.5)):
+        for readings in playback.due(until, int(until * 1e9) + 1):
+            batches += intake.take(readings)
+    live = feed(DeviceSession(NAME), batches).corrected
+    found = correct(of, gyro_range=gyro_range)
+    np.testing.assert_array_equal(found.rate, rates(live))
+    np.testing.assert_array_equal(found.quality, np.concatenate([np.full(len(b), b.quality) for b in live]))
+    np.testing.assert_allclose(found.rate_std, np.concatenate([b.rate_std for b in live]), rtol=1e-6)
+    assert found.events["missing_samples"] == len(day) - len(kept)
+    if ranged:
+        assert not (found.quality == Quality.GOOD).any(), "a clipped turn does not count"
+        assert any("faster than the gyro's range" in words for words in found.said)
+
+
+def test_the_bias_is_in_readings_and_so_is_its_deviation(day: Stream) -> None:
+    """With a full matrix too, though batches carry what the bias leaves in corrected rates."""
+    across = np.array([[0.8, 0.1, 0.0], [-0.1, 1.2, 0.05], [0.0, 0.0, 1.0]])
+    result, _ = calibrate(recorded(day))
+    found = correct(recorded(day), replace(result, matrix=across))
+    np.testing.assert_array_equal(found.matrix, across)
+    # A bias restored without knowing how old: 0.2 °/s on each axis, and the walk of some seconds.
+    np.testing.assert_allclose(np.degrees(found.bias_std[0]), 0.2, rtol=0.01)
+    np.testing.assert_allclose(found.rate[0], across @ (day.gyro[0] - found.bias[0]), atol=1e-6)
+
+
+# ---- a calibration that was made before ---------------------------------------------------------------------------
+
+
+def test_a_calibration_of_the_same_boot_is_used_at_once_and_its_bias_doubted_until_a_rest(day: Stream) -> None:
+    result, _ = calibrate(recorded(day))
+    found = correct(recorded(day.part(day.at(40.0), len(day))), result)
+    assert found.quality[0] == Quality.DEGRADED
+    assert found.quality[-1] == Quality.GOOD
+    assert found.bias_std[0].min() >= np.radians(0.2)
+    np.testing.assert_array_equal(found.matrix, result.matrix)
+    np.testing.assert_allclose(found.bias[0], result.bias, atol=1e-6)
+
+
+def test_of_another_boot_the_scale_is_a_prior_and_the_bias_forgotten(worn: Stream, day: Stream) -> None:
+    result, _ = calibrate(recorded(day))
+    found = correct(recorded(worn), result, other_boot=True)
+    assert found.quality[0] == Quality.PRIOR
+    assert found.quality.max() == Quality.BIAS_ONLY
+    assert found.bias_std[0].min() > np.radians(1.0)
+    moving = np.abs(found.rate).argmax()
+    assert found.rate_std.flat[moving] > 0.019 * abs(found.rate.flat[moving]), "the scale moves between boots"
+    np.testing.assert_array_equal(found.matrix, result.matrix)
+
+
+def test_at_another_rate_it_is_no_more_than_another_boots(day: Stream, worn: Stream) -> None:
+    from estimator.calibration_file import of_result
+
+    of = recorded(worn)
+    known = replace(of_result(calibrate(recorded(day))[0], recorded(day)), rate_hz=52.0)
+    found = correct(of, known)
+    assert found.quality[0] == Quality.PRIOR
+    assert "52 Hz" in found.said[0]
+    assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
+
+
+def test_what_was_not_accepted_corrects_nothing(day: Stream) -> None:
+    result, _ = calibrate(recorded(day.part(0, day.at(6.0))))
+    assert result.verdict is not Verdict.ACCEPTED
+    with pytest.raises(ValueError, match="REPEAT"):
+        correct(recorded(day), result)
+
+
+def test_a_range_that_cannot_be_right_is_refused(day: Stream) -> None:
+    with pytest.raises(RecordingError, match=r"more than twice the range given, 20 °/s"):
+        correct(recorded(day), gyro_range=np.radians(20.0))
+
+
+def test_progress_counts_every_row_once(worn: Stream) -> None:
+    told: list[tuple[int, int]] = []
+    correct(recorded(worn), batch=500, progress=lambda done, n: told.append((done, n)))
+    assert told == [(min(n, len(worn)), len(worn)) for n in range(500, len(worn) + 500, 500)]
+
+
+# ---- smoothed -----------------------------------------------------------------------------------------------------
+
+
+def smoother(monkeypatch: pytest.MonkeyPatch, found: object) -> None:
+    monkeypatch.setattr(Tracker, "smoothed", lambda _: found, raising=False)
+
+
+def known(of: Stream, since: float, until: float) -> tuple[Floats, Floats, Floats]:
+    time = np.arange(since, until, 1.0)
+    bias = np.column_stack([np.interp(time, of.time - of.time[0], column) for column in of.bias.T])
+    return time, bias, np.full((len(time), 3), np.radians(0.004))
+
+
+def test_smoothed_the_calibration_holds_for_all_of_the_boot(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother(monkeypatch, known(day, 0.0, 150.0))
+    found = correct(recorded(day), smooth=True)
+    assert found.smoothed
+    assert (found.quality == Quality.GOOD).all(), "before the turns too"
+    assert np.degrees(np.abs(found.bias - day.bias).max()) < 0.02, "straight lines between the points"
+    error = found.rate - day.rate
+    assert np.degrees(np.sqrt(np.mean(error**2))) < 0.06
+    assert 0.5 < np.sqrt(np.mean((error / found.rate_std) ** 2)) < 1.5
+    np.testing.assert_allclose(found.bias_std[day.at(20.0)], np.radians(0.004), rtol=1e-5)
+
+
+def test_smoothed_the_deviation_of_a_rate_is_that_of_noise_and_bias(
+    day: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time, bias, std = known(day, 0.0, 150.0)
+    smoother(monkeypatch, (time, bias, 25 * std))
+    found = correct(recorded(day), smooth=True)
+    k = day.truth.k
+    np.testing.assert_allclose(np.degrees(found.rate_std[100]), k * np.hypot(0.1, 0.03), rtol=0.05)
+
+
+def test_outside_of_what_was_smoothed_the_bias_wanders_on(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother(monkeypatch, known(day, 50.0, 60.0))
+    std = correct(recorded(day), smooth=True).bias_std
+    walk = DeviceSession(NAME).knobs.track.bias.rate_random_walk
+    expected = np.hypot(np.radians(0.004), walk * np.sqrt([50.0, 0.0, day.time[-1] - day.time[0] - 59.0]))
+    np.testing.assert_allclose(std[[0, day.at(55.0), -1], 0], expected, rtol=1e-3)
+
+
+def test_doubt_that_was_never_cleared_stays(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    jump = day.at(100.0)
+    off = np.where(np.arange(len(day)) >= jump, np.radians(1.0), 0.0)
+    of = replace(recorded(day), gyro=day.gyro + off[:, None])
+    smoother(monkeypatch, known(day, 0.0, 150.0))
+    found = correct(of, smooth=True)
+    assert found.quality[0] == Quality.GOOD
+    assert found.quality[-1] == Quality.DEGRADED
+    assert not (found.quality[jump + 3000 :] == Quality.GOOD).any()
+
+
+def test_without_a_calibration_a_smoothed_bias_is_all_there_is(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother(monkeypatch, known(worn, 0.0, 43.0))
+    assert (correct(recorded(worn), smooth=True).quality == Quality.BIAS_ONLY).all()
+    smoother(monkeypatch, (np.zeros(1), np.zeros((1, 3)), np.full((1, 3), np.radians(1.0))))
+    assert (correct(recorded(worn), smooth=True).quality == Quality.NONE).all()
+
+
+def test_without_a_smoother_or_without_evidence_it_says_so(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    smoother(monkeypatch, None)
+    with pytest.raises(RecordingError, match="nothing to smooth"):
+        correct(recorded(worn), smooth=True)
+    monkeypatch.delattr(Tracker, "smoothed")
+    with pytest.raises(RecordingError, match="not available"):
+        correct(recorded(worn), smooth=True)
+
+
+# ---- as a library, and on real recordings -------------------------------------------------------------------------
+
+
+def test_the_readmes_ten_lines_run(
+    day: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    section = README.read_text(encoding="utf-8").split("## Work on recordings")[1].split("\n## ")[0]
+    code = section.split("```python\n")[1].split("```")[0]
+    assert len(code.strip().splitlines()) <= 10
+    for name, of in (("session", day.part(0, day.at(32.0))), ("day", day.part(day.at(32.0), len(day)))):
+        np.savez(tmp_path / f"{name}.npz", gyro_rad_s=of.gyro, accel_m_s2=of.accel, t_s=of.time)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, str(README), "exec"), {})
+    printed = capsys.readouterr().out
+    assert printed.startswith("ACCEPTED three turns closed to ")
+    assert 90 <= int(printed.split("% good")[0].rsplit("\n", 1)[-1]) <= 100
+
+
+@pytest.mark.data
+def test_a_real_session_is_calibrated_within_and_used_from_there_on(shared_data: Path) -> None:
+    found = correct(load(shared_data / "imucal" / "ferraris_session.npz"))
+    np.testing.assert_allclose(np.diag(found.matrix), [0.9728, 1.0179, 1.0018], atol=2e-3)
+    assert found.calibration == "ferraris_session"
+    assert found.quality[-1] == Quality.GOOD
+
+
+@pytest.mark.data
+def test_a_real_bias_is_tracked_through_rests(shared_data: Path) -> None:
+    """BROAD, slow rotations with breaks: what the tracker says after the last rest is that rest's mean."""
+    path = shared_data / "broad" / "04_undisturbed_slow_rotation_with_breaks_A.npz"
+    moving = np.load(path)["moving"]
+    of = load(path)
+    found = correct(of)
+    rest = of.gyro[np.flatnonzero(moving)[-1] + round(of.rate_hz) :]
+    assert (found.quality[-1]) == Quality.BIAS_ONLY
+    np.testing.assert_allclose(np.degrees(found.bias[-1]), np.degrees(rest.mean(axis=0)), atol=0.01)
