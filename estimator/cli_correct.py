@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from bridge.config import ConfigError
 from bridge.recording import load as load_recording
 from estimator.cli_offline import Verbs, add_verb
+from estimator.noise_model import GENERIC, load_model
 
 HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
 quality. .npz: see estimator/corrected_file.py; .csv: the unit is in each column's name. All is in rad/s.
@@ -56,6 +57,17 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--calibration", type=Path, metavar="FILE", help="made before, by `truerate calibrate RECORDING --json > FILE`"
     )
     verb.add_argument("--other-boot", action="store_true", help="the device was switched off since that calibration")
+    verb.add_argument(
+        "--model",
+        default=GENERIC,
+        metavar="NAME",
+        help="kind of device, of configs/devices or a file (default: %(default)s)",
+    )
+    verb.add_argument(
+        "--from-power-up",
+        action="store_true",
+        help="the recording begins when the device was switched on: its bias warms up",
+    )
     verb.add_argument("--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature as .png")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
     verb.add_argument(
@@ -68,12 +80,14 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 def _correct(given: argparse.Namespace) -> None:
     from estimator import calibration_file, corrected_file, report_correct  # noqa: PLC0415
+    from estimator.device_knobs import knobs_of  # noqa: PLC0415
     from estimator.offline import correct  # noqa: PLC0415
 
     if given.other_boot and given.calibration is None:
         raise ConfigError("--other-boot says of which boot a calibration is: it needs --calibration FILE")
     if not 0 <= given.range_dps <= 10_000:
         raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to 10000 is taken")
+    model = load_model(given.model)
     corrected_file.check(given.out, given.file)
     _check_picture(given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
@@ -82,7 +96,9 @@ def _correct(given: argparse.Namespace) -> None:
         corrected = correct(
             recording,
             calibration,
+            knobs_of(model),
             smooth=given.smooth,
+            from_power_up=given.from_power_up,
             other_boot=given.other_boot,
             gyro_range=radians(given.range_dps),
             progress=bar.on("correcting"),

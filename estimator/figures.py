@@ -293,7 +293,10 @@ def _tracks(axes: Any, day: BiasDay, colours: dict[str, str]) -> None:
         axes.plot(day.hours, track, color=colours[method], linewidth=1.3 if ours else 0.8, zorder=3 if ours else 2)
     low, high = day.truth_dps.min(), day.truth_dps.max()
     around = 0.6 * (high - low)
-    axes.set(title="One axis of a calibrated gyro over a simulated day on a ward; the broad grey line is the truth", ylabel="bias, °/s")
+    axes.set(
+        title="One axis of a gyro over a simulated day on a ward; broad and grey: the truth",
+        ylabel="bias, °/s",
+    )
     axes.set(xlim=(0, day.hours[-1]), ylim=(low - around, high + around))
     axes.tick_params(labelbottom=False)
 

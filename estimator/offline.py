@@ -61,6 +61,7 @@ def correct(
     smooth: bool = False,
     other_boot: bool = False,
     gyro_range: float = 0.0,
+    from_power_up: bool = False,
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Corrected:
@@ -68,13 +69,16 @@ def correct(
 
     calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
     one: then its scale is a prior, its bias forgotten. Without it the first calibration within the recording is used from
-    there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
+    there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it
+    begins when the device was switched on, so that its bias may warm up though no temperature tells of it.
     batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
     knobs = knobs or SessionKnobs()
+    if not from_power_up:
+        cool = replace(knobs.track.bias, warm_up_walk=0.0)
+        knobs = replace(knobs, track=replace(knobs.track, bias=cool))
     if smooth:
-        smoothed.check()
         knobs = smoothed.remembering(knobs)
     pass_ = _Pass(recording, knobs, _known(calibration), smooth=smooth, other_boot=other_boot)
     for samples in _batches(recording, gyro_range, batch or max(1, round(BATCH_S * recording.rate_hz))):

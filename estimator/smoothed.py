@@ -1,7 +1,6 @@
 """The past improved by what came after it: a corrected recording once more, with the bias a smoother has found."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,31 +9,14 @@ from bridge.recording import Recording, RecordingError
 from bridge.wire.messages import CorrectedBatch, Quality, rate_std
 from estimator.corrected import Floats, Rows
 from estimator.session import DeviceSession, SessionKnobs
-from estimator.track.tracker import Tracker, TrackKnobs
 
 #: rows at a time, for the sake of memory
 _ROWS = 100_000
 
 
-def check() -> None:
-    """Refuse before a long pass, not after it; raises RecordingError."""
-    if not hasattr(Tracker, "smoothed"):
-        raise RecordingError("smoothing is not available: this truerate's tracker offers no smoother; use --realtime")
-
-
 def remembering(knobs: SessionKnobs) -> SessionKnobs:
     """The same knobs, with a tracker that forgets nothing of the boot."""
-    history: dict[str, Any] = {"history": None} if "history" in TrackKnobs.__dataclass_fields__ else {}
-    return replace(knobs, track=replace(knobs.track, **history))
-
-
-def history(session: DeviceSession) -> tuple[Floats, Floats, Floats] | None:
-    """What the tracker's smoother says: time (m,) s, bias (m, 3) rad/s, its std (m, 3); None when there is nothing."""
-    found: Any = getattr(session.tracker, "smoothed", lambda: None)()
-    if found is None:
-        return None
-    time, bias, std = found if isinstance(found, tuple) else (found.time, found.bias, found.std)
-    return (time, bias, std) if len(time) else None
+    return replace(knobs, track=replace(knobs.track, history=None))
 
 
 def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: CorrectedBatch, matrix: Floats) -> None:
@@ -42,10 +24,10 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
 
     Before the first point of the history and after its last the bias wanders on. Raises RecordingError.
     """
-    found = history(session)
+    found = session.tracker.smoothed()
     if found is None:
         raise RecordingError(f"{recording.name}: nothing to smooth: it has no evidence of the bias; use --realtime")
-    time, bias, std = found
+    time, bias, std = found.time, found.bias, found.std
     walk = session.knobs.track.bias.rate_random_walk
     for start in range(0, len(recording), _ROWS):
         part = slice(start, start + _ROWS)

@@ -45,7 +45,7 @@ class ImuSpec:
 
 
 DEMO_SPEC = ImuSpec(
-    rrw_dps_per_sqrt_s=0.002,
+    rrw_dps_per_sqrt_s=7e-4,
     bias_dps_per_kelvin=0.03,
     warm_up_s=60.0,
     range_dps=500.0,

@@ -15,6 +15,7 @@ from bridge.wire.messages import Quality
 from estimator import corrected_file
 from estimator.cli import main
 from estimator.offline import correct
+from estimator.track.smoother import Smoothed
 from estimator.track.tracker import Tracker
 
 ROOT = Path(__file__).parents[2]
@@ -122,22 +123,13 @@ def test_a_calibration_goes_from_one_verb_to_the_other(
 def test_smoothed_is_said_to_be(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = np.zeros(1), np.zeros((1, 3)), np.full((1, 3), 1e-4)
+    found = Smoothed(np.zeros(1), np.zeros((1, 3)), np.full((1, 3), 1e-4))
     monkeypatch.setattr(Tracker, "smoothed", lambda _: found, raising=False)
     assert main(["correct", "--smooth", str(recorded), str(tmp_path / "c.npz")]) == 0
     assert "smoothed" in capsys.readouterr().out
     with np.load(tmp_path / "c.npz") as file:
         assert (file["quality"] == Quality.GOOD).all()
         assert not file["bias_rad_s"].any()
-
-
-def test_a_tracker_without_a_smoother_is_told_before_anything_is_read(
-    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delattr(Tracker, "smoothed", raising=False)
-    assert main(["correct", "--smooth", str(recorded), str(tmp_path / "c.npz")]) == 1
-    assert "smoothing is not available" in capsys.readouterr().err
-    assert not (tmp_path / "c.npz").exists()
 
 
 @pytest.mark.parametrize("warm", [True, False])

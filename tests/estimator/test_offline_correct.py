@@ -18,6 +18,7 @@ from bridge.wire.messages import Quality, Verdict
 from estimator.corrected import Corrected
 from estimator.offline import calibrate, correct
 from estimator.session import DeviceSession
+from estimator.track.smoother import Smoothed
 from estimator.track.tracker import Tracker
 from tests.estimator.stream import NAME, Stream, calibration, feed, rates, stream
 
@@ -180,14 +181,14 @@ def test_progress_counts_every_row_once(worn: Stream) -> None:
 # ---- smoothed -----------------------------------------------------------------------------------------------------
 
 
-def smoother(monkeypatch: pytest.MonkeyPatch, found: object) -> None:
+def smoother(monkeypatch: pytest.MonkeyPatch, found: Smoothed | None) -> None:
     monkeypatch.setattr(Tracker, "smoothed", lambda _: found, raising=False)
 
 
-def known(of: Stream, since: float, until: float) -> tuple[Floats, Floats, Floats]:
+def known(of: Stream, since: float, until: float) -> Smoothed:
     time = np.arange(since, until, 1.0)
     bias = np.column_stack([np.interp(time, of.time - of.time[0], column) for column in of.bias.T])
-    return time, bias, np.full((len(time), 3), np.radians(0.004))
+    return Smoothed(time, bias, np.full((len(time), 3), np.radians(0.004)))
 
 
 def test_smoothed_the_calibration_holds_for_all_of_the_boot(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,8 +206,8 @@ def test_smoothed_the_calibration_holds_for_all_of_the_boot(day: Stream, monkeyp
 def test_smoothed_the_deviation_of_a_rate_is_that_of_noise_and_bias(
     day: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    time, bias, std = known(day, 0.0, 150.0)
-    smoother(monkeypatch, (time, bias, 25 * std))
+    of = known(day, 0.0, 150.0)
+    smoother(monkeypatch, replace(of, std=25 * of.std))
     found = correct(recorded(day), smooth=True)
     k = day.truth.k
     np.testing.assert_allclose(np.degrees(found.rate_std[100]), k * np.hypot(0.1, 0.03), rtol=0.05)
@@ -234,16 +235,13 @@ def test_doubt_that_was_never_cleared_stays(day: Stream, monkeypatch: pytest.Mon
 def test_without_a_calibration_a_smoothed_bias_is_all_there_is(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
     smoother(monkeypatch, known(worn, 0.0, 43.0))
     assert (correct(recorded(worn), smooth=True).quality == Quality.BIAS_ONLY).all()
-    smoother(monkeypatch, (np.zeros(1), np.zeros((1, 3)), np.full((1, 3), np.radians(1.0))))
+    smoother(monkeypatch, Smoothed(np.zeros(1), np.zeros((1, 3)), np.full((1, 3), np.radians(1.0))))
     assert (correct(recorded(worn), smooth=True).quality == Quality.NONE).all()
 
 
-def test_without_a_smoother_or_without_evidence_it_says_so(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_evidence_it_says_so(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
     smoother(monkeypatch, None)
     with pytest.raises(RecordingError, match="nothing to smooth"):
-        correct(recorded(worn), smooth=True)
-    monkeypatch.delattr(Tracker, "smoothed")
-    with pytest.raises(RecordingError, match="not available"):
         correct(recorded(worn), smooth=True)
 
 
