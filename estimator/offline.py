@@ -17,6 +17,8 @@ from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
+from estimator.device_knobs import knobs_of
+from estimator.noise_model import GENERIC, load_model
 from estimator.session import DeviceSession, Remembered, SessionKnobs
 from estimator.stillness import Stillness
 
@@ -72,9 +74,10 @@ def correct(
     there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it
     begins when the device was switched on, so that its bias may warm up though no temperature tells of it.
     batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
+    knobs: by default as a ward treats a device of an unknown kind.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
-    knobs = knobs or SessionKnobs()
+    knobs = knobs or knobs_of(load_model(GENERIC))
     if not from_power_up:
         cool = replace(knobs.track.bias, warm_up_walk=0.0)
         knobs = replace(knobs, track=replace(knobs.track, bias=cool))

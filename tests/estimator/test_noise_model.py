@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_file_is_a_model_of_its_name() -> None:
-    assert sorted(shipped()) == ["generic", "icm-20948", "lsm9ds1", "mpu-6050", "mpu-9150"]
+    assert sorted(shipped()) == ["factory-calibrated", "generic", "icm-20948", "lsm9ds1", "mpu-6050", "mpu-9150"]
     for name, path in shipped().items():
         assert load_model(name).model == path.stem == name
 
