@@ -7,7 +7,7 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import radians
+from math import ceil, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,9 +145,8 @@ class Zaru:
         weighed = bias.weigh(together)
         if weighed.accepted:
             self._contradiction = None
-            if len(self._waiting) < self._waits(evidence, weighed):
-                return []
-            return [bias.update(self._waiting.popleft()[0])]
+            ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
+            return [bias.update(self._waiting.popleft()[0]) for _ in range(ready)]
         since = self._waiting[0][1]
         self._waiting.clear()
         if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
