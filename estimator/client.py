@@ -1,4 +1,4 @@
-"""The Python way to subscribe: corrected rates, status and calibrations of a ward, and commands to its estimator.
+"""The Python way to subscribe: corrected rates, revisions, status and calibrations of a ward, and commands to its estimator.
 
 from estimator.client import Client
 
@@ -10,13 +10,13 @@ print(batch.device, batch.quality.name, batch.rate[-1], "±", batch.rate_std[-1]
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from typing import Self, TypeVar
+from typing import Generic, Self, TypeVar
 
-from bridge.bus.contract import Bus, BusError, Subscription
+from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Command, CommandReply, CorrectedBatch, DeviceInfo, Status
+from bridge.wire.messages import BiasRevision, Calibration, Command, CommandReply, CorrectedBatch, DeviceInfo, Status
 from bridge.wire.refusal import Refusal
 from estimator.door import Door
 
@@ -40,6 +40,16 @@ class Client:
         Iterating ends after idle_s seconds without a batch, or when it is closed.
         """
         return Corrected(self._bus.subscribe(self._pattern("corrected", device), history=history), idle_s)
+
+    def revisions(
+        self, device: str | None = None, *, history: bool = True, idle_s: float | None = None
+    ) -> "Stream[BiasRevision]":
+        """What the bias of the past was, of one device or of all, as it becomes known; with history the last few come first.
+
+        Iterating ends as that of `corrected` does. See estimator.revision for what to do with one.
+        """
+        subscription = self._bus.subscribe(self._pattern("revision", device), history=history)
+        return Stream(subscription, Door("revision", codec.decode_revision), idle_s)
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
         """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
@@ -111,14 +121,11 @@ class Client:
             subscription.close()
 
 
-class Corrected:
-    """An iterator over corrected batches. `missed` messages were lost on the way; `repeated` samples were left out."""
+class Stream(Generic[T]):
+    """An iterator over messages of one kind. `missed` messages were lost on the way."""
 
-    def __init__(self, subscription: Subscription, idle_s: float | None) -> None:
-        self._subscription, self._idle_s = subscription, idle_s
-        self._door = Door("corrected", codec.decode_corrected)
-        self._known: dict[tuple[str, int], tuple[int, int]] = {}  # next sequence number, time of the last batch
-        self.repeated = 0
+    def __init__(self, subscription: Subscription, door: Door[T], idle_s: float | None) -> None:
+        self._subscription, self._door, self._idle_s = subscription, door, idle_s
 
     @property
     def refused(self) -> dict[str, int]:
@@ -130,28 +137,42 @@ class Corrected:
         """Messages known to be lost."""
         return self._subscription.missed
 
-    def receive(self, timeout_s: float) -> CorrectedBatch | None:
-        """The next batch with something new, or None when none came in time."""
+    def receive(self, timeout_s: float) -> T | None:
+        """The next message with something new, or None when none came in time."""
         message = self._subscription.receive(timeout_s)
         while message is not None:
-            batch = self._door.take(message)
-            fresh = None if batch is None else self._new_part(batch)
-            if fresh is not None:
+            if (fresh := self._take(message)) is not None:
                 return fresh
             message = self._subscription.receive(0.0)
         return None
 
-    def __iter__(self) -> Iterator[CorrectedBatch]:
+    def __iter__(self) -> Iterator[T]:
         while True:
-            batch = self.receive(1.0 if self._idle_s is None else self._idle_s)
-            if batch is not None:
-                yield batch
+            message = self.receive(1.0 if self._idle_s is None else self._idle_s)
+            if message is not None:
+                yield message
             elif self._idle_s is not None or self._subscription.closed:
                 return
 
     def close(self) -> None:
         """Stop receiving."""
         self._subscription.close()
+
+    def _take(self, message: Message) -> T | None:
+        return self._door.take(message)
+
+
+class Corrected(Stream[CorrectedBatch]):
+    """An iterator over corrected batches; `repeated` samples were left out."""
+
+    def __init__(self, subscription: Subscription, idle_s: float | None) -> None:
+        super().__init__(subscription, Door("corrected", codec.decode_corrected), idle_s)
+        self._known: dict[tuple[str, int], tuple[int, int]] = {}  # next sequence number, time of the last batch
+        self.repeated = 0
+
+    def _take(self, message: Message) -> CorrectedBatch | None:
+        batch = super()._take(message)
+        return None if batch is None else self._new_part(batch)
 
     def _new_part(self, batch: CorrectedBatch) -> CorrectedBatch | None:
         # After a restart an estimator corrects the last seconds again. Low numbers at a later time are no repeats: the

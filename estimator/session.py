@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bridge.wire.messages import (
+    BiasRevision,
     Calibration,
     CorrectedBatch,
     DeviceInfo,
@@ -65,6 +66,7 @@ class Outcome:
 
     corrected: list[CorrectedBatch] = field(default_factory=list)
     calibration: Calibration | None = None
+    revision: BiasRevision | None = None
     changed: bool = False
     said: list[str] = field(default_factory=list)
 

@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from bridge.wire.messages import CorrectedBatch, DeviceInfo, Status
+from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
 from estimator.client import Client
 from estimator.gyro import AXES
 from estimator.screen import table, word
@@ -54,6 +54,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
     with Client(endpoints, ward=ward) as client:
         corrected = client.corrected(device, history=False)
         status = client.follow(device)
+        revisions = client.revisions(device, history=False)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
         latest: Status | None = None
         heard = False
@@ -65,6 +66,8 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                 batch = corrected.receive(0.2)
                 latest = status.latest() or latest
                 heard = heard or batch is not None
+                if (revision := revisions.receive(0.0)) is not None:
+                    console.print(_revision_line(revision), highlight=False)
                 if live:
                     live.update(_panel(device, batch, latest) if batch or latest else Text(f"waiting for {device} …"))
                 elif batch is not None and time.monotonic() - shown_at >= 1.0:
@@ -87,6 +90,11 @@ def _line(batch: CorrectedBatch, status: Status | None) -> str:
     )
     state = status.state.name.lower().replace("_", " ") if status else "?"
     return f"{batch.sequence + len(batch) - 1:7d} {rates} °/s  {batch.quality.name.lower().replace('_', ' ')}  {state}"
+
+
+def _revision_line(revision: BiasRevision) -> str:
+    seconds, std = np.ptp(revision.times_ns) / 1e9, degrees(float(revision.bias_std.max()))
+    return f"the bias of {seconds:.0f} s is known better now, to {std:.4f} °/s: {revision.reason}"
 
 
 def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:

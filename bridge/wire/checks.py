@@ -1,8 +1,9 @@
 """The checks of the door: each returns what it was given, typed, or raises Refusal with a reason that is counted."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -75,10 +76,19 @@ def vector(values: Iterable[float], name: str, n: int, low: float, high: float) 
     if array.shape != (n,):
         raise Refusal(Reason.LENGTH, f"{name} has {array.size} values; {n} are expected")
     if not np.isfinite(array).all():
-        raise Refusal(Reason.NON_FINITE, f"{name} is {array.tolist()}")
-    if n and not (low <= array.min() and array.max() <= high):
-        raise Refusal(Reason.RANGE, f"{name} is {array.tolist()}; {low:g} to {high:g} is taken")
+        raise Refusal(Reason.NON_FINITE, f"{name} has {array[~np.isfinite(array)][0]}")
+    beyond = array[(array < low) | (array > high)]
+    if len(beyond):
+        raise Refusal(Reason.RANGE, f"{name} has {beyond[0]:g}; {low:g} to {high:g} is taken")
     return array
+
+
+def rising(values: Sequence[int], name: str, high: int) -> Sequence[int]:
+    """Whole numbers from 0 to high, each above the one before."""
+    for before, value in pairwise((-1, *values)):
+        if not before < value <= high:
+            raise Refusal(Reason.RANGE, f"{name} has {value} after {before}; rising numbers from 0 to {high} are taken")
+    return values
 
 
 def counts(values: Mapping[str, int], name: str) -> dict[str, int]:

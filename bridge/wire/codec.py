@@ -27,11 +27,13 @@ from bridge.wire.records import (
     encode_reply,
     encode_status,
 )
+from bridge.wire.revisions import MAX_POINTS, decode_revision, encode_revision
 
 __all__ = [
     "MAX_ACCEL",
     "MAX_CELSIUS",
     "MAX_PAYLOAD",
+    "MAX_POINTS",
     "MAX_RATE",
     "MAX_SAMPLES",
     "decode_calibration",
@@ -39,6 +41,7 @@ __all__ = [
     "decode_corrected",
     "decode_info",
     "decode_reply",
+    "decode_revision",
     "decode_samples",
     "decode_status",
     "encode_calibration",
@@ -46,6 +49,7 @@ __all__ = [
     "encode_corrected",
     "encode_info",
     "encode_reply",
+    "encode_revision",
     "encode_samples",
     "encode_status",
 ]

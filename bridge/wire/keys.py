@@ -18,6 +18,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "corrected": ("device",),
     "status": ("device",),
     "calibration": ("device",),
+    "revision": ("device",),
     "alive/device": ("device", "boot"),
     "alive/bridge": ("bridge",),
     "alive/estimator": ("estimator",),

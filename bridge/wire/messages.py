@@ -245,6 +245,29 @@ class Calibration:
     who: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BiasRevision:
+    """The bias of past samples, known better now: m points, each a sample; between them it is linear in time.
+
+    It covers the CorrectedBatches of the same device, boot and calibration. matrix (3, 3), the one in use;
+    sequences (m,) uint64 and times_ns (m,) int64, host time, both rising; bias and bias_std (m, 3) float32 rad/s, of the reading.
+    """
+
+    device: str
+    boot: int
+    calibration: str
+    time_ns: int
+    matrix: Floats
+    sequences: NDArray[np.uint64]
+    times_ns: NDArray[np.int64]
+    bias: NDArray[np.float32]
+    bias_std: NDArray[np.float32]
+    reason: str
+
+    def __len__(self) -> int:
+        return len(self.sequences)
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """A request from a person or a program; the key names the verb."""

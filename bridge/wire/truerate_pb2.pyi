@@ -308,6 +308,32 @@ class Calibration(_message.Message):
     who: str
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., id: _Optional[str] = ..., time_ns: _Optional[int] = ..., method: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., matrix: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., parameters: _Optional[_Iterable[str]] = ..., covariance: _Optional[_Iterable[float]] = ..., turns: _Optional[_Iterable[_Union[Turn, _Mapping]]] = ..., noise_std: _Optional[_Iterable[float]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., gyro_range: _Optional[float] = ..., rate_hz: _Optional[float] = ..., temperature_c: _Optional[float] = ..., who: _Optional[str] = ...) -> None: ...
 
+class BiasRevision(_message.Message):
+    __slots__ = ("version", "device", "boot", "calibration", "time_ns", "matrix", "sequences", "times_ns", "bias", "bias_std", "reason")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    MATRIX_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCES_FIELD_NUMBER: _ClassVar[int]
+    TIMES_NS_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    BIAS_STD_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    calibration: str
+    time_ns: int
+    matrix: _containers.RepeatedScalarFieldContainer[float]
+    sequences: _containers.RepeatedScalarFieldContainer[int]
+    times_ns: _containers.RepeatedScalarFieldContainer[int]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    bias_std: _containers.RepeatedScalarFieldContainer[float]
+    reason: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[str] = ...) -> None: ...
+
 class Command(_message.Message):
     __slots__ = ("version", "request_id", "who", "reason")
     VERSION_FIELD_NUMBER: _ClassVar[int]

@@ -2,13 +2,13 @@
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, CorrectedBatch, Status
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Status
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
 
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
-CORRECTED_CACHE, CALIBRATION_CACHE = 512, 8
+CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE = 512, 8, 8
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
 #: calibrations that wait for a store that works again
@@ -54,6 +54,12 @@ class Device:
         if self._publishers or self._announced():
             self._publishers["calibration"].put(payload)
 
+    def say_revision(self, revision: BiasRevision) -> None:
+        """Publish what the bias of the past was, if there is anything in it that can be said."""
+        fit = published.revision(revision)
+        if fit is not None and (self._publishers or self._announced()):
+            self._publishers["revision"].put(codec.encode_revision(fit))
+
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
         return published.status(self.session.status(time_ns))
@@ -73,7 +79,12 @@ class Device:
     def _announced(self) -> bool:
         if self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
-        caches = {"corrected": CORRECTED_CACHE, "status": 1, "calibration": CALIBRATION_CACHE}
+        caches = {
+            "corrected": CORRECTED_CACHE,
+            "status": 1,
+            "calibration": CALIBRATION_CACHE,
+            "revision": REVISION_CACHE,
+        }
         self._publishers = {
             what: self._bus.publisher(keys.build(self._ward, what, device=self.name), cache=cache)
             for what, cache in caches.items()

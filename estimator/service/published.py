@@ -4,10 +4,12 @@ from dataclasses import replace
 from heapq import nlargest
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.wire import checks
-from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_STD
-from bridge.wire.messages import CorrectedBatch, SampleFlag, Status
+from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD
+from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag, Status
+from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -45,6 +47,30 @@ def corrected(batch: CorrectedBatch) -> CorrectedBatch:
         scale_std=_clipped(batch.scale_std, 0.0, MAX_STD),
         bias=_clipped(batch.bias, -MAX_RATE, MAX_RATE),
     )
+
+
+def revision(said: BiasRevision) -> BiasRevision | None:
+    """The revision without the points no subscriber takes, thinned evenly if there are too many; None when too few are left."""
+    known = ((said.bias_std >= 0) & (said.bias_std < np.inf) & (np.abs(said.bias) <= MAX_RATE)).all(axis=1)
+    known &= (said.sequences <= MAX_SEQUENCE) & (said.times_ns >= 0) & (said.times_ns <= checks.MAX_TIME_NS)
+    kept = np.flatnonzero(known)
+    kept = kept[_rising(said.sequences[kept]) & _rising(said.times_ns[kept])]
+    if len(kept) < MIN_POINTS or not (np.abs(said.matrix) <= MAX_ELEMENT).all():
+        return None
+    if len(kept) > MAX_POINTS:
+        kept = kept[np.linspace(0, len(kept) - 1, MAX_POINTS).round().astype(np.intp)]
+    return replace(
+        said,
+        sequences=said.sequences[kept],
+        times_ns=said.times_ns[kept],
+        bias=said.bias[kept],
+        bias_std=_clipped(said.bias_std[kept], 0.0, MAX_STD),
+    )
+
+
+def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of the numbers are above all before them."""
+    return np.append(True, numbers[1:] > np.maximum.accumulate(numbers)[:-1])[: len(numbers)]
 
 
 def _within(value: float, low: float, high: float, unknown: float) -> float:

@@ -187,6 +187,8 @@ class Service:
             if payload is not None:
                 device.say_calibration(payload)
         device.say_corrected(outcome.corrected)
+        if outcome.revision is not None:
+            device.say_revision(outcome.revision)
         if outcome.changed:
             device.say_status(self._now_ns())
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from bridge.wire import codec, columns_pb2, keys, truerate_pb2
 from bridge.wire.messages import (
+    BiasRevision,
     BootCause,
     Calibration,
     Command,
@@ -33,6 +34,7 @@ INFO = keys.build("ward", "info", bridge="b1", device="d1")
 CORRECTED = keys.build("ward", "corrected", device="d1")
 STATUS = keys.build("ward", "status", device="d1")
 CALIBRATION = keys.build("ward", "calibration", device="d1")
+REVISION = keys.build("ward", "revision", device="d1")
 RPC = keys.build("ward", "rpc", device="d1", verb="recalibrate")
 
 U64 = st.integers(0, 2**64 - 1)
@@ -109,6 +111,19 @@ def calibrations(draw: st.DrawFn) -> Calibration:
     )  # fmt: skip
 
 
+def rising(data: st.DataObject, n: int, high: int) -> list[int]:
+    return sorted(data.draw(st.lists(st.integers(0, high), min_size=n, max_size=n, unique=True)))
+
+
+def revision(data: st.DataObject) -> BiasRevision:
+    n = data.draw(st.integers(2, 12))
+    return BiasRevision(
+        "d1", data.draw(U64), data.draw(TEXT), data.draw(TIME), column(data, 10, 3, 3).astype(float),
+        np.array(rising(data, n, 2**62), np.uint64), np.array(rising(data, n, 2**62), np.int64),
+        column(data, 1000, n, 3), abs(column(data, 9, n, 3)), data.draw(TEXT),
+    )  # fmt: skip
+
+
 def assert_same(one: Any, other: Any) -> None:
     assert type(one) is type(other)
     for field in dataclasses.fields(one):
@@ -146,6 +161,12 @@ def test_status_round_trip(status: Status) -> None:
 @given(calibrations())
 def test_calibration_round_trip(calibration: Calibration) -> None:
     assert_same(codec.decode_calibration(CALIBRATION, codec.encode_calibration(calibration)), calibration)
+
+
+@given(st.data())
+def test_revision_round_trip(data: st.DataObject) -> None:
+    one = revision(data)
+    assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
 
 
 @given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), TEXT))
@@ -198,12 +219,17 @@ FIXED = CorrectedBatch(
     Quality.GOOD, np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), "c1",
     np.ones(3, np.float32),
 )  # fmt: skip
+REVISED = BiasRevision(
+    "d1", 7, "c1", 9, np.eye(3), np.array([3, 103, 203], np.uint64), np.array([10**18, 10**18 + 1, 10**18 + 9], np.int64),
+    np.full((3, 3), 0.01, np.float32), np.full((3, 3), 1e-4, np.float32), "at rest again after 95 s",
+)  # fmt: skip
 DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "samples": (lambda payload: codec.decode_samples(RAW, payload), codec.encode_samples(plain())),
     "corrected": (lambda payload: codec.decode_corrected(CORRECTED, payload), codec.encode_corrected(FIXED)),
     "info": (lambda payload: codec.decode_info(INFO, payload), codec.encode_info(SURE)),
     "status": (lambda payload: codec.decode_status(STATUS, payload), codec.encode_status(STILL)),
     "calibration": (lambda payload: codec.decode_calibration(CALIBRATION, payload), codec.encode_calibration(CAL)),
+    "revision": (lambda payload: codec.decode_revision(REVISION, payload), codec.encode_revision(REVISED)),
     "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
     "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, "done"))),
 }
@@ -296,6 +322,53 @@ def test_too_much_is_refused_before_it_is_parsed() -> None:
     most = plain(codec.MAX_SAMPLES, flags=np.ones(codec.MAX_SAMPLES, np.uint32))
     assert len(codec.decode_samples(RAW, codec.encode_samples(most))) == codec.MAX_SAMPLES
     assert refused(codec.encode_samples(plain(codec.MAX_SAMPLES + 1))) is Reason.LENGTH
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"device": "d2"}, Reason.FOREIGN_ID),
+        ({"sequences": np.array([3, 103], np.uint64)}, Reason.LENGTH),
+        ({"times_ns": np.array([1, 2], np.int64)}, Reason.LENGTH),
+        ({"bias": np.zeros((2, 3), np.float32)}, Reason.LENGTH),
+        ({"bias_std": np.zeros((3, 2), np.float32)}, Reason.LENGTH),
+        ({"matrix": np.eye(2)}, Reason.LENGTH),
+        ({"sequences": np.array([3, 3, 203], np.uint64)}, Reason.RANGE),
+        ({"sequences": np.array([3, 203, 103], np.uint64)}, Reason.RANGE),
+        ({"sequences": np.array([3, 103, 2**62 + 1], np.uint64)}, Reason.RANGE),
+        ({"times_ns": np.array([1, 2, 2], np.int64)}, Reason.RANGE),
+        ({"times_ns": np.array([-1, 2, 3], np.int64)}, Reason.RANGE),
+        ({"times_ns": np.array([1, 2, 2**62 + 1], np.int64)}, Reason.RANGE),
+        ({"bias": np.full((3, 3), NAN, np.float32)}, Reason.NON_FINITE),
+        ({"bias": np.full((3, 3), -1001, np.float32)}, Reason.RANGE),
+        ({"bias_std": np.full((3, 3), INF, np.float32)}, Reason.NON_FINITE),
+        ({"bias_std": np.full((3, 3), -1, np.float32)}, Reason.RANGE),
+        ({"matrix": np.full((3, 3), NAN)}, Reason.NON_FINITE),
+        ({"matrix": np.full((3, 3), 11.0)}, Reason.RANGE),
+        ({"time_ns": -1}, Reason.RANGE),
+    ],
+    ids=str,
+)
+def test_a_revision_out_of_bounds_is_refused_with_its_reason(changes: dict[str, Any], reason: Reason) -> None:
+    payload = codec.encode_revision(dataclasses.replace(REVISED, **changes))
+    assert refused(payload, REVISION, codec.decode_revision) is reason
+
+
+def points(n: int, bias: float = 0.01) -> BiasRevision:
+    """A revision of n points whose texts are as long as they may be."""
+    return dataclasses.replace(
+        REVISED, boot=2**64 - 1, calibration="😀" * 64, time_ns=2**62, reason="😀" * 500,
+        sequences=np.arange(n, dtype=np.uint64), times_ns=np.arange(n), bias=np.full((n, 3), bias, np.float32),
+        bias_std=np.ones((n, 3), np.float32),
+    )  # fmt: skip
+
+
+def test_a_revision_of_the_most_points_fits_and_the_refusal_of_one_is_short() -> None:
+    assert len(codec.decode_revision(REVISION, codec.encode_revision(points(codec.MAX_POINTS)))) == codec.MAX_POINTS
+    for n in (0, 1, codec.MAX_POINTS + 1):
+        assert refused(codec.encode_revision(points(n)), REVISION, codec.decode_revision) is Reason.LENGTH
+    for bad in (NAN, 2000.0):
+        try_door(DOORS["revision"][0], codec.encode_revision(points(codec.MAX_POINTS, bad)))
 
 
 def test_another_version_is_refused() -> None:

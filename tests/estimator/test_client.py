@@ -12,6 +12,7 @@ from estimator.client import Client
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, info, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
+from tests.estimator.test_revision import revision
 
 WARD = "w"
 
@@ -138,6 +139,19 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
     assert follow.latest() is not None
     assert follow.latest() is None
     follow.close()
+
+
+def test_revisions_come_as_they_are_made(broker: MemoryBroker, client: Client) -> None:
+    put = publisher(broker, "revision").put
+    put(codec.encode_revision(replace(revision(), device=NAME, reason="first")))
+    revisions = client.revisions(NAME, idle_s=0.1)
+    put(b"\xff\xfe")
+    put(codec.encode_revision(replace(revision(), device=NAME, reason="second")))
+    assert [r.reason for r in revisions] == ["first", "second"]
+    assert sum(revisions.refused.values()) == 1
+    assert revisions.missed == 0
+    assert list(client.revisions(history=False, idle_s=0.05)) == []
+    assert list(client.revisions("other", idle_s=0.05)) == []
 
 
 def test_commands_reach_the_estimator_and_bring_back_its_word(broker: MemoryBroker, client: Client) -> None:

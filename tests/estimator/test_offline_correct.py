@@ -16,6 +16,8 @@ from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
 from bridge.wire.messages import Quality, Verdict
 from estimator.corrected import Corrected
+from estimator.device_knobs import knobs_of
+from estimator.noise_model import GENERIC, load_model
 from estimator.offline import calibrate, correct
 from estimator.session import DeviceSession
 from estimator.track.smoother import Smoothed
@@ -103,8 +105,8 @@ def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bo
     for _, until in pairwise(np.arange(0.0, of.time_s[-1] + 1.0, 0.5)):
         for readings in playback.due(until, int(until * 1e9) + 1):
             batches += intake.take(readings)
-    live = feed(DeviceSession(NAME), batches).corrected
-    found = correct(of, gyro_range=gyro_range)
+    live = feed(DeviceSession(NAME, knobs_of(load_model(GENERIC))), batches).corrected
+    found = correct(of, gyro_range=gyro_range, from_power_up=True)
     np.testing.assert_array_equal(found.rate, rates(live))
     np.testing.assert_array_equal(found.quality, np.concatenate([np.full(len(b), b.quality) for b in live]))
     np.testing.assert_allclose(found.rate_std, np.concatenate([b.rate_std for b in live]), rtol=1e-6)
@@ -216,7 +218,7 @@ def test_smoothed_the_deviation_of_a_rate_is_that_of_noise_and_bias(
 def test_outside_of_what_was_smoothed_the_bias_wanders_on(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
     smoother(monkeypatch, known(day, 50.0, 60.0))
     std = correct(recorded(day), smooth=True).bias_std
-    walk = DeviceSession(NAME).knobs.track.bias.rate_random_walk
+    walk = knobs_of(load_model(GENERIC)).track.bias.rate_random_walk
     expected = np.hypot(np.radians(0.004), walk * np.sqrt([50.0, 0.0, day.time[-1] - day.time[0] - 59.0]))
     np.testing.assert_allclose(std[[0, day.at(55.0), -1], 0], expected, rtol=1e-3)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.checks import MAX_COUNTS, MAX_TIME_NS
-from bridge.wire.messages import SampleBatch, SampleFlag, Status
+from bridge.wire.messages import BiasRevision, SampleBatch, SampleFlag, Status
 from bridge.wire.refusal import Refusal
 from estimator.config import Estimator
 from estimator.service import published
@@ -19,6 +19,7 @@ from estimator.service.store import Store
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME
 from tests.estimator.test_client import corrected
+from tests.estimator.test_revision import revision
 
 KEY = keys.build("w", "status", device=NAME)
 RAW = keys.build("w", "raw", bridge="b", device=NAME)
@@ -128,3 +129,68 @@ def test_a_rate_that_cannot_be_is_said_as_clipped(value: float) -> None:
     assert list(np.flatnonzero(fit.flags & SampleFlag.CLIPPED)) == [3]
     np.testing.assert_array_equal(fit.rate[:3], batch.rate[:3])
     assert fit.start_time_ns < MAX_TIME_NS
+
+
+REVISION = keys.build("w", "revision", device="d")
+
+
+@st.composite
+def revisions(draw: st.DrawFn) -> BiasRevision:
+    n = draw(st.integers(0, 6))
+    single = st.floats(width=32) | st.sampled_from([0.0, 0.01, 1001.0])
+    vectors = st.lists(st.tuples(single, single, single), min_size=n, max_size=n)
+    return revision(
+        matrix=draw(st.sampled_from([np.eye(3), np.eye(3), np.full((3, 3), np.nan), np.full((3, 3), 11.0)])),
+        sequences=np.array(
+            draw(st.lists(st.integers(0, 9) | EDGES | st.just(2**64 - 1), min_size=n, max_size=n)), np.uint64
+        ),
+        times_ns=np.array(
+            draw(st.lists(st.integers(-2, 9) | EDGES | st.just(2**63 - 1), min_size=n, max_size=n)), np.int64
+        ),
+        bias=np.array(draw(vectors), np.float32).reshape(n, 3),
+        bias_std=np.array(draw(vectors), np.float32).reshape(n, 3),
+        reason=draw(st.text(max_size=600)),
+    )
+
+
+@given(revisions())
+def test_any_revision_is_made_fit_or_not_said(said: BiasRevision) -> None:
+    fit = published.revision(said)
+    if fit is not None:
+        assert 2 <= len(codec.decode_revision(REVISION, codec.encode_revision(fit))) <= len(said)
+
+
+def test_of_a_revision_only_points_that_cannot_be_are_left_out() -> None:
+    plain = revision()
+    fit = published.revision(plain)
+    assert fit is not None
+    assert codec.encode_revision(fit) == codec.encode_revision(plain)
+    bias = np.zeros((5, 3), np.float32)
+    bias[1, 2] = np.nan
+    five = revision(
+        sequences=np.array([1, 2, 3, 4, 5], np.uint64),
+        times_ns=np.array([10, 20, 30, 30, 50], np.int64),
+        bias=bias,
+        bias_std=np.ones((5, 3), np.float32),
+    )
+    fit = published.revision(five)
+    assert fit is not None
+    assert fit.sequences.tolist() == [1, 3, 5]
+    assert fit.times_ns.tolist() == [10, 30, 50]
+
+
+def test_a_revision_of_a_whole_night_is_thinned_and_keeps_its_ends() -> None:
+    n = 30_000
+    night = revision(
+        sequences=np.arange(n, dtype=np.uint64) * np.uint64(100),
+        times_ns=np.arange(n, dtype=np.int64) * 10**9,
+        bias=np.linspace([0, 0, 0], [1, 2, 3], n, dtype=np.float32),
+        bias_std=np.ones((n, 3), np.float32),
+    )
+    fit = published.revision(night)
+    assert fit is not None
+    short = codec.decode_revision(REVISION, codec.encode_revision(fit))
+    assert len(short) == codec.MAX_POINTS
+    assert (short.sequences[[0, -1]] == night.sequences[[0, -1]]).all()
+    assert np.ptp(np.diff(short.times_ns)) <= 10**9
+    np.testing.assert_allclose(np.interp(night.times_ns, short.times_ns, short.bias[:, 1]), night.bias[:, 1], atol=1e-6)

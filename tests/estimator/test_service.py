@@ -17,8 +17,11 @@ from estimator.client import Client, Corrected
 from estimator.config import Estimator
 from estimator.service.shell import Service
 from estimator.service.store import Store, StoreError
+from estimator.session import DeviceSession, Outcome
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
+from tests.estimator.test_revision import revision
 
+REVISION = revision()
 WARD = "w"
 SETTINGS = Estimator(id="e1", silence_s=0.2)
 
@@ -199,6 +202,26 @@ def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch
     assert published.verdict is Verdict.REFUSED
     assert ward.store.calibrations(NAME) == []
     assert not any(b.quality is Quality.GOOD for b in ward.subscriber)
+
+
+def test_a_revision_is_published_after_what_it_revises(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle = DeviceSession.handle
+    batches = once.part(0, 40).batches()
+
+    def revising(session: DeviceSession, batch: SampleBatch) -> Outcome:
+        outcome = handle(session, batch)
+        if batch.sequence == 30:
+            outcome.revision = replace(REVISION, device=NAME)
+        return outcome
+
+    monkeypatch.setattr(DeviceSession, "handle", revising)
+    before = ward.client.revisions(idle_s=0.05)
+    ward.send(batches, info())
+    (live,), (late,) = list(before), list(ward.client.revisions(NAME, idle_s=0.05))
+    assert live.reason == late.reason == REVISION.reason
+    np.testing.assert_array_equal(live.bias, REVISION.bias)
 
 
 def test_what_is_not_understood_is_refused_and_harms_nobody(ward: Ward, once: Stream) -> None:

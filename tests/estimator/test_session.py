@@ -188,7 +188,7 @@ def test_an_earlier_boots_scale_is_a_prior_until_the_first_calibration(once: Str
     resting = [b for b in outcome.corrected if b.quality is Quality.BIAS_ONLY]
     assert (resting[0].scale_std >= 0.02).all()
     assert (resting[0].bias_std < TrackKnobs().bias_std).all(), "a second says something"
-    assert (resting[-1].bias_std < np.radians(0.05)).all(), "some rests say more"
+    assert (resting[-1].bias_std < np.radians(0.07)).all(), "some rests say more"
     last = outcome.corrected[-1]
     assert last.quality is Quality.GOOD
     assert last.calibration != old.id

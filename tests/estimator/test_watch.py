@@ -7,6 +7,7 @@ from rich.console import Console
 
 from bridge.wire.messages import BootCause, DeviceInfo
 from estimator import watch
+from tests.estimator.test_revision import revision
 
 INFO = DeviceInfo(
     device="wrist-right-01",
@@ -54,3 +55,8 @@ def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
     )
     assert row["what it is"] == "not heard yet"
     assert row["not published or in trouble"] == "the port is missing"
+
+
+def test_a_revision_says_how_far_back_and_why() -> None:
+    said = watch._revision_line(revision(reason="at rest again after 95 s"))
+    assert said == "the bias of 2 s is known better now, to 14.3239 °/s: at rest again after 95 s"

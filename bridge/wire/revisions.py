@@ -1,0 +1,57 @@
+"""What is revised of the past: a few times an hour, and up to a whole payload."""
+
+import numpy as np
+
+from bridge.wire import checks
+from bridge.wire import truerate_pb2 as pb
+from bridge.wire.batches import MAX_RATE, MAX_SEQUENCE, MAX_STD
+from bridge.wire.checks import MAX_SENTENCE, MAX_TIME_NS, clean
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, BiasRevision
+from bridge.wire.refusal import Reason, Refusal
+
+MIN_POINTS, MAX_POINTS = 2, 1536  # the most that fit the size limit with every text
+MAX_ELEMENT = 10.0  # of a matrix
+
+
+def encode_revision(revision: BiasRevision) -> bytes:
+    """The payload of revision/<device>."""
+    return pb.BiasRevision(
+        version=VERSION,
+        device=revision.device,
+        boot=revision.boot,
+        calibration=clean(revision.calibration, checks.MAX_NAME),
+        time_ns=revision.time_ns,
+        matrix=revision.matrix.ravel().tolist(),
+        sequences=revision.sequences.tolist(),
+        times_ns=revision.times_ns.tolist(),
+        bias=revision.bias.ravel().tolist(),
+        bias_std=revision.bias_std.ravel().tolist(),
+        reason=clean(revision.reason, MAX_SENTENCE),
+    ).SerializeToString()
+
+
+def decode_revision(key: str, payload: bytes) -> BiasRevision:
+    """What is published under revision/<device>."""
+    place = parse_key(key, "revision")
+    raw = read(pb.BiasRevision, payload)
+    same_id(raw.device, place, "device")
+    n = len(raw.sequences)
+    if not MIN_POINTS <= n <= MAX_POINTS:
+        raise Refusal(Reason.LENGTH, f"{n} points; {MIN_POINTS} to {MAX_POINTS} are taken")
+    if len(raw.times_ns) != n:
+        raise Refusal(Reason.LENGTH, f"times_ns has {len(raw.times_ns)} values; {n} are expected")
+    bias = checks.vector(raw.bias, "bias", 3 * n, -MAX_RATE, MAX_RATE)
+    bias_std = checks.vector(raw.bias_std, "bias_std", 3 * n, 0.0, MAX_STD)
+    return BiasRevision(
+        device=raw.device,
+        boot=raw.boot,
+        calibration=checks.text(raw.calibration, "calibration"),
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        matrix=checks.vector(raw.matrix, "matrix", 9, -MAX_ELEMENT, MAX_ELEMENT).reshape(3, 3),
+        sequences=np.array(checks.rising(raw.sequences, "sequences", MAX_SEQUENCE), np.uint64),
+        times_ns=np.array(checks.rising(raw.times_ns, "times_ns", MAX_TIME_NS), np.int64),
+        bias=bias.astype(np.float32).reshape(n, 3),
+        bias_std=bias_std.astype(np.float32).reshape(n, 3),
+        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+    )

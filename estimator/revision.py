@@ -1,0 +1,53 @@
+"""Rates of the past, corrected anew: what a BiasRevision does to the batches it covers (docs/wire.md)."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import BiasRevision, CorrectedBatch
+
+Floats = NDArray[np.float64]
+
+#: clock fits of one sample's time differ by less; a device started anew under its old boot number uses its numbers later
+SAME_TIME_NS = 1_000_000_000
+
+
+def revised(batch: CorrectedBatch, revision: BiasRevision) -> CorrectedBatch:
+    """A batch as it was published, with the revised bias taken from each sample the revision covers; else the batch itself.
+
+    A batch has one `bias` and one `bias_std`: the mean of what is subtracted from its samples, and the largest.
+    """
+    covered = covers(revision, batch)
+    if not covered.any():
+        return batch
+    since_ns = batch.sample_time_ns[covered] - revision.times_ns[0]
+    bias, reading_std = np.tile(batch.bias.astype(float), (len(batch), 1)), _at(since_ns, revision, revision.bias_std)
+    bias[covered] = _at(since_ns, revision, revision.bias)
+    bias_std = np.sqrt(reading_std**2 @ revision.matrix.T**2).max(axis=0)
+    return replace(
+        batch,
+        rate=(batch.rate + (batch.bias - bias) @ revision.matrix.T).astype(np.float32),
+        bias=bias.mean(axis=0).astype(np.float32),
+        bias_std=(bias_std if covered.all() else np.maximum(bias_std, batch.bias_std)).astype(np.float32),
+    )
+
+
+def covers(revision: BiasRevision, batch: CorrectedBatch) -> NDArray[np.bool_]:
+    """(n,) which samples of a batch a revision speaks of: by device, boot, calibration, sequence number and time."""
+    if (batch.device, batch.boot, batch.calibration) != (revision.device, revision.boot, revision.calibration):
+        return np.zeros(len(batch), np.bool_)
+    number, time_ns = np.uint64(batch.sequence) + np.arange(len(batch), dtype=np.uint64), batch.sample_time_ns
+    first_ns, last_ns = revision.times_ns[0] - SAME_TIME_NS, revision.times_ns[-1] + SAME_TIME_NS
+    return np.asarray(
+        (revision.sequences[0] <= number)
+        & (number <= revision.sequences[-1])
+        & (first_ns <= time_ns)
+        & (time_ns <= last_ns)
+    )
+
+
+def _at(since_ns: NDArray[np.int64], revision: BiasRevision, values: NDArray[np.float32]) -> Floats:
+    """(n, 3) the points' values at times since the first point: linear between points, beyond the ends as at the ends."""
+    points_ns = revision.times_ns - revision.times_ns[0]
+    return np.column_stack([np.interp(since_ns, points_ns, values[:, axis]) for axis in range(3)])
