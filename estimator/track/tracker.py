@@ -46,6 +46,9 @@ class TrackKnobs:
     #: a device that moves no more than this is quiet: asleep, say
     quiet_gyro: float = np.radians(5.0)
     quiet_accel: float = 1.0
+    #: evidence after so long a gap improves the past, s, once this much of it has come, s
+    gap_s: float = 10.0
+    settled_s: float = 5.0
     #: seconds kept for smoothing; None keeps all
     history: int | None = 256
     bias: BiasKnobs = field(default_factory=BiasKnobs)
@@ -86,6 +89,7 @@ class Tracker:
         self._consistency = Consistency()
         self._contradictions = 0
         self._began = self._evidence_time = began
+        self._gap: tuple[float, float] | None = None  # without evidence from, to
         self._believe(model, start(model.bias, np.diag(bias_std**2), began, knobs.bias, powered=began))
 
     def _believe(self, model: GyroModel, state: BiasState) -> None:
@@ -101,6 +105,11 @@ class Tracker:
     def state(self) -> BiasState:
         """The estimate as it is now."""
         return self._filter.state
+
+    @property
+    def time(self) -> float:
+        """The end of the last second, device s."""
+        return self._filter.time
 
     @property
     def bias(self) -> Floats:
@@ -134,6 +143,14 @@ class Tracker:
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
         """The bias of each second after `since` by all that is known now."""
         return self._history.smoothed(since)
+
+    def improved(self) -> tuple[float, Smoothed] | None:
+        """Once after each gap, when evidence has come back: how long it was, s, and the bias of each second since its begin."""
+        if self._gap is None or self._evidence_time - self._gap[1] < self.knobs.settled_s:
+            return None
+        (begin, end), self._gap = self._gap, None
+        smoothed = self._history.smoothed(begin)
+        return None if smoothed is None else (end - begin, smoothed)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -200,6 +217,8 @@ class Tracker:
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q)
         if any(r.accepted and r.reason != UNPROVEN for r in receipts):
+            if second.end - self._evidence_time >= self.knobs.gap_s:
+                self._gap = self._evidence_time, second.end
             self._evidence_time = second.end
         return receipts
 

@@ -141,6 +141,7 @@ def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Reme
         for outcome in outcomes:
             total.corrected += outcome.corrected
             total.calibration = outcome.calibration or total.calibration
+            total.revision = total.revision if outcome.revision is None else outcome.revision
             total.changed |= outcome.changed
             total.said += outcome.said
     return total
