@@ -173,7 +173,7 @@ class Tracker:
             self._filter.update(Evidence("zaru", rest.bias, H, R, GATES[3], rest.common_var))
         self._filter.predict(max(rest.end, before.time), self._temperature_at(rest.end))
         self._evidence_time = rest.end
-        self._contradictions, self.doubted = 0, False
+        self._contradictions, self.doubted, self._gap = 0, False, None
 
     def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
         """Go on from a state that was kept."""
