@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 SCHEMA_VERSION = 1
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
-BOOTS, POINTS = 8, 600
+BOOTS, POINTS = 8, 300
 _TABLES = {"calibrations", "boots", "bias", "bias_history", "audit"}
 _SCHEMA = """
 CREATE TABLE calibrations (

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.temperature import TemperatureLaw
@@ -73,7 +74,8 @@ def _told(boot: Points, axis: int, reference_c: float, walk: float) -> _Told:
     m, warmer = len(boot.time), boot.temperature_c - reference_c
     since = boot.time - boot.time[0]
     C = np.diag(np.maximum(boot.std[:, axis], _LEAST_STD) ** 2) + walk**2 * np.minimum.outer(since, since)
-    white = np.linalg.solve(np.linalg.cholesky(C), np.column_stack([np.ones(m), warmer, warmer**2, boot.bias[:, axis]]))
+    all_of_it = np.column_stack([np.ones(m), warmer, warmer**2, boot.bias[:, axis]])
+    white = solve_triangular(np.linalg.cholesky(C), all_of_it, lower=True)
     one = white[:, :1] / np.linalg.norm(white[:, 0])
     rest = white[:, 1:] - one @ (one.T @ white[:, 1:])  # whatever the offset is
     A, y = rest[:, :2], rest[:, 2]
