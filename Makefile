@@ -51,9 +51,10 @@ bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 
-# Bias trackers, ours and its peers, side by side; takes minutes. ARGS='--hours 1 --days 1' for a short look.
+# Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
+	$(BIN)/python -m tests.bench.temperature $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

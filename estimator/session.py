@@ -32,6 +32,7 @@ from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
 from estimator.track.bias_filter import BIAS, BiasState, start
 from estimator.track.smoother import Smoothed
+from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
@@ -93,11 +94,16 @@ class DeviceSession:
 
     # ---- boots ----------------------------------------------------------------------------------------------------
 
-    def begin_boot(self, boot: int, device_time: float, remembered: Remembered | None) -> Outcome:
-        """The device has started anew (or we have): forget this boot's calibration, then use what is remembered."""
+    def begin_boot(
+        self, boot: int, device_time: float, remembered: Remembered | None, law: TemperatureLaw | None = None
+    ) -> Outcome:
+        """The device has started anew (or we have): forget this boot's calibration, then use what is remembered.
+
+        law: what earlier boots taught of temperature.
+        """
         first = self.boot is None
         self.sequence.begin(boot)
-        self._begin(device_time)
+        self._begin(device_time, law)
         self.life.on(Event.BOOTED)
         self.reason = (
             "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
@@ -110,8 +116,8 @@ class DeviceSession:
             self.believe(remembered.calibration)
         return outcome
 
-    def _begin(self, device_time: float) -> None:
-        self.calibration, self.prior = None, None
+    def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
+        self.calibration, self.prior, self._law = None, None, law
         self._stillness = Stillness(self.knobs.stillness)
         self._belief = believed(None, None, self.knobs.prior)
         self.tracker = self._track_from(self._belief, device_time)
@@ -152,6 +158,12 @@ class DeviceSession:
             if not self.tracker.sure:
                 self.tracker = self._track_from(self._belief, self._now)
             self._applied = self._correction()
+
+    def expect(self, law: TemperatureLaw) -> None:
+        """Use what earlier boots taught of temperature, where it was not known when this one began."""
+        if self.calibration is None:
+            self._law = law
+            self.tracker.expect(law)
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
@@ -227,6 +239,10 @@ class DeviceSession:
                 self.sequence.events.add(f"{receipt.kind}: {receipt.reason}")
             elif self.tracker.trust():
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+        if self.tracker.law_refuted and self._law is not None:
+            self._law = None
+            self.sequence.events.add("temperature law disagrees")
+            outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (reason := self.tracker.doubt(self._now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
         if self._capture is not None:
@@ -346,8 +362,8 @@ class DeviceSession:
         return self.sequence.events.add(name)
 
     def checkpoint(self) -> BiasState | None:
-        """The bias as it would be restored; only of a calibrated boot."""
-        return self.tracker.state if self.calibration is not None else None
+        """The bias as it would be restored; of a calibrated boot, or one that is sure of it."""
+        return self.tracker.state if self.calibration is not None or self.tracker.sure else None
 
     @property
     def _calibration_id(self) -> str:
@@ -389,7 +405,7 @@ class DeviceSession:
         )
 
     def _track_from(self, belief: Belief, now: float) -> Tracker:
-        return Tracker(self.knobs.track, now, belief.model, belief.bias_std)
+        return Tracker(self.knobs.track, now, belief.model, belief.bias_std, self._law)
 
     def _bias_of(self, calibration: Calibration) -> BiasState:
         bias, cov = calibration.bias, calibration.covariance[:3, :3]

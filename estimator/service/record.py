@@ -9,6 +9,8 @@ from bridge.wire.refusal import Refusal, Tally
 from estimator.service.device import UNSAVED, Device
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Remembered
+from estimator.track.learning import learn
+from estimator.track.temperature import TemperatureLaw
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +42,14 @@ class Record:
             self._failed(session, error)
             return None
 
+    def law(self, session: DeviceSession, info: DeviceInfo) -> TemperatureLaw | None:
+        """What the same hardware taught of temperature in earlier boots."""
+        try:
+            return learn(self._store.points(info), session.knobs.track.bias)
+        except StoreError as error:
+            self._failed(session, error)
+            return None
+
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""
         self._keep(session, lambda: self._store.add_boot(info, self._now_ns()))
@@ -63,7 +73,7 @@ class Record:
         return payload
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
-        """Every few seconds: calibrations that could not be saved yet, and the bias of a calibrated boot."""
+        """Every few seconds: calibrations that could not be saved yet, and the bias where it is known."""
         if now - device.checkpointed < CHECKPOINT_S and not force:
             return
         device.checkpointed = now

@@ -126,6 +126,8 @@ class Service:
         self._record.boot(device.session, info)
         if (calibration := self._record.prior(device.session, info)) is not None:
             device.session.believe(calibration)
+        if (law := self._record.law(device.session, info)) is not None:
+            device.session.expect(law)
 
     def _on_samples(self, batch: SampleBatch) -> None:
         now = time.monotonic()
@@ -166,12 +168,13 @@ class Service:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         session.info = info if info is not None and info.boot == batch.boot else None
-        remembered = self._record.recall(device, batch.boot)
+        remembered, law = self._record.recall(device, batch.boot), None
         if session.info is not None:
+            law = self._record.law(session, session.info)
             self._record.boot(session, session.info)
             if remembered is None and (calibration := self._record.prior(session, session.info)) is not None:
                 remembered = Remembered(calibration, None)
-        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None)
+        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None, law)
         if remembered is not None and not same:
             session.count_event("boot number repeated")
             session.believe(remembered.calibration)

@@ -18,11 +18,14 @@ from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
+from estimator.track.learning import Points
 
 log = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
+#: what a temperature law is learnt from: so many boots, and so many points, the first, of each
+BOOTS, POINTS = 8, 300
 _TABLES = {"calibrations", "boots", "bias", "bias_history", "audit"}
 _SCHEMA = """
 CREATE TABLE calibrations (
@@ -187,6 +190,21 @@ class Store:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range and rate."""
         where = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND rate_hz = ? AND boot != ?"
         return self._calibration(where, (info.device, *_restore_key(info), keys.boot_id(info.boot)))
+
+    def points(self, info: DeviceInfo) -> list[Points]:
+        """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
+        where = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND rate_hz = ? AND boot != ?"
+        query = f"SELECT boot, time_ns FROM boots WHERE {where} ORDER BY time_ns DESC LIMIT ?"  # noqa: S608 - our own words
+        boots = self._read(query, (info.device, *_restore_key(info), keys.boot_id(info.boot), BOOTS))
+        return [found for boot in boots if (found := self._points(info.device, *boot)) is not None]
+
+    def _points(self, device: str, boot: str, since_ns: int) -> Points | None:
+        query = (
+            "SELECT time_ns, x, y, z, x_std, y_std, z_std, temperature_c FROM bias_history"
+            " WHERE device = ? AND boot = ? AND time_ns >= ? AND temperature_c IS NOT NULL ORDER BY time_ns LIMIT ?"
+        )
+        rows = np.array(self._read(query, (device, boot, since_ns, POINTS)), float)
+        return Points(1e-9 * rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7]) if len(rows) else None
 
     def calibrations(self, device: str) -> list[Calibration]:
         """All whole calibrations of a device, oldest first."""

@@ -13,6 +13,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from estimator.track.temperature import TemperatureLaw
+
 Floats = NDArray[np.float64]
 
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
@@ -112,9 +114,14 @@ class Receipt:
 class BiasFilter:
     """The filter at work; `state` may be copied at any time."""
 
-    def __init__(self, state: BiasState, knobs: BiasKnobs | None = None) -> None:
+    def __init__(self, state: BiasState, knobs: BiasKnobs | None = None, law: TemperatureLaw | None = None) -> None:
         self.knobs = knobs or BiasKnobs()
+        #: what earlier boots say of temperature; the slope of the state is believed as it is
+        self.law = law
+        #: what the law's curvature moved the state by in the last step
+        self.bent = np.zeros(OWN)
         self._take(state)
+        self._unsure = self._law_var(self.temperature_c)
 
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
@@ -146,19 +153,63 @@ class BiasFilter:
         if not dt > 0:
             return None
         F, Q = np.eye(len(self._kf.x)), np.zeros_like(self._kf.P)
+        self.bent = np.zeros(OWN)
         warmer = temperature_c - self.temperature_c
         if np.isfinite(warmer):
             F[BIAS, SLOPE] = warmer * np.eye(3)
             # The slope walks with temperature, not with time; so does the bias within the step, by half of it.
-            bend = self.knobs.curvature * warmer
+            bend = self._bend(warmer, temperature_c)
             Q[SLOPE, SLOPE] = bend**2 * np.eye(3)
             Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * np.eye(3)
         Q[BIAS, BIAS] += self._walked(dt, known=np.isfinite(temperature_c)) * np.eye(3)
         self._kf.predict(F=F, Q=Q)
+        if self.law is not None:
+            self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, np.zeros((3, 3))
         if np.isfinite(temperature_c):
-            self.temperature_c = temperature_c
+            first, self.temperature_c = np.isnan(self.temperature_c), temperature_c
+            if first and self.law is not None:
+                self.expect(self.law)
         return F[:OWN, :OWN].copy(), Q[:OWN, :OWN].copy()
+
+    def expect(self, law: TemperatureLaw) -> None:
+        """From now on believe the slope of a law in place of what was known of it."""
+        self.law = law
+        if np.isfinite(self.temperature_c):
+            self._kf.x[SLOPE] = law.slope(self.temperature_c)
+            self._unsure = self._law_var(self.temperature_c)
+            P = self._kf.P
+            P[SLOPE, :] = P[:, SLOPE] = 0.0
+            P[SLOPE, SLOPE] = np.diag(self._unsure)
+
+    def unlearn(self) -> Floats:
+        """Give the law up: the slope is doubted as much as that of any part; by how much, (3, 3)."""
+        self.law = None
+        doubt = self.knobs.per_kelvin**2 * np.eye(3)
+        self._kf.P[SLOPE, SLOPE] += doubt
+        return doubt
+
+    @property
+    def against_law(self) -> float:
+        """How many standard deviations the evidence has moved the slope from where the law has it; the most of three axes."""
+        if self.law is None or not np.isfinite(self.temperature_c):
+            return 0.0
+        moved = self._kf.x[SLOPE] - self.law.slope(self.temperature_c)
+        # Evidence leaves var - P of the law's own variance behind.
+        told = np.maximum(self._unsure - np.diag(self._kf.P)[SLOPE], self._unsure / 4)
+        return float(np.max(np.abs(moved) / np.sqrt(told)))
+
+    def _law_var(self, celsius: float) -> Floats:
+        return np.zeros(3) if self.law is None or not np.isfinite(celsius) else self.law.slope_var(celsius)
+
+    def _bend(self, warmer: float, temperature_c: float) -> Floats:
+        """(3,) by how much the slope may change within a step; what the law knows of that is taken into account."""
+        if self.law is None:
+            return np.full(3, self.knobs.curvature * warmer)
+        by = self.law.quadratic * warmer
+        self.bent[BIAS], self.bent[SLOPE] = by * warmer, 2 * by
+        before, self._unsure = self._unsure, np.maximum(self._unsure, self._law_var(temperature_c))
+        return np.sqrt(self._unsure - before)
 
     def _walked(self, dt: float, *, known: bool) -> float:
         knobs = self.knobs

@@ -30,6 +30,7 @@ class _Step:
     P: Floats
     F: Floats  # from the step before to this one
     Q: Floats
+    known: Floats  # what of x is none of the filter's doing: the smoother has no input
 
 
 class History:
@@ -42,9 +43,11 @@ class History:
     def __len__(self) -> int:
         return len(self._steps)
 
-    def add(self, time: float, x: Floats, P: Floats, F: Floats, Q: Floats) -> None:
-        """Note the state x (6,), P (6, 6) at a time, and F and Q (6, 6) that led there."""
-        self._steps.append(_Step(time, x[:OWN].copy(), P[:OWN, :OWN].copy(), F, Q))
+    def add(self, time: float, x: Floats, P: Floats, F: Floats, Q: Floats, bent: Floats | None = None) -> None:
+        """Note the state x (6,), P (6, 6) at a time, and what led there: F and Q (6, 6), and bent (6,), added for certain."""
+        known = F @ self._steps[-1].known if self._steps else np.zeros(OWN)
+        known = known if bent is None else known + bent
+        self._steps.append(_Step(time, x[:OWN] - known, P[:OWN, :OWN].copy(), F, Q, known))
         if self._most is not None and len(self._steps) > self._most:
             self._thin()
 
@@ -61,14 +64,14 @@ class History:
         steps = [step for step in self._steps if step.time > since]
         if not steps:
             return None
-        x, P = np.array([step.x for step in steps]), np.array([step.P for step in steps])
+        x, P, known = (np.array(of) for of in zip(*((step.x, step.P, step.known) for step in steps), strict=True))
         if len(steps) > 1:
             # A slope that is known exactly, where there is no temperature, would make P singular.
             P = P + 1e-24 * np.eye(OWN)
             onward = steps[1:]
             x, P, _, _ = rts_smoother(x, P, [s.F for s in onward], [s.Q for s in onward])
         std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, BIAS], 0.0))
-        return Smoothed(np.array([step.time for step in steps]), x[:, BIAS], std)
+        return Smoothed(np.array([step.time for step in steps]), (x + known)[:, BIAS], std)
 
     def _thin(self) -> None:
         kept = self._steps[:1]

@@ -14,6 +14,7 @@ from estimator.track.bias_filter import (
     BIAS,
     GATES,
     OWN,
+    SLOPE,
     BiasFilter,
     BiasKnobs,
     BiasState,
@@ -26,6 +27,7 @@ from estimator.track.consistency import Consistency
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
+from estimator.track.temperature import TemperatureLaw
 from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
@@ -43,6 +45,8 @@ class TrackKnobs:
     bias_std: float = np.radians(0.2)
     #: or after so many seconds of rest in a row that contradict it
     contradictions: int = 5
+    #: a slope by temperature so many standard deviations from what earlier boots taught refutes them
+    refuted_sigmas: float = 4.0
     #: a device that moves no more than this is quiet: asleep, say
     quiet_gyro: float = np.radians(5.0)
     quiet_accel: float = 1.0
@@ -76,9 +80,12 @@ class Tracker:
     """Samples and their windows in; the bias, and a reason to doubt or to trust it, out.
 
     model: what is believed of the gyro at `began`, device seconds, its bias with standard deviation bias_std (3,) rad/s.
+    law: what earlier boots taught of temperature; given up for the rest of the boot when the present one disagrees.
     """
 
-    def __init__(self, knobs: TrackKnobs, began: float, model: GyroModel, bias_std: Floats) -> None:
+    def __init__(
+        self, knobs: TrackKnobs, began: float, model: GyroModel, bias_std: Floats, law: TemperatureLaw | None = None
+    ) -> None:
         self.knobs = knobs
         #: kept beside the state of life: a device that is being recalibrated is no better than it was before
         self.doubted = False
@@ -90,13 +97,16 @@ class Tracker:
         self._contradictions = 0
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
+        self._law = law
+        #: whether this boot goes otherwise with temperature than earlier ones did
+        self.law_refuted = False
         self._believe(model, start(model.bias, np.diag(bias_std**2), began, knobs.bias, powered=began))
 
     def _believe(self, model: GyroModel, state: BiasState) -> None:
         """Go on from a state, with this model's matrix."""
         self._model = model
         self._gravity = Gravity(self.knobs.gravity, model.matrix)
-        self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias)
+        self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
         self._zaru, self._bounded = Zaru(self.knobs.zaru), Bounded(self.knobs.bounded)
 
     # ---- what is known --------------------------------------------------------------------------------------------
@@ -165,6 +175,8 @@ class Tracker:
             model.bias, cov, time, self.knobs.bias, temperature_c=self._temperature_at(time), powered=before.powered
         )
         self._believe(model, begun)
+        if self._law is not None:
+            self._filter.expect(self._law)
         if time < rest.middle:
             # That rest is newer than the one the bias came from.
             self._filter.predict(rest.middle, self._temperature_at(rest.middle))
@@ -180,6 +192,11 @@ class Tracker:
         self._believe(model, state)
         self._filter.predict(now)
         self._evidence_time = min(state.time, now)
+
+    def expect(self, law: TemperatureLaw) -> None:
+        """Use what earlier boots taught of temperature from now on."""
+        self._law = law
+        self._filter.expect(law)
 
     def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: NDArray[np.bool_]) -> None:
         """Hold samples (n,), (n, 3), (n, 3), (n,) for the windows over them."""
@@ -212,10 +229,13 @@ class Tracker:
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
             F, Q = steps
+            if self._filter.against_law > self.knobs.refuted_sigmas:
+                Q[SLOPE, SLOPE] += self._filter.unlearn()
+                self._law, self.law_refuted = None, True
             Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
             if widened.any():
                 self._history.doubt(widened, since, second.end)
-            self._history.add(second.end, self._filter.x, self._filter.cov, F, Q)
+            self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
         if any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
                 self._gap = self._evidence_time, second.end

@@ -1,0 +1,31 @@
+"""What temperature does to a bias: bias(T) = offset of the boot + linear (T - T0) + quadratic (T - T0)² + a random walk."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemperatureLaw:
+    """Of one device: linear (3,) rad/s/K and quadratic (3,) rad/s/K² about reference_c, T0; cov (3, 2, 2) of the two, by axis."""
+
+    reference_c: float
+    linear: Floats
+    quadratic: Floats
+    cov: Floats
+
+    def slope(self, celsius: float) -> Floats:
+        """(3,) rad/s/K at a temperature."""
+        return self.linear + 2 * (celsius - self.reference_c) * self.quadratic
+
+    def slope_var(self, celsius: float) -> Floats:
+        """(3,) variance of the slope at a temperature; it grows away from the temperatures seen."""
+        by = np.array([1.0, 2 * (celsius - self.reference_c)])
+        return np.asarray(self.cov @ by @ by)
+
+    def change(self, from_c: float, to_c: float) -> Floats:
+        """(3,) rad/s, what the bias does between two temperatures."""
+        return (to_c - from_c) * self.slope((from_c + to_c) / 2)
