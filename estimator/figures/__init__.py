@@ -1,0 +1,9 @@
+"""Every picture truerate makes; the only package that imports matplotlib."""
+
+from estimator.figures.noise import allan
+from estimator.figures.recordings import corrected
+from estimator.figures.studies import Boxes, boxes, histogram
+from estimator.figures.trackers import BiasDay, Dots, tracking
+from estimator.figures.wards import demo
+
+__all__ = ["BiasDay", "Boxes", "Dots", "allan", "boxes", "corrected", "demo", "histogram", "tracking"]

@@ -1,0 +1,90 @@
+"""A recording corrected."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bridge.recording import Recording
+from bridge.wire.messages import Quality
+from estimator.corrected import Corrected
+from estimator.figures.style import AXES, COLOURS
+
+Floats = NDArray[np.float64]
+
+
+_BINS = 1500
+_SHADES = {"NONE": "#b0b0b0", "PRIOR": "#d9c7a0", "BIAS_ONLY": "#cdc6e6", "GOOD": "#ffffff", "DEGRADED": "#f0b7a8"}
+
+
+def corrected(recording: Recording, found: Corrected, path: Path) -> None:
+    """A row an axis: raw and corrected rate, and bias with ± 2 σ; the background is the quality; temperature below."""
+    warm = recording.temperature_c
+    rows = 3 if warm is None else 4
+    figure = Figure(figsize=(12, 2.5 * rows + 1.0), dpi=130)
+    grid = figure.subplots(rows, 2, sharex=True, squeeze=False, height_ratios=[1.0] * 3 + [0.6] * (rows - 3))
+    unit, per = ("min", 60.0) if recording.time_s[-1] > 300 else ("s", 1.0)
+    edges = np.unique(np.linspace(0, len(recording), min(_BINS, len(recording)) + 1).astype(int))[:-1]
+    time = recording.time_s[edges] / per
+    for axis in range(3):
+        _rates(grid[axis, 0], time, edges, recording.gyro[:, axis], found.rate[:, axis], axis)
+        _tracked(
+            grid[axis, 1], time, np.degrees(found.bias[edges, axis]), np.degrees(found.bias_std[edges, axis]), axis
+        )
+    for axes in grid[:3].ravel():
+        _shade(axes, time, found.quality[edges], recording.time_s[-1] / per)
+    if warm is not None:
+        for axes in grid[3]:
+            axes.plot(time, warm[edges], color=COLOURS[5])
+            axes.set(ylabel="temperature, °C")
+    for axes in grid[-1]:
+        axes.set(xlabel=f"time, {unit}", xlim=(0, recording.time_s[-1] / per))
+    how = "smoothed" if found.smoothed else "as live"
+    figure.suptitle(f"{recording.name}, corrected {how}: {_qualities(found)}", fontsize=12)
+    here = [name for name in _SHADES if name in found.seconds() and name != "GOOD"]
+    patches = [Patch(facecolor=_SHADES[name], alpha=0.45, label=name) for name in here]
+    if patches:
+        figure.legend(
+            handles=patches, loc="outside lower center", ncols=len(patches), title="quality where it is not GOOD"
+        )
+    figure.align_ylabels(grid)
+    figure.savefig(path)
+
+
+def _qualities(found: Corrected) -> str:
+    seconds = found.seconds()
+    return ", ".join(f"{name} {100 * part / sum(seconds.values()):.0f} %" for name, part in seconds.items())
+
+
+def _rates(
+    axes: Any, time: Floats, edges: NDArray[np.int64], raw: Floats, rate: NDArray[np.float32], axis: int
+) -> None:
+    # From least to most in each bin: a movement shorter than a pixel is still seen.
+    for values, colour, label in ((raw, "#9a9a9a", "raw"), (rate, COLOURS[axis], "corrected")):
+        low, high = (np.degrees(of.reduceat(values, edges)) for of in (np.minimum, np.maximum))
+        axes.fill_between(time, low, high, color=colour, linewidth=0.6, alpha=0.8, label=f"{AXES[axis]} {label}")
+    axes.margins(y=0.2)  # room for the legend
+    axes.set(ylabel=f"rate {AXES[axis]}, °/s")
+    axes.legend(fontsize=8, ncols=2, loc="upper right")
+
+
+def _tracked(axes: Any, time: Floats, bias: Floats, std: Floats, axis: int) -> None:
+    axes.fill_between(time, bias - 2 * std, bias + 2 * std, color=COLOURS[axis], alpha=0.25, linewidth=0, label="± 2 σ")
+    axes.plot(time, bias, color=COLOURS[axis], label=f"bias {AXES[axis]}")
+    # Seen from what is known in the end: the first seconds know nothing.
+    near = std < 20 * max(float(np.median(std)), 1e-4)
+    low, high = (bias - 3 * std)[near].min(), (bias + 3 * std)[near].max()
+    axes.set(ylabel=f"bias {AXES[axis]}, °/s", ylim=(low, high))
+    axes.legend(fontsize=8, ncols=2, loc="upper right")
+
+
+def _shade(axes: Any, time: Floats, quality: NDArray[np.uint8], end: float) -> None:
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(quality.astype(int))) + 1])
+    ends = [*time[begins[1:]], end]
+    for begin, until in zip(begins, ends, strict=True):
+        name = Quality(int(quality[begin])).name
+        if name != "GOOD":
+            axes.axvspan(time[begin], until, color=_SHADES[name], alpha=0.45, linewidth=0, zorder=0)
