@@ -4,7 +4,6 @@ A pure core: no clock, no bus, no store. Time is the device's own, in the batche
 is handed in. Any batching of the same samples gives the same corrected rates.
 """
 
-from collections import deque
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,10 +27,10 @@ from estimator.batch.session import CalibrationSession, Finished, Ignored, Progr
 from estimator.correction import Belief, Correction, believed, choose
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
+from estimator.past import Past
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
 from estimator.track.bias_filter import BIAS, BiasState, start
-from estimator.track.smoother import Smoothed
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
@@ -39,9 +38,6 @@ from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
 CACHE_S = 60.0
-#: seconds whose samples are remembered, for revising their bias
-REVISED_S = 2000
-_LAST_WINDOWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +124,7 @@ class DeviceSession:
         self._who = ""
         self._first_time: float | None = None
         self._done_axes: tuple[int, ...] = ()
-        # Device time, sequence number and time of samples: those that ended the last windows, and the tracker's seconds.
-        self._ends: deque[tuple[float, int, int]] = deque(maxlen=_LAST_WINDOWS)
-        self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
+        self._past = Past()
         self._applied = self._correction()
 
     def _restore(self, remembered: Remembered) -> None:
@@ -206,9 +200,11 @@ class DeviceSession:
                 self.tracker.temperature(self._now, float(batch.temperature_c[first + window.end - base - 1]))
             self._window(window, outcome)
             self._applied = self._correction()
-            self._told(batch, first + window.end - base - 1)
+            self._past.note(self._now, batch, first + window.end - base - 1, self.tracker.time)
             if (improved := self.tracker.improved()) is not None:
-                outcome.revision = self._revision(*improved)
+                outcome.revision = self._past.revision(
+                    batch, self._belief.calibration, self._belief.model.matrix, *improved
+                )
             if not self._applied.same(before):
                 outcome.corrected.append(before.apply(batch, first + start, first + window.end - base))
                 start = window.end - base
@@ -410,33 +406,6 @@ class DeviceSession:
     def _bias_of(self, calibration: Calibration) -> BiasState:
         bias, cov = calibration.bias, calibration.covariance[:3, :3]
         return start(bias, cov, self._now, self.knobs.track.bias, temperature_c=calibration.temperature_c)
-
-    def _told(self, batch: SampleBatch, index: int) -> None:
-        """Note the sample that ends a window; and which one ended the tracker's last second, of which it may tell later."""
-        since = float(batch.ticks[index] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
-        self._ends.append((self._now, batch.sequence + index, batch.start_time_ns + round(since * 1e9)))
-        if not self._seconds or self._seconds[-1][0] < self.tracker.time:
-            self._seconds += [end for end in self._ends if end[0] == self.tracker.time]
-
-    def _revision(self, gap_s: float, smoothed: Smoothed) -> BiasRevision | None:
-        """A better past for those who keep it: the seconds of a gap, of which the samples are still known."""
-        known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
-        kept = [i for i, time in enumerate(smoothed.time) if time in known]
-        if not kept:
-            return None
-        sequences, times_ns = zip(*(known[smoothed.time[i]] for i in kept), strict=True)
-        return BiasRevision(
-            device=self.device,
-            boot=self.boot or 0,
-            calibration=self._belief.calibration,
-            time_ns=self.last_heard_ns,
-            matrix=self._belief.model.matrix,
-            sequences=np.array(sequences, np.uint64),
-            times_ns=np.array(times_ns, np.int64),
-            bias=smoothed.bias[kept].astype(np.float32),
-            bias_std=smoothed.std[kept].astype(np.float32),
-            reason=f"at rest again after {gap_s:.0f} s",
-        )
 
     def _missing(self) -> str:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)
