@@ -24,7 +24,7 @@ from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.correction import Belief, Correction, believed, choose
+from estimator.correction import Correction, believed, choose
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.past import Past
@@ -116,7 +116,7 @@ class DeviceSession:
         self.calibration, self.prior, self._law = None, None, law
         self._stillness = Stillness(self.knobs.stillness)
         self._belief = believed(None, None, self.knobs.prior)
-        self.tracker = self._track_from(self._belief, device_time)
+        self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
         self._fed = 0
         self._now = self._began = device_time
@@ -150,7 +150,7 @@ class DeviceSession:
             self.prior = calibration
             self._belief = believed(None, calibration, self.knobs.prior)
             if not self.tracker.sure:
-                self.tracker = self._track_from(self._belief, self._now)
+                self.tracker.supposed(self._belief.model, self._belief.bias_std, self._now)
             self._applied = self._correction()
 
     def expect(self, law: TemperatureLaw) -> None:
@@ -399,9 +399,6 @@ class DeviceSession:
             temperature_c=self.tracker.temperature_c,
             who=self._who,
         )
-
-    def _track_from(self, belief: Belief, now: float) -> Tracker:
-        return Tracker(self.knobs.track, now, belief.model, belief.bias_std, self._law)
 
     def _bias_of(self, calibration: Calibration) -> BiasState:
         bias, cov = calibration.bias, calibration.covariance[:3, :3]

@@ -5,7 +5,7 @@ clipped or stuck readings, or with a hole in it, tells nothing of rotation.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
@@ -26,6 +26,8 @@ class SecondKnobs:
     length_s: float = 1.0
     #: a change between still and moving ends a second early, if it has lasted this long
     least_s: float = 0.5
+    #: what is still is so only if it stays so for this long
+    settle_s: float = 0.4
     #: a silence this long hides what happened in it
     gap_s: float = 0.25
     #: a lone reading this far from the mean of its neighbours, and this many times farther than is usual, is a spike
@@ -66,6 +68,7 @@ class Seconds:
         self.refused = Tally()
         self._samples: list[tuple[Floats, Floats, Floats | None, Flags]] = []
         self._windows: list[Window] = []
+        self._coming: list[Window] = []
         self._last_time = float("nan")
 
     def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags) -> None:
@@ -74,18 +77,28 @@ class Seconds:
             self._samples.append((time, gyro, accel, clipped))
 
     def window(self, window: Window, noise_std: Floats) -> Iterator[Second]:
-        """The seconds that end with a window over the next samples; noise_std (3,) rad/s of the device's readings."""
+        """The seconds that are known whole after a window over the next samples; noise_std (3,) rad/s of a reading."""
+        # A movement begins too gently for its first windows to tell: they wait to see how it goes on.
+        if not window.still:
+            self._coming = [replace(before, still=False) for before in self._coming]
+        self._coming.append(window)
+        while window.end_time - self._coming[0].end_time >= self.knobs.settle_s:
+            yield from self._take(self._coming.pop(0), noise_std)
+
+    def skip(self, window: Window) -> None:
+        """Let the samples of the next window go by, and those that wait."""
+        waiting = sum(before.samples for before in (*self._windows, *self._coming))
+        self._windows, self._coming = [], []
+        time, _, _, _ = self._draw(waiting + window.samples)
+        self._last_time = float(time[-1])
+
+    def _take(self, window: Window, noise_std: Floats) -> Iterator[Second]:
         turned = bool(self._windows) and self._windows[-1].still != window.still
         if turned and window.start_time - self._windows[0].start_time >= self.knobs.least_s:
             yield self._close(noise_std)
         self._windows.append(window)
         if window.end_time - self._windows[0].start_time >= self.knobs.length_s:
             yield self._close(noise_std)
-
-    def skip(self, window: Window) -> None:
-        """Let the samples of the next window go by."""
-        time, _, _, _ = self._draw(window.samples)
-        self._last_time = float(time[-1])
 
     def _close(self, noise_std: Floats) -> Second:
         windows, self._windows = self._windows, []

@@ -100,7 +100,7 @@ class Tracker:
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
-        self._believe(model, start(model.bias, np.diag(bias_std**2), began, knobs.bias, powered=began))
+        self.supposed(model, bias_std, began)
 
     def _believe(self, model: GyroModel, state: BiasState) -> None:
         """Go on from a state, with this model's matrix."""
@@ -167,6 +167,10 @@ class Tracker:
     def temperature(self, time: float, celsius: float) -> None:
         """Note a temperature."""
         self._temperatures.append((time, celsius))
+
+    def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
+        """Begin anew from what is believed of the gyro at a time before anything of this boot is known."""
+        self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""

@@ -1,5 +1,6 @@
 """A tracker fed as a session feeds it, with what it believed second by second."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -64,7 +65,7 @@ class Worn:
         clipped = np.zeros(len(of), bool) if clipped is None else clipped
         bounds = [0, *(range(500, len(of), 500) if edges is None else edges), len(of)]
         fed = self.stillness._count + sum(map(len, self.stillness._time))
-        for a, b in zip(bounds, bounds[1:], strict=False):
+        for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
             self.tracker.add(of.time[a:b], of.gyro[a:b], force, clipped[a:b])
             for window in self.stillness.feed(of.time[a:b], of.gyro[a:b], force):
