@@ -26,7 +26,7 @@ class SecondKnobs:
     length_s: float = 1.0
     #: a change between still and moving ends a second early, if it has lasted this long
     least_s: float = 0.5
-    #: what is still is so only if it stays so for this long
+    #: what is still is so only if it was so, and stays so, for this long
     settle_s: float = 0.4
     #: a silence this long hides what happened in it
     gap_s: float = 0.25
@@ -69,6 +69,7 @@ class Seconds:
         self._samples: list[tuple[Floats, Floats, Floats | None, Flags]] = []
         self._windows: list[Window] = []
         self._coming: list[Window] = []
+        self._moved = -np.inf  # when the last window ended that was not still
         self._last_time = float("nan")
 
     def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags) -> None:
@@ -78,10 +79,12 @@ class Seconds:
 
     def window(self, window: Window, noise_std: Floats) -> Iterator[Second]:
         """The seconds that are known whole after a window over the next samples; noise_std (3,) rad/s of a reading."""
-        # A movement begins too gently for its first windows to tell: they wait to see how it goes on.
+        # A movement begins and ends too gently for those windows to tell: they wait to see how it goes on.
         if not window.still:
             self._coming = [replace(before, still=False) for before in self._coming]
-        self._coming.append(window)
+            self._moved = window.end_time
+        settled = window.start_time - self._moved >= self.knobs.settle_s
+        self._coming.append(window if settled else replace(window, still=False))
         while window.end_time - self._coming[0].end_time >= self.knobs.settle_s:
             yield from self._take(self._coming.pop(0), noise_std)
 

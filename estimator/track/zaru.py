@@ -85,9 +85,8 @@ class Zaru:
 
     def interrupted(self, bias: BiasFilter) -> None:
         """The device was quiet still, but not at rest."""
-        for evidence, _ in self._waiting:
-            bias.update(evidence)
-        self._waiting.clear()
+        while self._waiting:
+            self._late(bias)
         self._contradiction = None
 
     def at_rest(self, second: Second) -> bool:
@@ -146,13 +145,19 @@ class Zaru:
         if weighed.accepted:
             self._contradiction = None
             ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
-            return [bias.update(self._waiting.popleft()[0]) for _ in range(ready)]
+            return [self._late(bias) for _ in range(ready)]
         since = self._waiting[0][1]
         self._waiting.clear()
         if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
             return [weighed]
         self._contradiction = None
         return [self._believed(weighed, evidence, bias, "insisted")]
+
+    def _late(self, bias: BiasFilter) -> Receipt:
+        """Take what has waited longest; the bias has walked on since."""
+        evidence, since = self._waiting.popleft()
+        walk = bias.knobs.rate_random_walk**2 * (bias.time - since)
+        return bias.update(replace(evidence, R=evidence.R + walk * np.eye(len(evidence.R))))
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
         """How many seconds are judged together: none wait where the bias is known worse than one second tells it."""
