@@ -68,7 +68,7 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="store_true",
         help="the recording begins when the device was switched on: its bias warms up",
     )
-    verb.add_argument("--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature as .png")
+    verb.add_argument("--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
     verb.add_argument(
         "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
@@ -121,7 +121,7 @@ def _correct(given: argparse.Namespace) -> None:
 
 
 def _check_picture(picture: Path | None) -> None:
-    if picture is not None and picture.suffix not in _PICTURES:
+    if picture is not None and picture.suffix.lower() not in _PICTURES:
         raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
     if picture is not None and not picture.parent.is_dir():
         raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")

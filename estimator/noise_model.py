@@ -20,7 +20,7 @@ The files that come with truerate are in configs/devices, or in the installed pa
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, radians
+from math import radians
 from pathlib import Path
 
 import numpy as np
@@ -58,16 +58,19 @@ class NoiseModel:
 
 
 Axes = float | tuple[float, float, float]
+#: no value of any device is larger, whatever its unit
+_MOST = 1e5
+#: who says 0 of these says that he knows the bias beforehand and for ever
+_NEEDED = ("arw_dps_per_sqrt_hz", "rrw_dps_per_sqrt_s", "step_dps", "range_dps", "turn_on_bias_dps")
 
 
 def _check(table: Struct, more_than_zero: tuple[str, ...] = ()) -> None:
     for key in table.__struct_fields__:
         value = getattr(table, key)
         for number in () if value is None else np.ravel(value):
-            if not 0 <= number < inf or (key in more_than_zero and number == 0):
-                raise ValueError(
-                    f"{key} is {number:g}; {'more than 0' if key in more_than_zero else '0 or more'} is taken"
-                )
+            if not 0 <= number <= _MOST or (key in more_than_zero and number == 0):
+                least = "more than 0" if key in more_than_zero else "0 or more"
+                raise ValueError(f"{key} is {number:g}; {least} is taken, {_MOST:g} at most")
 
 
 class _Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -81,7 +84,7 @@ class _Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     scale_tolerance: float
 
     def __post_init__(self) -> None:
-        _check(self, more_than_zero=("arw_dps_per_sqrt_hz", "step_dps", "range_dps"))
+        _check(self, more_than_zero=_NEEDED)
 
 
 class _Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -109,7 +112,7 @@ def load_model(name: str | Path) -> NoiseModel:
         known = shipped()
         if str(name) not in known:
             raise ConfigError(
-                f"there is no device model {str(name)!r}; {nearest(str(name), known)}. A file ends in .toml"
+                f"there is no device model {str(name)!r}; {nearest(str(name), known)} (a file of your own ends in .toml)"
             )
         path = known[str(name)]
     file = load(path, _File)

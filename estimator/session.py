@@ -350,7 +350,7 @@ class DeviceSession:
             samples_in=self.sequence.samples_in,
             samples_out=self.sequence.samples_out,
             dropped=self.sequence.dropped.as_dict(),
-            events=self.sequence.events.as_dict(),
+            events={**self.sequence.events.as_dict(), **self.tracker.events},
         )
 
     def count_event(self, name: str) -> int:

@@ -52,7 +52,14 @@ class History:
             self._thin()
 
     def doubt(self, cov: Floats, since: float, now: float) -> None:
-        """Between two times the bias walked by so much more, (3, 3), than the steps there say; evenly, as far as one knows."""
+        """Between two times the bias walked by so much more, (3, 3), than the steps there say; evenly, as far as one knows.
+
+        since -inf: it was so much less known from the first step on.
+        """
+        if np.isneginf(since):
+            for step in self._steps:
+                step.P[BIAS, BIAS] += cov
+            return
         before = since
         for step in (step for step in self._steps if step.time > since):
             step.P[BIAS, BIAS] += cov * (step.time - since) / (now - since)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from estimator.gyro import GyroModel
 from estimator.stillness import Window
 from estimator.strapdown import Span, sum_up
+from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
 from estimator.track.bias_filter import (
     BIAS,
     GATES,
@@ -28,7 +29,7 @@ from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
+from estimator.track.zaru import INSISTED, UNPROVEN, Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +48,11 @@ class TrackKnobs:
     contradictions: int = 5
     #: a slope by temperature so many standard deviations from what earlier boots taught refutes them
     refuted_sigmas: float = 4.0
+    #: a temperature that leaps by so many kelvin from one reading to the next must stay for so long
+    leap_k: float = 2.0
+    leap_s: float = 10.0
+    #: or when innovations are so many times larger than they may be
+    inflation: float = 3.0
     #: a device that moves no more than this is quiet: asleep, say
     quiet_gyro: float = np.radians(5.0)
     quiet_accel: float = 1.0
@@ -60,6 +66,7 @@ class TrackKnobs:
     zaru: ZaruKnobs = field(default_factory=ZaruKnobs)
     gravity: GravityKnobs = field(default_factory=GravityKnobs)
     bounded: BoundedKnobs = field(default_factory=BoundedKnobs)
+    accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +100,9 @@ class Tracker:
         self.seconds = Seconds(knobs.seconds)
         self._temperatures: deque[tuple[float, float]] = deque(maxlen=_TEMPERATURES)
         self._history = History(knobs.history)
+        self._accelerometer = Accelerometer(knobs.accelerometer)
+        self._leapt: float | None = None  # since when temperatures are beyond a leap
+        self._evidenced = False  # whether the bias has ever been measured in this boot
         self._consistency = Consistency()
         self._contradictions = 0
         self._began = self._evidence_time = began
@@ -150,22 +160,34 @@ class Tracker:
         """Seconds since a rest was last accepted, or since the boot."""
         return now - self._evidence_time
 
+    @property
+    def events(self) -> dict[str, int]:
+        """What was found wrong with the readings, counted."""
+        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.disbelieved else {}
+        return {**self.seconds.refused.as_dict(), **disbelieved}
+
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
-        """The bias of each second after `since` by all that is known now."""
-        return self._history.smoothed(since)
+        """The bias of each second after `since` by all that is known now; no surer than innovations allow."""
+        found = self._history.smoothed(since)
+        return None if found is None else replace(found, std=found.std * self._consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
         """Once after each gap, when evidence has come back: how long it was, s, and the bias of each second since its begin."""
         if self._gap is None or self._evidence_time - self._gap[1] < self.knobs.settled_s:
             return None
         (begin, end), self._gap = self._gap, None
-        smoothed = self._history.smoothed(begin)
+        smoothed = self.smoothed(begin)
         return None if smoothed is None else (end - begin, smoothed)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def temperature(self, time: float, celsius: float) -> None:
-        """Note a temperature."""
+        """Note a temperature; one that leaps is not believed until it stays."""
+        if self._temperatures and abs(celsius - self.temperature_c) > self.knobs.leap_k:
+            self._leapt = time if self._leapt is None else self._leapt
+            if time - self._leapt < self.knobs.leap_s:
+                return
+        self._leapt = None
         self._temperatures.append((time, celsius))
 
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
@@ -189,7 +211,7 @@ class Tracker:
             self._filter.update(Evidence("zaru", rest.bias, H, R, GATES[3], rest.common_var))
         self._filter.predict(max(rest.end, before.time), self._temperature_at(rest.end))
         self._evidence_time = rest.end
-        self._contradictions, self.doubted, self._gap = 0, False, None
+        self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
 
     def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
         """Go on from a state that was kept."""
@@ -215,14 +237,21 @@ class Tracker:
         receipts = []
         for second in self.seconds.window(window, noise_std):
             receipts += self._second(second, noise_std)
+        for receipt in (*self._zaru.surprises(), *receipts):
+            self._consistency.take(receipt)
         for receipt in receipts:
             self.last_receipt = receipt
-            self._consistency.take(receipt)
-        if receipts:
-            self._contradictions = 0 if all(r.accepted for r in receipts) else self._contradictions + 1
+            if not receipt.accepted:
+                # A stretch is as good as many seconds.
+                self._contradictions += self.knobs.contradictions if receipt.kind == "bounded" else 1
+        if receipts and all(r.accepted for r in receipts):
+            self._contradictions = 0
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
+        if second.accel is not None and not self._accelerometer.fit(second):
+            self._without_accelerometer()
+            second = replace(second, accel=None, accel_mean=None, accel_std=None)
         span = self._carried(second, noise_std)
         if second.flaw:
             # Before time goes on: what waits to be judged was measured before the gap.
@@ -232,19 +261,29 @@ class Tracker:
         receipts = [] if second.flaw else self._evidence(second, span)
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
+            since = since if self._evidenced else -np.inf
             F, Q = steps
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
-            Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
             if widened.any():
+                Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
         if any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
-                self._gap = self._evidence_time, second.end
-            self._evidence_time = second.end
+                begin = self._evidence_time if self._gap is None else self._gap[0]
+                self._gap = begin, second.end
+            self._evidence_time, self._evidenced = second.end, True
         return receipts
+
+    def _without_accelerometer(self) -> None:
+        """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
+        self._gravity.lose()
+        if self._accelerometer.disbelieved and len(self._filter.x) > OWN:
+            state = self._filter.state
+            self._believe(self._model, state)
+            self._filter.widen(self.knobs.bias_std**2 * np.eye(3))
 
     def _carried(self, second: Second, noise_std: Floats) -> Span | None:
         """Take gravity along; None where the way it went is not known."""
@@ -266,7 +305,7 @@ class Tracker:
         )
         resting = quiet and self._zaru.at_rest(second)
         if span is not None:
-            self._filter.update(self._gravity.evidence(span, resting=resting))
+            self._accelerometer.heard(self._filter.update(self._gravity.evidence(span, resting=resting)))
         if not quiet:
             self._zaru.moved(self._filter)
             self._bounded.broken()
@@ -291,6 +330,10 @@ class Tracker:
         if self.last_receipt is not None and self._contradictions >= self.knobs.contradictions:
             by = degrees(float(np.max(np.abs(self.last_receipt.innovation))))
             reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
+        elif self._accelerometer.contradicts:
+            reason = "gravity disagrees: the bias jumped, or the accelerometer is wrong"
+        elif self._consistency.inflation > self.knobs.inflation:
+            reason = f"rests disagree with each other by {self._consistency.inflation:.1f} times what they may"
         elif age > self.knobs.evidence_age_s:
             reason = f"no rest for {age / 60:.0f} minutes"
         if reason is None or self.doubted:
@@ -301,7 +344,15 @@ class Tracker:
     def trust(self) -> bool:
         """Whether the last rest has made the bias certain again."""
         receipt = self.last_receipt
-        if receipt is None or not receipt.accepted or self._contradictions or not self.sure:
+        if (
+            receipt is None
+            or not receipt.accepted
+            or receipt.reason == INSISTED
+            or self._contradictions
+            or not self.sure
+        ):
+            return False
+        if self._accelerometer.contradicts or self._consistency.inflation > self.knobs.inflation:
             return False
         self.doubted = False
         return True

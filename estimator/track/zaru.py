@@ -24,7 +24,7 @@ _RECENT = 8
 G = 9.80665
 #: an NIS, by degrees of freedom, that one measurement in a thousand has
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
-REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
+REFUSED_TILT, UNPROVEN, INSISTED = "it tilts", "quiet for a few seconds only", "insisted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,8 @@ class Zaru:
         self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
         self._quiet_until = np.inf
         self._rests = 0  # seconds in a row
+        self._in_question = 0.0  # variance of what was believed for its insistence alone
+        self._surprises: list[Receipt] = []
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._tilted = False
@@ -80,14 +82,22 @@ class Zaru:
         self._means.clear()
         self._held.clear()
         self._tilted = False
-        self._rests = 0
+        self._rests, self._in_question = 0, 0.0
         self.interrupted(bias)
 
     def interrupted(self, bias: BiasFilter) -> None:
         """The device was quiet still, but not at rest."""
         while self._waiting:
-            self._late(bias)
+            if self._waiting[0][0].H.shape[1] == len(bias.x):
+                self._late(bias)
+            else:
+                self._waiting.popleft()
         self._contradiction = None
+
+    def surprises(self) -> list[Receipt]:
+        """What surprised since this was asked last, as it was before the filter was told to expect it."""
+        surprises, self._surprises = self._surprises, []
+        return surprises
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
@@ -139,7 +149,9 @@ class Zaru:
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
         self._adapt(evidence, bias)
-        self._waiting.append((evidence, second.start))
+        if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
+            self._waiting.clear()  # the accelerometer came or went
+        self._waiting.append((self._questioned(evidence), second.start))
         together = _mean([waiting for waiting, _ in self._waiting])
         weighed = bias.weigh(together)
         if weighed.accepted:
@@ -151,7 +163,13 @@ class Zaru:
         if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
             return [weighed]
         self._contradiction = None
-        return [self._believed(weighed, evidence, bias, "insisted")]
+        # It may still turn: how sure that can be stays in question until it has moved and rests again.
+        self._in_question = float(np.mean(weighed.innovation**2)) / 4
+        return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
+
+    def _questioned(self, evidence: Evidence) -> Evidence:
+        common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
+        return replace(evidence, common_var=np.maximum(common, self._in_question)) if self._in_question else evidence
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
@@ -186,6 +204,7 @@ class Zaru:
         self._surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
         if _SURPRISE[len(evidence.z)] < weighed.nis < np.inf:
+            self._surprises.append(weighed)
             most = (self.knobs.hurry * bias.knobs.rate_random_walk) ** 2 * self._gap_s
             bias.widen(min(float(np.mean(weighed.innovation**2)), most) * np.eye(3))
 

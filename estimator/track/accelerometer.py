@@ -1,0 +1,56 @@
+"""Whether the accelerometer may be believed: a dead, frozen or wrongly scaled one is no witness of gravity.
+
+One that is mirrored or swapped looks well by itself; but then gravity carried by the gyro contradicts it, again and again.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.track.bias_filter import Receipt
+from estimator.track.seconds import Second
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerometerKnobs:
+    """When it is not believed."""
+
+    #: m/s², strength of the mean reading of a second; a wearer's movement stays within
+    weakest: float = 5.0
+    strongest: float = 20.0
+    #: so many seconds that contradict gravity, more than those that agree, and it is not believed again in this boot
+    patience: int = 30
+    #: so many in a row, and something is wrong, with it or with the bias
+    in_a_row: int = 5
+
+
+class Accelerometer:
+    """Seconds, and receipts of gravity, in; whether to go on with it out."""
+
+    def __init__(self, knobs: AccelerometerKnobs | None = None) -> None:
+        self.knobs = knobs or AccelerometerKnobs()
+        #: given up for the rest of this boot
+        self.disbelieved = False
+        self._balance = self._row = 0
+        self._alive = False
+
+    def fit(self, second: Second) -> bool:
+        """Whether the readings of a second can be gravity and a wearer's movement."""
+        if self.disbelieved or second.accel is None or second.accel_std is None:
+            return False
+        changing = bool(second.accel_std.any())
+        self._alive |= changing
+        strength = float(np.sqrt(np.einsum("ij,ij->i", second.accel, second.accel)).mean())
+        return (changing or not self._alive) and self.knobs.weakest < strength < self.knobs.strongest
+
+    def heard(self, receipt: Receipt) -> None:
+        """Note what gravity said of a second."""
+        against = receipt.test_ratio > 1
+        self._row = self._row + 1 if against else 0
+        self._balance = max(0, self._balance + (1 if against else -1))
+        self.disbelieved |= self._balance >= self.knobs.patience
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it has been against what is believed for some seconds now."""
+        return self._row >= self.knobs.in_a_row and not self.disbelieved
