@@ -68,7 +68,9 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         action="store_true",
         help="the recording begins when the device was switched on: its bias warms up",
     )
-    verb.add_argument("--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)")
+    verb.add_argument(
+        "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
+    )
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
     verb.add_argument(
         "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"

@@ -33,6 +33,11 @@ class Consistency:
             std = np.sqrt(np.diag(receipt.innovation_cov))
             self._signs.append(float(np.mean(receipt.innovation / std)))
 
+    def forget(self) -> None:
+        """Begin anew: what was noted has been explained."""
+        self._nis.clear()
+        self._signs.clear()
+
     @property
     def nis(self) -> float:
         """Mean NIS per degree of freedom; 1 when all is well, NaN before there is any."""

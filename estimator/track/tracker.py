@@ -29,7 +29,7 @@ from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.zaru import INSISTED, UNPROVEN, Zaru, ZaruKnobs
+from estimator.track.zaru import INSISTED, JUMPED, UNPROVEN, Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
 
@@ -241,6 +241,8 @@ class Tracker:
             self._consistency.take(receipt)
         for receipt in receipts:
             self.last_receipt = receipt
+            if receipt.reason in {INSISTED, JUMPED}:
+                self._consistency.forget()  # what was against the old bias speaks for the new
             if not receipt.accepted:
                 # A stretch is as good as many seconds.
                 self._contradictions += self.knobs.contradictions if receipt.kind == "bounded" else 1

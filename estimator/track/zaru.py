@@ -24,7 +24,8 @@ _RECENT = 8
 G = 9.80665
 #: an NIS, by degrees of freedom, that one measurement in a thousand has
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
-REFUSED_TILT, UNPROVEN, INSISTED = "it tilts", "quiet for a few seconds only", "insisted"
+REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
+INSISTED, JUMPED = "insisted", "jumped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class Zaru:
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._tilted = False
-        self._waiting: deque[tuple[Evidence, float]] = deque()  # to be judged with what follows, and since when
+        self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
 
     def moved(self, bias: BiasFilter) -> None:
@@ -143,7 +144,7 @@ class Zaru:
         self._adapt(evidence, bias)
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
-            return self._believed(weighed, evidence, bias, "jumped")
+            return self._believed(weighed, evidence, bias, JUMPED)
         return bias.update(evidence)
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
@@ -151,8 +152,8 @@ class Zaru:
         self._adapt(evidence, bias)
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
-        self._waiting.append((self._questioned(evidence), second.start))
-        together = _mean([waiting for waiting, _ in self._waiting])
+        self._waiting.append((self._questioned(evidence), second.start, second.end))
+        together = _mean([waiting for waiting, _, _ in self._waiting])
         weighed = bias.weigh(together)
         if weighed.accepted:
             self._contradiction = None
@@ -173,8 +174,8 @@ class Zaru:
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
-        evidence, since = self._waiting.popleft()
-        walk = bias.knobs.rate_random_walk**2 * (bias.time - since)
+        evidence, _, ended = self._waiting.popleft()
+        walk = bias.knobs.rate_random_walk**2 * max(0.0, bias.time - ended)
         return bias.update(replace(evidence, R=evidence.R + walk * np.eye(len(evidence.R))))
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:

@@ -77,7 +77,7 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
         ("= 0.015", '= "little"', ["[gyro]", "'arw_dps_per_sqrt_hz'"]),
         ("= 0.015", "= [0.01, 0.02]", ["[gyro]", "'arw_dps_per_sqrt_hz'"]),
         ("= 0.015", "= 0", ["[gyro]", "arw_dps_per_sqrt_hz is 0; more than 0"]),
-        ("= 0.0007", "= -1", ["[gyro]", "rrw_dps_per_sqrt_s is -1; 0 or more"]),
+        ("= 0.0007", "= -1", ["[gyro]", "rrw_dps_per_sqrt_s is -1; more than 0"]),
         ("= 0.05 ", "= nan ", ["[gyro]", "bias_dps_per_kelvin is nan"]),
         ('"generic"', '"two\\nlines"', ["model is", "a name is expected"]),
         ("zero_g_mg", "zero_g", ["[accel]", "'zero_g'", "'zero_g_mg'"]),

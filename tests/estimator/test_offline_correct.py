@@ -262,7 +262,7 @@ def test_the_readmes_ten_lines_run(
     exec(compile(code, str(README), "exec"), {})
     printed = capsys.readouterr().out
     assert printed.startswith("ACCEPTED three turns closed to ")
-    assert 90 <= int(printed.split("% good")[0].rsplit("\n", 1)[-1]) <= 100
+    assert 70 <= int(printed.split("% good")[0].rsplit("\n", 1)[-1]) <= 100
 
 
 @pytest.mark.data

@@ -267,9 +267,16 @@ def test_a_bias_that_jumps_is_doubted_then_learnt(once: Stream) -> None:
     more = off(first, 0.0, 130.0)
     more = replace(more, gyro=more.gyro + first.gyro.mean(axis=0) - more.gyro.mean(axis=0))
     outcome = feed(device, more.batches(first=n + len(first)))
-    assert state(device) is State.TRACKING
+    assert np.abs(np.degrees(rates(outcome.corrected[-50:]).mean(axis=0))).max() < 0.05, "learnt at last"
+    assert state(device) is State.DEGRADED, "but it may be turning still"
+    moved = stream([swing(np.random.default_rng(0), 3.0, 1.0), Still(15.0)], 18.0, seed=78)
+    bias = first.gyro.mean(axis=0)
+    ticks = moved.ticks + more.ticks[-1]
+    moved = replace(moved, ticks=ticks, gyro=moved.gyro - moved.bias + bias)
+    moved = replace(moved, temperature_c=np.full(len(moved), more.temperature_c[-1]))
+    outcome = feed(device, moved.batches(first=n + len(first) + len(more)))
+    assert state(device) is State.TRACKING, "the same at another rest: it was the bias"
     assert outcome.corrected[-1].quality is Quality.GOOD
-    assert np.abs(np.degrees(rates(outcome.corrected[-50:]).mean(axis=0))).max() < 0.05
 
 
 def test_a_slow_turn_of_a_minute_is_not_swallowed(once: Stream) -> None:
