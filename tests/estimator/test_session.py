@@ -271,7 +271,7 @@ def test_a_bias_that_jumps_is_doubted_then_learnt(once: Stream) -> None:
     assert state(device) is State.DEGRADED, "but it may be turning still"
     moved = stream([swing(np.random.default_rng(0), 3.0, 1.0), Still(15.0)], 18.0, seed=78)
     bias = first.gyro.mean(axis=0)
-    ticks = moved.ticks + more.ticks[-1]
+    ticks = moved.ticks + more.ticks[-1] + 1_000_000  # a gap: it goes on in another pose
     moved = replace(moved, ticks=ticks, gyro=moved.gyro - moved.bias + bias)
     moved = replace(moved, temperature_c=np.full(len(moved), more.temperature_c[-1]))
     outcome = feed(device, moved.batches(first=n + len(first) + len(more)))
