@@ -48,6 +48,11 @@ class Sequence:
         self.samples_in += len(batch)
         self.dropped.add(reason, len(batch))
 
+    def drop(self, reason: str, n: int) -> None:
+        """So many samples that `fresh` had let through are not to be used after all."""
+        self.samples_out -= n
+        self.dropped.add(reason, n)
+
     def anew(self, lost: int) -> "Sequence":
         """The same counts and past boots, ready to begin; `lost` samples taken from it last came to nothing."""
         fresh = Sequence()

@@ -20,11 +20,13 @@ from bridge.wire.messages import (
     Status,
     Verdict,
 )
+from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.correction import Correction, believed, choose
+from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.past import Past
@@ -167,7 +169,7 @@ class DeviceSession:
         return self.sequence.boot
 
     def handle(self, batch: SampleBatch) -> Outcome:
-        """Take a batch of the current boot (see Sequence.is_new_boot); late and repeated samples are counted."""
+        """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""
         outcome = Outcome()
         first = self.sequence.fresh(batch)
         if first == len(batch):
@@ -179,14 +181,17 @@ class DeviceSession:
             self._applied = self._correction()
             outcome.changed = True
             outcome.said.append("heard again")
-        self._take(batch, first, away_s, outcome)
+        finite = runs(batch, first)
+        self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - start for start, end in finite))
+        for start, end in finite:
+            self._take(batch, start, end, away_s, outcome)
         return outcome
 
-    def _take(self, batch: SampleBatch, first: int, away_s: float, outcome: Outcome) -> None:
-        time = self._going_on(batch.device_time[first:], away_s)
-        gyro = batch.gyro[first:].astype(float)
-        accel = None if batch.accel is None else batch.accel[first:].astype(float)
-        clipped = (batch.flags[first:] & SampleFlag.CLIPPED) != 0
+    def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> None:
+        time = self._going_on(batch.device_time[first:last], away_s)
+        gyro = batch.gyro[first:last].astype(float)
+        accel = None if batch.accel is None else batch.accel[first:last].astype(float)
+        clipped = (batch.flags[first:last] & SampleFlag.CLIPPED) != 0
         if self._first_time is None:
             self._first_time = float(time[0])
         if self._capture is not None:
@@ -211,7 +216,7 @@ class DeviceSession:
         self._fed = base + len(time)
         self._now = float(time[-1])
         if start < len(time):
-            outcome.corrected.append(self._applied.apply(batch, first + start, len(batch)))
+            outcome.corrected.append(self._applied.apply(batch, first + start, last))
 
     def _going_on(self, time: Floats, away_s: float) -> Floats:
         shifted = time + self._clock_shift

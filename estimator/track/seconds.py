@@ -1,7 +1,7 @@
 """A stream cut into seconds, each judged fit or not; what is no measurement never gets behind this door.
 
-Readings that are not finite are dropped, a reading alone far from both its neighbours is replaced by their mean; a second with
-clipped or stuck readings, or with a hole in it, tells nothing of rotation.
+A reading alone far from both its neighbours is replaced by their mean; a second with clipped or stuck readings, or with a hole
+in it, tells nothing of rotation.
 """
 
 from collections.abc import Iterator

@@ -1,0 +1,173 @@
+"""Readings that are wrong: not finite, a spike, clipped, stuck. None of them may move the bias."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.sim.motion import Still
+from bridge.sim.script import swing
+from bridge.wire.messages import SampleBatch, SampleFlag
+from bridge.wire.refusal import Reason
+from estimator.finite import runs
+from estimator.session import DeviceSession
+from tests.estimator.stream import NAME, Stream, calibration, feed, rates
+
+Floats = NDArray[np.float64]
+FULL_SCALE = np.radians(2000.0)
+RESTED_S, MOVED_S = 10.0, 12.0
+
+
+@pytest.fixture(scope="module")
+def worn() -> Stream:
+    """Calibrated, then rest, movement and rest."""
+    rng = np.random.default_rng(8)
+    moves = [swing(rng, MOVED_S / 3, np.radians(120.0)) for _ in range(3)]
+    return calibration(seed=8, after=[Still(RESTED_S), *moves, Still(RESTED_S)])
+
+
+def at_rest(of: Stream) -> int:
+    """A sample in the middle of the first rest after calibration."""
+    return of.at(of.time[-1] - 1.5 * RESTED_S - MOVED_S)
+
+
+def in_motion(of: Stream) -> int:
+    return of.at(of.time[-1] - RESTED_S - 0.6 * MOVED_S)
+
+
+def lived(of: Stream, clipped: slice | None = None) -> DeviceSession:
+    device = DeviceSession(NAME)
+    for batch in of.batches():
+        flags = batch.flags.copy()
+        if clipped is not None:
+            number = batch.sequence + np.arange(len(batch))
+            flags[(number >= clipped.start) & (number < clipped.stop)] = SampleFlag.CLIPPED
+        feed(device, [replace(batch, flags=flags)])
+    assert device.calibration is not None
+    return device
+
+
+def apart_dps(one: DeviceSession, other: DeviceSession) -> float:
+    return float(np.degrees(np.abs(one.tracker.bias - other.tracker.bias).max()))
+
+
+def spoilt(of: Stream, at: slice, gyro: Floats | float) -> Stream:
+    """The same stream with other readings in some of its samples."""
+    readings = of.gyro.copy()
+    readings[at] = gyro
+    return replace(of, gyro=readings)
+
+
+# ---- not finite ---------------------------------------------------------------------------------------------------
+
+MILLION = 1_000_000
+BURSTS = 100
+
+
+def infested(of: Stream, rng: np.random.Generator) -> tuple[Stream, NDArray[np.bool_]]:
+    """A stream with a million more samples that are not finite, alone, in pairs and in long runs; and which are good."""
+    n = len(of)
+    more = rng.integers(0, 3, n)
+    more[-1] = 0
+    long = rng.choice(n - 1, BURSTS, replace=False)
+    more[long] = 0
+    more[long] = np.diff(np.linspace(0, MILLION - more.sum(), BURSTS + 1).astype(int))
+    source = np.repeat(np.arange(n), 1 + more)
+    first = np.cumsum(1 + more) - 1 - more
+    good = np.zeros(len(source), bool)
+    good[first] = True
+    after = np.arange(len(source)) - first[source]
+    between = np.diff(of.ticks, append=of.ticks[-1] + 1)[source]
+    bad = of.only(source)
+    ticks = bad.ticks + (after * between) // (1 + more[source])
+    readings = np.hstack([bad.gyro, bad.accel])
+    where = np.flatnonzero(~good)
+    assert len(where) == MILLION
+    readings[where, rng.integers(0, 6, MILLION)] = rng.choice([np.nan, np.inf, -np.inf], MILLION)
+    readings[where[::3], 0] = np.nan
+    return replace(bad, ticks=ticks, gyro=readings[:, :3], accel=readings[:, 3:]), good
+
+
+def only_good(batches: Iterable[SampleBatch], good: NDArray[np.bool_]) -> list[SampleBatch]:
+    """What a bridge would have sent that had never read the others: their numbers are missing."""
+    kept = []
+    for batch in batches:
+        mine = good[batch.sequence : batch.sequence + len(batch)]
+        edges = np.flatnonzero(np.diff(mine, prepend=False, append=False))
+        for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            since_ns = int(batch.ticks[a] - batch.ticks[0]) * 1000
+            kept.append(
+                replace(
+                    batch,
+                    sequence=batch.sequence + a,
+                    start_time_ns=batch.start_time_ns + since_ns,
+                    ticks=batch.ticks[a:b],
+                    gyro=batch.gyro[a:b],
+                    accel=None if batch.accel is None else batch.accel[a:b],
+                    temperature_c=None if batch.temperature_c is None else batch.temperature_c[a:b],
+                    flags=batch.flags[a:b],
+                )
+            )
+    return kept
+
+
+def test_a_million_readings_that_are_not_finite_change_not_one_bit(worn: Stream) -> None:
+    rng = np.random.default_rng(0)
+    stream, good = infested(worn, rng)
+    # Some batches begin or end within a long run, and some consist of nothing else.
+    edges = sorted({*np.flatnonzero(good)[10::10].tolist(), *range(1, len(stream), 4000)})
+    batches = stream.batches(edges)
+    assert any(not good[a:b].any() for a, b in pairwise(edges))
+    device, clean = DeviceSession(NAME), DeviceSession(NAME)
+    outcome, expected = feed(device, batches), feed(clean, only_good(batches, good))
+    assert clean.calibration is not None
+    for name in ("x", "P"):
+        np.testing.assert_array_equal(getattr(device.tracker.state, name), getattr(clean.tracker.state, name))
+    assert device.tracker.state.time == clean.tracker.state.time
+    np.testing.assert_array_equal(rates(outcome.corrected), rates(expected.corrected))
+    for column in (
+        lambda b: b.sequence + np.arange(len(b)),
+        lambda b: b.ticks,
+        lambda b: b.bias,
+        lambda b: b.start_time_ns,
+    ):
+        mine, theirs = ([column(b) for b in batches] for batches in (outcome.corrected, expected.corrected))
+        np.testing.assert_array_equal(np.hstack(mine), np.hstack(theirs))
+    assert np.isfinite(rates(outcome.corrected)).all()
+    status = device.status(1)
+    assert status.dropped == {Reason.NON_FINITE: MILLION}
+    assert status.samples_out == len(worn)
+    assert status.samples_in == status.samples_out + MILLION
+
+
+def test_a_device_that_sends_nothing_else_is_heard_and_believed_nothing() -> None:
+    worn = calibration(seed=1)
+    device = DeviceSession(NAME)
+    before = device.tracker.state
+    outcome = feed(device, spoilt(worn, slice(None), np.nan).batches())
+    assert outcome.corrected == []
+    np.testing.assert_array_equal(device.tracker.state.P, before.P)
+    status = device.status(1)
+    assert (status.samples_out, status.dropped) == (0, {Reason.NON_FINITE: len(worn)})
+    assert status.rate_hz == 0.0
+
+
+def test_where_all_is_well_nothing_is_cut(worn: Stream) -> None:
+    (batch,) = worn.part(0, 100).batches([])
+    assert runs(batch, 7) == [(7, 100)]
+    assert runs(replace(batch, accel=None), 0) == [(0, 100)]
+
+
+@pytest.mark.parametrize("column", ["gyro", "accel"])
+def test_only_what_is_new_is_looked_at(worn: Stream, column: str) -> None:
+    (batch,) = worn.part(0, 10).batches([])
+    readings = getattr(batch, column).copy()
+    readings[[0, 4, 9], 1] = np.inf
+    spoilt = replace(batch, **{column: readings})
+    assert runs(spoilt, 0) == [(1, 4), (5, 9)]
+    assert runs(spoilt, 2) == [(2, 4), (5, 9)]
+    assert runs(spoilt, 5) == [(5, 9)]
+    assert runs(spoilt, 9) == []
