@@ -9,12 +9,16 @@ from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from estimator.gyro import PriorKnobs
 from estimator.session import DeviceSession, SessionKnobs
-from estimator.stillness import Stillness
-from estimator.track.bias_filter import BiasFilter, BiasKnobs, BiasState
-from estimator.track.zaru import Zaru, ZaruKnobs
-from tests.estimator.stream import NAME, Stream, calibration, feed, stream
+from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, BiasState, Evidence, start
+from estimator.track.tracker import TrackKnobs
+from estimator.track.zaru import ZaruKnobs
+from tests.estimator.stream import NAME, calibration, feed, stream
+from tests.estimator.track.worn import Worn
 
-NAN = float("nan")
+#: parts whose bias walks and follows temperature as the knobs below believe; a coefficient is uniform within its limits
+RRW_DPS = 0.002
+WALKING = BiasKnobs(rate_random_walk=np.radians(RRW_DPS))
+PER_KELVIN_DPS = float(np.degrees(WALKING.per_kelvin) * np.sqrt(3))
 
 
 def band(n: int) -> tuple[float, float]:
@@ -24,8 +28,8 @@ def band(n: int) -> tuple[float, float]:
 
 
 def nees(state: BiasState, truth: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
-    error = state.x - truth
-    return float(error @ np.linalg.solve(state.P, error)) / 3
+    error = state.bias - truth
+    return float(error @ np.linalg.solve(state.bias_cov, error)) / 3
 
 
 @pytest.mark.parametrize("walk_factor", [0.5, 1.0, 2.0])
@@ -38,14 +42,15 @@ def test_on_a_random_walk_of_its_own_kind_it_is_consistent_and_on_another_it_is_
     for _ in range(60):
         P0 = np.radians(0.01) ** 2 * np.eye(3)
         truth = np.radians(0.01) * rng.normal(size=3)
-        bias = BiasFilter(BiasState(np.zeros(3), P0, 0.0), knobs)
+        bias = BiasFilter(start(np.zeros(3), P0, 0.0, knobs), knobs)
         time = 0.0
         for _ in range(12):
             dt = rng.uniform(1.0, 20.0)
             time += dt
             truth = truth + walk_factor * knobs.rate_random_walk * np.sqrt(dt) * rng.normal(size=3)
             bias.predict(time)
-            bias.update("zaru", truth + sigma * rng.normal(size=3), sigma**2 * np.eye(3))
+            z = truth + sigma * rng.normal(size=3)
+            bias.update(Evidence("zaru", z, np.eye(3, OWN), sigma**2 * np.eye(3), GATES[3]))
         bias.predict(time + 30.0)
         truth = truth + walk_factor * knobs.rate_random_walk * np.sqrt(30.0) * rng.normal(size=3)
         found.append(nees(bias.state, truth))
@@ -54,38 +59,31 @@ def test_on_a_random_walk_of_its_own_kind_it_is_consistent_and_on_another_it_is_
     assert inside is (walk_factor == 1.0), (np.mean(found), low, high)
 
 
-def rested(of: Stream) -> BiasFilter:
-    """Rests of a stream through recognition and evidence, as live."""
-    stillness, zaru = Stillness(), Zaru()
-    start = of.bias[0] + np.radians(0.005) * np.random.default_rng(len(of)).normal(size=3)
-    bias = BiasFilter(BiasState(start, np.radians(0.005) ** 2 * np.eye(3), 0.0))
-    for window in stillness.feed(of.time, of.gyro, of.accel):
-        zaru.window(window, bias, NAN)
-    bias.predict(float(of.time[-1]))
-    return bias
+def worn(seed: int, walk_factor: float, *, accel: bool) -> float:
+    """NEES after rests between movements, through recognition and evidence, as live."""
+    rng = np.random.default_rng(seed)
+    pieces = [p for _ in range(4) for p in (Still(4.0), swing(rng, 4.0, np.radians(90.0)))]
+    walk = walk_factor * float(np.degrees(BiasKnobs().rate_random_walk))
+    of = stream(pieces, 32.0, seed=seed, spec=ImuSpec(scale=(1.0, 1.0), rrw_dps_per_sqrt_s=walk))
+    begin = of.bias[0] + np.radians(0.005) * np.random.default_rng([seed, 1]).normal(size=3)
+    tracker = Worn.new(begin, 0.005).lives(of, accel=accel).tracker
+    return nees(tracker.state, of.bias[min(of.at(tracker.time), len(of) - 1)])
 
 
-def test_over_simulated_wear_it_is_not_overconfident() -> None:
+AIDED = pytest.mark.parametrize("accel", [True, False], ids=["aided", "gyro only"])
+
+
+@AIDED
+def test_over_simulated_wear_it_is_not_overconfident(accel: bool) -> None:
     """Walk as the filter assumes it, movement between rests; the quasi-static allowance makes it a little modest."""
-    walk = float(np.degrees(BiasKnobs().rate_random_walk))
-    found = []
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        pieces = [p for _ in range(4) for p in (Still(4.0), swing(rng, 4.0, np.radians(90.0)))]
-        of = stream(pieces, 32.0, seed=seed, spec=ImuSpec(rrw_dps_per_sqrt_s=walk))
-        found.append(nees(rested(of).state, of.bias[-1]))
+    found = [worn(seed, 1.0, accel=accel) for seed in range(30)]
     assert 0.4 < np.mean(found) < band(len(found))[1]
 
 
-def test_without_the_walk_it_would_be() -> None:
-    """The same with a bias that walks five times as far: the test above can fail."""
-    walk = float(np.degrees(BiasKnobs().rate_random_walk))
-    found = []
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        pieces = [p for _ in range(4) for p in (Still(4.0), swing(rng, 4.0, np.radians(90.0)))]
-        of = stream(pieces, 32.0, seed=seed, spec=ImuSpec(rrw_dps_per_sqrt_s=5 * walk))
-        found.append(nees(rested(of).state, of.bias[-1]))
+@AIDED
+def test_with_a_bias_that_walks_faster_it_would_be(accel: bool) -> None:
+    """Five times as far: the test above can fail."""
+    found = [worn(seed, 5.0, accel=accel) for seed in range(10)]
     assert np.mean(found) > band(len(found))[1]
 
 
@@ -95,9 +93,8 @@ def test_coarse_gyros_are_not_believed_beyond_their_step() -> None:
         of = stream([Still(25.0)], 25.0, seed=seed, spec=ImuSpec(noise_dps=float(noise), step_dps=0.061))
         device = DeviceSession(NAME)
         feed(device, of.batches())
-        assert device.tracker.state is not None
         state = device.tracker.state
-        scores.append((state.x - of.bias[-1]) / state.std)
+        scores.append((state.bias - of.bias[-1]) / state.std)
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
     assert np.abs(scores).max() < 4
 
@@ -108,13 +105,17 @@ def test_published_deviations_of_corrected_rates_are_honest(misalignment_deg: fl
 
     Elements of the misalignment are uniform within ±1°: 0.01 rms, as a part is believed to be made.
     """
-    knobs = SessionKnobs(prior=PriorKnobs(misalignment_std=np.radians(misalignment_deg) / np.sqrt(3)))
+    prior = PriorKnobs(misalignment_std=np.radians(misalignment_deg) / np.sqrt(3))
+    knobs = SessionKnobs(prior=prior, track=TrackKnobs(bias=WALKING))
     scores, resting = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         wear = [p for _ in range(4) for p in (swing(rng, 4.0, np.radians(100.0)), Still(3.0))]
         spec = ImuSpec(
-            rrw_dps_per_sqrt_s=0.002, bias_dps_per_kelvin=0.03, warm_up_s=60.0, misalignment_deg=misalignment_deg
+            rrw_dps_per_sqrt_s=RRW_DPS,
+            bias_dps_per_kelvin=PER_KELVIN_DPS,
+            warm_up_s=60.0,
+            misalignment_deg=misalignment_deg,
         )
         of = calibration(seed=seed, spec=spec, after=wear)
         corrected = [b for b in feed(DeviceSession(NAME, knobs), of.batches()).corrected if b.quality.name == "GOOD"]
@@ -132,12 +133,11 @@ def test_published_deviations_of_corrected_rates_are_honest(misalignment_deg: fl
 def test_calibrated_bias_is_honest_from_the_first_good_sample() -> None:
     found = []
     for seed in range(24):
-        of = calibration(seed=seed, spec=ImuSpec(rrw_dps_per_sqrt_s=0.002))
-        device = DeviceSession(NAME)
+        of = calibration(seed=seed, spec=ImuSpec(rrw_dps_per_sqrt_s=RRW_DPS, bias_dps_per_kelvin=PER_KELVIN_DPS))
+        device = DeviceSession(NAME, SessionKnobs(track=TrackKnobs(bias=WALKING)))
         for batch in of.batches():
             if feed(device, [batch]).calibration is not None:
                 break
-        assert device.tracker.state is not None
         found.append(nees(device.tracker.state, of.bias[batch.sequence + len(batch) - 1]))
     assert 0.3 < np.mean(found) < band(len(found))[1]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from bridge.drivers.replayed import Playback
 from bridge.intake import Intake
@@ -44,6 +45,10 @@ def same(one: Corrected, other: Corrected) -> bool:
     )
 
 
+def rms(of: Floats) -> float:
+    return float(np.sqrt(np.mean(of**2)))
+
+
 @pytest.fixture(scope="module")
 def day() -> Stream:
     """Calibrated within 30 s, then worn for two minutes."""
@@ -73,8 +78,17 @@ def test_against_the_truth(day: Stream, corrected: Corrected) -> None:
     np.testing.assert_allclose(np.diag(corrected.matrix), day.truth.k, atol=3e-4)
     error, bias_error = (corrected.rate - day.rate)[good], (corrected.bias - day.bias)[good]
     assert np.degrees(np.sqrt(np.mean(error**2))) < 0.06
-    for off, std in ((error, corrected.rate_std[good]), (bias_error, corrected.bias_std[good])):
-        assert 0.3 < np.sqrt(np.mean((off / std) ** 2)) < 1.5, "the deviation is that of the error"
+    assert 0.3 < rms(error / corrected.rate_std[good]) < 1.5, "the deviation is that of the error"
+    # Timid: how the bias follows temperature is not known beforehand, and rests of four seconds tell it slowly.
+    assert 0.1 < rms(bias_error / corrected.bias_std[good]) < 1.5
+
+
+def test_at_an_even_temperature_the_deviation_of_the_bias_is_that_of_its_error() -> None:
+    even = replace(DEMO_SPEC, accel_bias=0.0, temperature_c=(30.0, 30.0))
+    day = calibration(seed=1, after=pieces(1, 18), spec=even)
+    found = correct(recorded(day))
+    good = found.quality == Quality.GOOD
+    assert 0.5 < rms((found.bias - day.bias)[good] / found.bias_std[good]) < 1.5
 
 
 def test_nothing_is_known_before_it_came(day: Stream, corrected: Corrected) -> None:
@@ -224,9 +238,11 @@ def test_outside_of_what_was_smoothed_the_bias_wanders_on(day: Stream, monkeypat
 
 
 def test_doubt_that_was_never_cleared_stays(day: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reading off about the vertical, in whatever pose: gravity cannot tell it from a slow turn, so it is not learnt."""
     jump = day.at(100.0)
     off = np.where(np.arange(len(day)) >= jump, np.radians(1.0), 0.0)
-    of = replace(recorded(day), gyro=day.gyro + off[:, None])
+    up = Rotation.from_quat(day.attitude, scalar_first=True).inv().apply([0.0, 0.0, 1.0])
+    of = replace(recorded(day), gyro=day.gyro + off[:, None] * up)
     smoother(monkeypatch, known(day, 0.0, 150.0))
     found = correct(of, smooth=True)
     assert found.quality[0] == Quality.GOOD

@@ -85,4 +85,4 @@ class Worn:
 
     def error_dps(self, of: Stream) -> Floats:
         """(3,) how far the bias is off, °/s, at the end of the stream."""
-        return np.degrees(self.tracker.bias - of.bias[-1])
+        return np.asarray(np.degrees(self.tracker.bias - of.bias[-1]))
