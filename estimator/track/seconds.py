@@ -71,6 +71,7 @@ class Seconds:
         self._coming: list[Window] = []
         self._moved = -np.inf  # when the last window ended that was not still
         self._last_time = float("nan")
+        self._last_gyro = np.zeros((0, 3))
 
     def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags) -> None:
         """Hold samples (n,), (n, 3), (n, 3), (n,) until windows have judged them."""
@@ -92,8 +93,8 @@ class Seconds:
         """Let the samples of the next window go by, and those that wait."""
         waiting = sum(before.samples for before in (*self._windows, *self._coming))
         self._windows, self._coming = [], []
-        time, _, _, _ = self._draw(waiting + window.samples)
-        self._last_time = float(time[-1])
+        time, gyro, _, _ = self._draw(waiting + window.samples)
+        self._last_time, self._last_gyro = float(time[-1]), gyro[-1:]
 
     def _take(self, window: Window, noise_std: Floats) -> Iterator[Second]:
         turned = bool(self._windows) and self._windows[-1].still != window.still
@@ -108,7 +109,8 @@ class Seconds:
         time, gyro, accel, clipped = self._draw(sum(window.samples for window in windows))
         first = self._last_time if np.isfinite(self._last_time) else time[0] - float(np.median(np.diff(time)))
         dt = np.diff(time, prepend=first)
-        self._last_time = float(time[-1])
+        mended = self._despiked(time, gyro)
+        self._last_time, self._last_gyro = float(time[-1]), mended[-1:]
         mean, std = spread(gyro)
         accel_mean, accel_std = (None, None) if accel is None else spread(accel)
         step = least_step(gyro)
@@ -116,7 +118,7 @@ class Seconds:
             start=float(first),
             end=float(time[-1]),
             dt=dt,
-            gyro=self._despiked(gyro),
+            gyro=mended,
             accel=accel,
             still=all(window.still for window in windows),
             flaw=self._flaw(dt, std, step, clipped, noise_std),
@@ -153,19 +155,32 @@ class Seconds:
             return "stuck"
         return ""
 
-    def _despiked(self, gyro: Floats) -> Floats:
-        if len(gyro) < 5:
+    def _despiked(self, time: Floats, gyro: Floats) -> Floats:
+        """The readings (n, 3) with lone spikes mended; one before them and two after them are neighbours, too."""
+        n = len(gyro)
+        if n < 5:
             return gyro
-        between = 0.5 * (gyro[:-2] + gyro[2:])
-        off = np.abs(gyro[1:-1] - between)
+        # Where there is no neighbour a reading is its own.
+        before = self._last_gyro if time[0] - self._last_time <= self.knobs.gap_s else gyro[:1]
+        near = bool(self._samples) and self._samples[0][0][0] - time[-1] <= self.knobs.gap_s
+        after = self._following(2) if near else np.repeat(gyro[-1:], 2, axis=0)
+        around = np.concatenate([before, gyro, after])
+        between = 0.5 * (around[:-2] + around[2:])
+        off = np.abs(around[1:-1] - between)
         if off.max() <= self.knobs.spike:
             return gyro
         # A spike also spoils its neighbours' means, by half of itself.
-        worst = off >= np.maximum(np.maximum(off, np.roll(off, 1, axis=0)), np.roll(off, -1, axis=0))
+        worst = off >= np.maximum(off, np.maximum(np.roll(off, 1, axis=0), np.roll(off, -1, axis=0)))
         lone = worst & (off > self.knobs.spike) & (off > self.knobs.spike_factor * np.median(off, axis=0))
+        lone, between = lone[:n], between[:n]
         if not lone.any():
             return gyro
         self.refused.add("spike", int(lone.any(axis=1).sum()))
-        mended = gyro.copy()
-        mended[1:-1][lone] = between[lone]
-        return mended
+        return np.where(lone, between, gyro)
+
+    def _following(self, n: int) -> Floats:
+        """(n, 3) the next readings that are held."""
+        following: list[Floats] = []
+        for _, gyro, _, _ in self._samples:
+            following += list(gyro[: n - len(following)])
+        return np.array(following)

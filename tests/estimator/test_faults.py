@@ -38,7 +38,7 @@ def in_motion(of: Stream) -> int:
     return of.at(of.time[-1] - RESTED_S - 0.6 * MOVED_S)
 
 
-def lived(of: Stream, clipped: slice | None = None) -> DeviceSession:
+def lived(of: Stream, *, clipped: slice | None = None) -> DeviceSession:
     device = DeviceSession(NAME)
     for batch in of.batches():
         flags = batch.flags.copy()
@@ -171,3 +171,59 @@ def test_only_what_is_new_is_looked_at(worn: Stream, column: str) -> None:
     assert runs(spoilt, 2) == [(2, 4), (5, 9)]
     assert runs(spoilt, 5) == [(5, 9)]
     assert runs(spoilt, 9) == []
+
+
+# ---- spikes -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axes", [[1], [0, 1, 2]])
+def test_a_spike_in_motion_is_as_if_it_had_not_been(worn: Stream, sign: float, axes: list[int]) -> None:
+    whole = lived(worn)
+    for place in (0, 37):
+        at = in_motion(worn) + place
+        reading = worn.gyro[at].copy()
+        reading[axes] = sign * FULL_SCALE
+        spiked = lived(spoilt(worn, slice(at, at + 1), reading))
+        assert 0 < apart_dps(spiked, whole) < 1e-4
+        assert spiked.tracker.seconds.refused.as_dict() == {"spike": 1}
+
+
+def test_a_spike_at_rest_costs_a_moment_of_rest_and_its_size_counts_for_nothing(worn: Stream) -> None:
+    whole, at = lived(worn), at_rest(worn)
+    spiked = []
+    for size in (FULL_SCALE, -FULL_SCALE, FULL_SCALE / 3):
+        reading = worn.gyro[at].copy()
+        reading[1] = size
+        spiked.append(lived(spoilt(worn, slice(at, at + 1), reading)))
+    for one in spiked:
+        assert (apart_dps(one, whole) < 0.5 * np.degrees(one.tracker.std)).all()
+        assert apart_dps(one, spiked[0]) < 1e-8
+
+
+# ---- clipped and stuck --------------------------------------------------------------------------------------------
+
+
+def test_a_second_of_saturation_leaves_the_bias_within_its_deviation(worn: Stream) -> None:
+    whole, at = lived(worn), in_motion(worn)
+    second = slice(at, at + 104)
+    limited = np.minimum(worn.gyro[second], np.radians(5.0))
+    assert (limited < worn.gyro[second]).any()
+    clipped = lived(spoilt(worn, second, limited), clipped=second)
+    assert (apart_dps(clipped, whole) < np.degrees(clipped.tracker.std)).all()
+    unmarked = lived(spoilt(worn, second, limited))
+    assert apart_dps(unmarked, whole) > 3 * apart_dps(clipped, whole) > 0, "the mark is what counts"
+
+
+def test_an_axis_that_is_stuck_is_no_evidence(worn: Stream) -> None:
+    device, at = DeviceSession(NAME), at_rest(worn) // 10 * 10
+    stuck = slice(at, at + 5 * 104)
+    readings = worn.gyro.copy()
+    readings[stuck, 1] = worn.bias[at, 1] + np.radians(0.2)  # near enough to be taken for rest
+    broken = replace(worn, gyro=readings)
+    feed(device, broken.part(0, at + 104).batches())
+    before, std = device.tracker.bias, device.tracker.std
+    feed(device, broken.part(at + 104, stuck.stop).batches(first=at + 104))
+    np.testing.assert_allclose(device.tracker.bias[1], before[1], atol=std[1])
+    assert device.tracker.std[1] > std[1]
+    assert device.tracker.evidence_age(broken.time[stuck.stop]) > 3.0
