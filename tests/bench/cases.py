@@ -129,7 +129,15 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
         return Track(bias_by_optics(changed, matrix_of([trial]), walk, Prior().bias_std))
 
     return Case(
-        trial.name, changed.rate_hz, changed.gyro, changed.accel, None, changed.bias, judge, prior=prior, limit=limit
+        trial.name,
+        changed.rate_hz,
+        changed.gyro,
+        changed.accel,
+        None,
+        changed.bias,
+        judge,
+        prior=prior,
+        limit=limit if name in _LIMITED else None,
     )
 
 
