@@ -128,6 +128,7 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
         walk = _RAMP_WALK if name.startswith("ramp") else _WALK
         return Track(bias_by_optics(changed, matrix_of([trial]), walk, Prior().bias_std))
 
+    shown = limit if name in _LIMITED else None
     return Case(
         trial.name,
         changed.rate_hz,

@@ -1,8 +1,9 @@
 """Readings that are wrong: not finite, a spike, clipped, stuck. None of them may move the bias."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
-from bridge.wire.messages import SampleBatch, SampleFlag
+from bridge.wire.messages import CorrectedBatch, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason
 from estimator.finite import runs
 from estimator.session import DeviceSession
@@ -82,7 +83,7 @@ def infested(of: Stream, rng: np.random.Generator) -> tuple[Stream, NDArray[np.b
     after = np.arange(len(source)) - first[source]
     between = np.diff(of.ticks, append=of.ticks[-1] + 1)[source]
     bad = of.only(source)
-    ticks = bad.ticks + (after * between) // (1 + more[source])
+    ticks = (bad.ticks + (after * between) // (1 + more[source])).astype(np.int64)
     readings = np.hstack([bad.gyro, bad.accel])
     where = np.flatnonzero(~good)
     assert len(where) == MILLION
@@ -128,12 +129,13 @@ def test_a_million_readings_that_are_not_finite_change_not_one_bit(worn: Stream)
         np.testing.assert_array_equal(getattr(device.tracker.state, name), getattr(clean.tracker.state, name))
     assert device.tracker.state.time == clean.tracker.state.time
     np.testing.assert_array_equal(rates(outcome.corrected), rates(expected.corrected))
-    for column in (
+    columns: tuple[Callable[[CorrectedBatch], Any], ...] = (
         lambda b: b.sequence + np.arange(len(b)),
         lambda b: b.ticks,
         lambda b: b.bias,
         lambda b: b.start_time_ns,
-    ):
+    )
+    for column in columns:
         mine, theirs = ([column(b) for b in batches] for batches in (outcome.corrected, expected.corrected))
         np.testing.assert_array_equal(np.hstack(mine), np.hstack(theirs))
     assert np.isfinite(rates(outcome.corrected)).all()

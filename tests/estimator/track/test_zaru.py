@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.sim.motion import Spin, Still
+from bridge.sim.motion import Piece, Spin, Still
 from estimator.track.bias_filter import BiasFilter, BiasKnobs, Receipt, start
 from estimator.track.seconds import Second
 from estimator.track.zaru import REFUSED_TILT, UNPROVEN, Zaru, ZaruKnobs
@@ -148,7 +148,7 @@ def test_a_slow_real_turn_is_not_swallowed(rate_dps: float, axis: int) -> None:
 
 def turned(rate_dps: float, axis: int, noise_dps: float, seed: int) -> Stream:
     """A minute's rest on a table, a minute's even turn about an axis, the z axis up, and rest."""
-    pieces = [Still(60.0), Spin(60.0, np.eye(3)[axis], np.radians(rate_dps), 1.0), Still(10.0)]
+    pieces: list[Piece] = [Still(60.0), Spin(60.0, np.eye(3)[axis], np.radians(rate_dps), 1.0), Still(10.0)]
     return stream(pieces, 130.0, seed=seed, spec=replace(PLAIN, noise_dps=noise_dps), attitude=LEVEL)
 
 
