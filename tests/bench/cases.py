@@ -138,7 +138,7 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
         changed.bias,
         judge,
         prior=prior,
-        limit=limit if name in _LIMITED else None,
+        limit=shown,
     )
 
 
