@@ -182,9 +182,9 @@ class DeviceSession:
             outcome.changed = True
             outcome.said.append("heard again")
         finite = runs(batch, first)
-        self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - start for start, end in finite))
-        for start, end in finite:
-            self._take(batch, start, end, away_s, outcome)
+        self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - begin for begin, end in finite))
+        for begin, end in finite:
+            self._take(batch, begin, end, away_s, outcome)
         return outcome
 
     def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> None:

@@ -82,7 +82,7 @@ def infested(of: Stream, rng: np.random.Generator) -> tuple[Stream, NDArray[np.b
     after = np.arange(len(source)) - first[source]
     between = np.diff(of.ticks, append=of.ticks[-1] + 1)[source]
     bad = of.only(source)
-    ticks = bad.ticks + (after * between) // (1 + more[source])
+    ticks = (bad.ticks + (after * between) // (1 + more[source])).astype(np.int64)
     readings = np.hstack([bad.gyro, bad.accel])
     where = np.flatnonzero(~good)
     assert len(where) == MILLION

@@ -62,7 +62,7 @@ def test_at_rest_nothing_turns_and_the_push_is_gravity() -> None:
     np.testing.assert_allclose(span.end, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(span.push, up)
     np.testing.assert_allclose(span.by_bias, -MATRIX)
-    assert (span.way, span.unrest) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.0, abs=1e-12))
+    np.testing.assert_allclose([span.way, span.unrest], 0.0, atol=1e-12)
 
 
 STEP = 1e-6

@@ -88,7 +88,7 @@ def test_a_lone_spike_is_mended_and_counted_wherever_it_is(place: int, size: flo
 
 @pytest.mark.parametrize("damage", [{"clipped": 150}, {"silent": (150, 0.3)}])
 def test_a_second_with_a_clipped_reading_or_a_hole_is_flawed_and_no_other(damage: dict[str, object]) -> None:
-    found, _ = cut(noise(50), [True] * 50, **damage)
+    found, _ = cut(noise(50), [True] * 50, **damage)  # type: ignore[arg-type]
     assert [s.flaw for s in found if s.flaw] == ["clipped" if "clipped" in damage else "gap"]
     assert found[1].flaw
 
