@@ -121,7 +121,7 @@ class Seconds:
             gyro=mended,
             accel=accel,
             still=all(window.still for window in windows),
-            flaw=self._flaw(dt, std, step, clipped, noise_std),
+            flaw=self._flaw(dt, gyro, step, clipped, noise_std),
             mean=mean,
             std=std,
             step=step,
@@ -145,13 +145,13 @@ class Seconds:
         both = np.concatenate(known) if len(known) == len(accels) else None
         return np.concatenate(times), np.concatenate(gyros), both, np.concatenate(flags)
 
-    def _flaw(self, dt: Floats, std: Floats, step: Floats, clipped: Flags, noise_std: Floats) -> str:
+    def _flaw(self, dt: Floats, gyro: Floats, step: Floats, clipped: Flags, noise_std: Floats) -> str:
         if clipped.any():
             return "clipped"
         if dt.max() > self.knobs.gap_s:
             return "gap"
         # A gyro coarser than its noise may well repeat itself at rest; one that showed noise before may not.
-        if ((std == 0) & (noise_std > step / 2) & (noise_std > 1e-6)).any():
+        if ((gyro == gyro[0]).all(axis=0) & (noise_std > step / 2) & (noise_std > 1e-6)).any():
             return "stuck"
         return ""
 
