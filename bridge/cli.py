@@ -8,12 +8,14 @@ from pathlib import Path
 
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
-from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, load
+from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, load
 from bridge.drivers import registry
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.process import connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
+from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
+from bridge.virtual_ximu3.show import MOST_DEVICES, Wanted, show
 from bridge.ward import Ward
 from bridge.wire import keys
 
@@ -52,12 +54,33 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     replay.add_argument("--device", required=True, metavar="ID", help="the device it stands for")
     replay.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
     replay.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, where the file does not say it")
-    replay.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
-    )
-    replay.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
-    replay.add_argument("--config", type=Path, help="take ward and router from this file")
+    _add_ward(replay)
     replay.set_defaults(run=_guarded(_replay))
+
+    shown = _parser(
+        inner,
+        "ximu3",
+        "show devices of a ward as x-IMU3s, to x-io's GUI and whatever reads those",
+        "truerate bridge ximu3 --config configs/ward.toml --device chest --udp 127.0.0.1:8000",
+    )
+    shown.add_argument(
+        "--device", action="append", default=[], metavar="ID", help="which (default: all that are heard)"
+    )
+    shown.add_argument("--raw", action="store_true", help="raw rates rather than corrected ones")
+    shown.add_argument(
+        "--udp",
+        metavar="HOST:PORT",
+        help="send there; the next device to the next port (default 127.0.0.1:8000, unless there is --tcp)",
+    )
+    shown.add_argument("--tcp", metavar="[HOST:]PORT", help="listen there; the next device at the next port")
+    shown.add_argument(
+        "--announce",
+        default="127.0.0.1",
+        metavar="HOST",
+        help="tell this host, or broadcast address, of them (default 127.0.0.1)",
+    )
+    _add_ward(shown)
+    shown.set_defaults(run=_guarded(_shown))
 
     router = _parser(verbs, "router", "run zenoh's router here", f"truerate router --listen {LOCAL}")
     router.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
@@ -67,6 +90,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
 def _parser(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
     return verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: {example}")
+
+
+def _add_ward(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+    )
+    verb.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
+    verb.add_argument("--config", type=Path, help="take ward and router from this file")
 
 
 def _guarded(run: Run) -> Run:
@@ -95,12 +126,46 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    root = load(args.config, Root) if args.config else Root(ward=args.ward or "ward")
-    connect = check_endpoints(args.connect, "--connect") if args.connect else root.bus.connect
+    ward, connect = _ward_of(args)
     load_recording(args.file, args.rate_hz)  # a bad file is said at once, not tried again and again
     options = ReplayedOptions(file=str(args.file), speed=args.speed, rate_hz=args.rate_hz)
     bridge = Bridge(id=f"replay-{args.device}"[:32], devices=(Device.from_table(_table(args.device, options)),))
-    return _serve(args.ward or root.ward, bridge, connect, patient=False)
+    return _serve(ward, bridge, connect, patient=False)
+
+
+def _ward_of(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+    """The ward's name and its routers."""
+    root = load(args.config, Root) if args.config else Root(ward=args.ward or "ward")
+    connect = check_endpoints(args.connect, "--connect") if args.connect else root.bus.connect
+    return check(args.ward or root.ward, "--ward"), connect
+
+
+def _shown(args: argparse.Namespace) -> int:
+    ward, connect = _ward_of(args)
+    wanted = Wanted(
+        ward=ward,
+        devices=tuple(check(device, "--device") for device in dict.fromkeys(args.device)),
+        corrected=not args.raw,
+        udp=_address(args.udp or (None if args.tcp else "127.0.0.1:8000"), "--udp"),
+        tcp=_address(args.tcp, "--tcp"),
+        announce=Address(args.announce, ANNOUNCED_AT) if args.announce else None,
+    )
+    with stopped_by_signal() as stop:
+        bus = connected(connect, stop, patient=True)
+        if bus is not None:
+            with bus:
+                show(bus, wanted, stop)
+    return _DONE
+
+
+def _address(text: str | None, option: str) -> Address | None:
+    if text is None:
+        return None
+    host, _, port = text.rpartition(":")
+    highest = (1 << 16) - 1 - REPLY_PORT - MOST_DEVICES
+    if not (port.isascii() and port.isdigit() and 0 < int(port) <= highest):
+        raise ValueError(f"{option} {text!r} has no port from 1 to {highest}; one looks like 127.0.0.1:8000")
+    return Address(host or "127.0.0.1", int(port))
 
 
 def _table(device: str, options: ReplayedOptions) -> dict[str, object]:

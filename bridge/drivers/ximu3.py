@@ -1,0 +1,166 @@
+"""An x-IMU3 of x-io Technologies, and whatever speaks as it does: over USB, serial, TCP, UDP, or from a file."""
+
+from collections import deque
+from math import radians
+
+from bridge.drivers.assembly import About, Assembly, Vector
+from bridge.drivers.driver import Battery, Event, Identity, Notice
+from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
+from bridge.framing.lines import Lines
+from bridge.framing.packets import BadPacket
+from bridge.framing.ximu3 import LONGEST, Charge, Inertial, Message, Reply, Said, Temperature, decode
+from bridge.wire.refusal import Tally
+
+_G = 9.80665
+_GYRO_RANGE = radians(2000.0)
+_MODEL = "x-IMU3"
+_REMEMBERED = 3  # messages of each kind, for a person
+_PATIENCE_S, _MOST_HELD = 1.0, 1024  # how long, and how many samples, it is waited for who the device is
+_SEEN = 0.1  # of a period that was asked for
+
+
+class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """rate_hz: what it is to be told to send, 400 divided by a whole number; else what it sends is left as it is.
+
+    fastest_hz: its rate during a calibration; a serial line of 115200 baud carries no more than 200.
+    keep_settings: tell it nothing, ask only.
+    """
+
+    rate_hz: float | None = None
+    fastest_hz: float = SAMPLES_HZ
+    keep_settings: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, rate_hz in (("rate_hz", self.rate_hz), ("fastest_hz", self.fastest_hz)):
+            if rate_hz is not None and not 1 <= rate_hz <= SAMPLES_HZ:
+                raise ValueError(f"{name} is {rate_hz:g}; 1 to {SAMPLES_HZ:g} is taken")
+
+
+class Ximu3Decoder:
+    """The decoder. It asks who the device is, turns its own bias correction off, and sets its rate; none of it is needed."""
+
+    def __init__(self, options: Ximu3Options | None = None) -> None:
+        self.faults = Tally()
+        self._fastest_hz = options.fastest_hz if options else SAMPLES_HZ
+        self._settings = Settings(
+            options.rate_hz if options else None, writes=not options.keep_settings if options else True
+        )
+        self._lines = Lines(LONGEST, self.faults)
+        self._assembly = Assembly(self.faults, self._about(), 1e-6)
+        self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
+        self._temperature_c: float | None = None
+        self._time_us = 0  # of the latest sample
+        self._boot = 0  # that was told
+        self._held = 0  # samples since it was opened
+        self._patient_until_ns = 0
+
+    def opened(self) -> None:
+        """Ask everything anew."""
+        self._lines.opened()
+        self._assembly.opened()
+        self._settings.ask()
+        self._temperature_c = None
+        self._held = self._patient_until_ns = 0
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order."""
+        events: list[Event] = []
+        for line in self._lines.feed(data):
+            try:
+                message = decode(line)
+            except BadPacket as bad:
+                self.faults.add(bad.label)
+                continue
+            if message is not None:
+                events += self._took(message, receive_time_ns)
+        events += self._settings.passed(receive_time_ns)
+        if not self._waits(receive_time_ns):
+            events += self._assembled()
+        return events
+
+    def to_send(self) -> bytes:
+        """The next command: each by itself, as a datagram takes it."""
+        return self._settings.command()
+
+    def set_rate(self, rate_hz: float | None) -> None:
+        """Send at another rate for a while, at most 400 Hz; None: at the chosen one again."""
+        self._settings.pace(rate_hz)
+
+    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of decoders
+        """Send as fast as it can during a calibration."""
+        self.set_rate(self._fastest_hz if on else None)
+
+    def _took(self, message: Message, receive_time_ns: int) -> list[Event]:
+        match message:
+            case Inertial():
+                self._sample(message, receive_time_ns)
+            case Temperature():
+                self._temperature_c = message.celsius
+            case Charge():
+                return [Battery(message.percent, message.charging)]
+            case Said():
+                said = self._said[message.error]
+                said.append(message.text)
+                return [Notice("error" if message.error else "notification", " | ".join(said))]
+            case Reply():
+                notices = self._settings.took(message)
+                self._assembly.about = self._about()
+                return list(notices)
+        return []
+
+    def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
+        if not self._held and not self._settings.answered:
+            self._settings.ask()  # before it sent anything, questions may have led nowhere
+        self._held += 1
+        coming_us = self._settings.coming_us
+        if coming_us is not None and abs((sample.time_us - self._time_us) / coming_us - 1) < _SEEN:
+            self._settings.coming_us = None
+            self._assembly.paced(1e6 / coming_us)
+        self._time_us = sample.time_us
+        self._assembly.add(
+            sample.time_us,
+            _scaled(sample.gyro_dps, radians(1.0)),
+            _scaled(sample.accel_g, _G),
+            self._temperature_c,
+            receive_time_ns=receive_time_ns,
+        )
+
+    def _waits(self, now_ns: int) -> bool:
+        """Whether to wait for who it is: a calibration is found again by its name."""
+        if self._boot or not self._held or self._settings.answered:
+            return False
+        self._patient_until_ns = self._patient_until_ns or now_ns + round(_PATIENCE_S * 1e9)
+        return now_ns < self._patient_until_ns and self._held < _MOST_HELD
+
+    def _assembled(self) -> list[Event]:
+        events = self._assembly.events()
+        for event in events:
+            if isinstance(event, Identity) and event.boot != self._boot:
+                if self._boot:
+                    self._settings.ask()  # what was not saved is lost
+                self._boot = event.boot
+        return events
+
+    def _about(self) -> About:
+        settings = self._settings
+        hardware = f" (hardware {settings.hardware})" if settings.hardware else ""
+        return About(
+            model=f"{settings.name or _MODEL} {settings.serial}".rstrip(),
+            firmware=settings.firmware + hardware,
+            gyro_range=_GYRO_RANGE,
+            divided_hz=SAMPLES_HZ,
+        )
+
+
+def _scaled(vector: Vector, by: float) -> Vector:
+    return vector[0] * by, vector[1] * by, vector[2] * by
+
+
+KIND = stream_kind(
+    "ximu3",
+    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, fastest_hz, keep_settings",
+    Ximu3Options,
+    Ximu3Decoder,
+)

@@ -1,0 +1,162 @@
+"""Subscribe to devices of a ward and show each as an x-IMU3, on ports of its own."""
+
+import contextlib
+import logging
+import socket
+import threading
+import time
+from dataclasses import dataclass
+
+from bridge.bus.contract import Bus, Message, Subscription
+from bridge.virtual_ximu3.device import VirtualXimu3
+from bridge.virtual_ximu3.ports import Address, Ports, local
+from bridge.wire import codec, keys
+from bridge.wire.refusal import Reason, Refusal, Tally
+
+_TURN_S = 0.02
+_AT_ONCE = 4096
+_ANNOUNCE_EVERY_S = 1.0
+_SILENT_S = 5.0
+MOST_DEVICES = 64
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What to show and where. No devices: all that are heard. Each next device has the next port of each kind.
+
+    announce: the host or broadcast address to be told of them; None: nobody.
+    """
+
+    ward: str
+    devices: tuple[str, ...] = ()
+    corrected: bool = True
+    udp: Address | None = None
+    tcp: Address | None = None
+    announce: Address | None = None
+
+
+class Show:
+    """The devices shown. `turn` does what is due and waits for no more than a moment; one thread."""
+
+    def __init__(self, bus: Bus, wanted: Wanted) -> None:
+        self.refused = Tally()
+        self._wanted = wanted
+        self._ports: dict[str, Ports] = {}
+        self._without: set[str] = set()  # devices for which there was no port
+        self._heard: dict[str, tuple[str, float]] = {}  # device -> its bridge, and when
+        self._announced_s = float("-inf")
+        self._announce_to = wanted.announce and wanted.announce.resolved()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        self._subscriptions: list[Subscription] = []
+        try:
+            for device in wanted.devices:
+                self._add(device)
+        except OSError:
+            self.close()
+            raise
+        # Raw and info before corrected: accelerations and names come first.
+        self._subscriptions = [
+            bus.subscribe(keys.pattern(wanted.ward, what), history=what == "info")
+            for what in ("raw", "info", *(("corrected",) if wanted.corrected else ()))
+        ]
+
+    def turn(self) -> None:
+        """Pass on what came, answer, announce."""
+        *others, last = self._subscriptions
+        waited = last.drain(_AT_ONCE, _TURN_S)
+        for messages in (*(subscription.drain(_AT_ONCE, 0.0) for subscription in others), waited):
+            for message in messages:
+                self._take(message)
+        for ports in self._ports.values():
+            ports.serve()
+        self._announce()
+
+    def close(self) -> None:
+        """Close every port."""
+        for subscription in self._subscriptions:
+            subscription.close()
+        for ports in self._ports.values():
+            ports.close()
+        self._socket.close()
+
+    def _take(self, message: Message) -> None:
+        try:
+            key = keys.parse(message.key)
+            device = key.device
+            if self._wanted.devices and device not in self._wanted.devices:
+                return
+            bridge = key.ids.get("bridge")
+            if bridge is not None and not self._hears(device, bridge):
+                self.refused.add("another_bridge")
+                return
+            ports = self._ports.get(device) or self._found(device)
+            if ports is None:
+                self.refused.add("of_more_devices")
+                return
+            ports.send(_passed_on(ports.device, key.what, message))
+        except Refusal as refusal:
+            self.refused.add(refusal.reason)
+
+    def _hears(self, device: str, bridge: str) -> bool:
+        """One bridge a device, until it falls silent: two streams in one would be none."""
+        now_s = time.monotonic()
+        owner, heard_s = self._heard.get(device, (bridge, now_s))
+        if owner != bridge and now_s - heard_s < _SILENT_S:
+            return False
+        self._heard[device] = bridge, now_s
+        return True
+
+    def _found(self, device: str) -> Ports | None:
+        """The ports of a device that was not heard before; None where there is no room for it."""
+        if device in self._without or len(self._ports) + len(self._without) >= MOST_DEVICES:
+            return None
+        try:
+            return self._add(device)
+        except OSError as error:
+            _log.warning("%s: not shown: %s", device, error)
+            self._without.add(device)
+            return None
+
+    def _add(self, device: str) -> Ports:
+        n = len(self._ports) + len(self._without)
+        udp, tcp = self._wanted.udp, self._wanted.tcp
+        shown = VirtualXimu3(self._wanted.ward, device, corrected=self._wanted.corrected)
+        ports = Ports(shown, udp and udp.further(n), tcp and tcp.further(n))
+        self._ports[device] = ports
+        _log.info("%s: %s", device, ports.place)
+        return ports
+
+    def _announce(self) -> None:
+        to, now_s = self._announce_to, time.monotonic()
+        if to is None or now_s - self._announced_s < _ANNOUNCE_EVERY_S:
+            return
+        self._announced_s = now_s
+        with contextlib.suppress(OSError):  # nobody listens, or no network now
+            ip = local(to.host)
+            for ports in self._ports.values():
+                self._socket.sendto(ports.announcement(ip), to)
+
+
+def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
+    """Show them until stopped; raises OSError when a port is not to be had."""
+    shown = Show(bus, wanted)
+    try:
+        while not stop.is_set():
+            shown.turn()
+    finally:
+        shown.close()
+        if shown.refused.total():
+            _log.info("not shown: %s", ", ".join(f"{n} {reason}" for reason, n in shown.refused.as_dict().items()))
+
+
+def _passed_on(device: VirtualXimu3, what: str, message: Message) -> list[bytes]:
+    if what == "raw":
+        return device.took_raw(codec.decode_samples(*message))
+    if what == "info":
+        return device.took_info(codec.decode_info(*message))
+    if what == "corrected":
+        return device.took_corrected(codec.decode_corrected(*message))
+    raise Refusal(Reason.BAD_KEY, f"{what} was not subscribed to")
