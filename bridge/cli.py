@@ -142,9 +142,12 @@ def _ward_of(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
 
 def _shown(args: argparse.Namespace) -> int:
     ward, connect = _ward_of(args)
+    devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
+    if len(devices) > MOST_DEVICES:
+        raise ValueError(f"{len(devices)} devices are to be shown; at most {MOST_DEVICES} can be")
     wanted = Wanted(
         ward=ward,
-        devices=tuple(check(device, "--device") for device in dict.fromkeys(args.device)),
+        devices=devices,
         corrected=not args.raw,
         udp=_address(args.udp or (None if args.tcp else "127.0.0.1:8000"), "--udp"),
         tcp=_address(args.tcp, "--tcp"),

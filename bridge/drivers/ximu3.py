@@ -2,6 +2,7 @@
 
 from collections import deque
 from math import radians
+from typing import NamedTuple
 
 from bridge.drivers.assembly import About, Assembly, Vector
 from bridge.drivers.driver import Battery, Event, Identity, Notice
@@ -18,6 +19,12 @@ _MODEL = "x-IMU3"
 _REMEMBERED = 3  # messages of each kind, for a person
 _PATIENCE_S, _MOST_HELD = 1.0, 1024  # how long, and how many samples, it is waited for who the device is
 _SEEN = 0.1  # of a period that was asked for
+
+
+class _Held(NamedTuple):
+    sample: Inertial
+    temperature_c: float | None
+    receive_time_ns: int
 
 
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -53,16 +60,18 @@ class Ximu3Decoder:
         self._temperature_c: float | None = None
         self._time_us = 0  # of the latest sample
         self._boot = 0  # that was told
-        self._held = 0  # samples since it was opened
+        self._fresh = True  # nothing was received since it was opened
+        self._held: list[_Held] = []  # until it is known whose they are
         self._patient_until_ns = 0
 
     def opened(self) -> None:
         """Ask everything anew."""
+        self._release()
         self._lines.opened()
         self._assembly.opened()
         self._settings.ask()
         self._temperature_c = None
-        self._held = self._patient_until_ns = 0
+        self._fresh = True
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """The events these bytes complete, in order."""
@@ -77,8 +86,8 @@ class Ximu3Decoder:
                 events += self._took(message, receive_time_ns)
         events += self._settings.passed(receive_time_ns)
         if not self._waits(receive_time_ns):
-            events += self._assembled()
-        return events
+            self._release()
+        return events + self._assembled()
 
     def to_send(self) -> bytes:
         """The next command: each by itself, as a datagram takes it."""
@@ -111,9 +120,21 @@ class Ximu3Decoder:
         return []
 
     def _sample(self, sample: Inertial, receive_time_ns: int) -> None:
-        if not self._held and not self._settings.answered:
+        if self._fresh and not self._settings.answered:
             self._settings.ask()  # before it sent anything, questions may have led nowhere
-        self._held += 1
+        self._fresh = False
+        taken = _Held(sample, self._temperature_c, receive_time_ns)
+        if self._held or self._waits(receive_time_ns):
+            self._held.append(taken)
+        else:
+            self._add(*taken)
+
+    def _release(self) -> None:
+        held, self._held = self._held, []
+        for taken in held:
+            self._add(*taken)
+
+    def _add(self, sample: Inertial, temperature_c: float | None, receive_time_ns: int) -> None:
         coming_us = self._settings.coming_us
         if coming_us is not None and abs((sample.time_us - self._time_us) / coming_us - 1) < _SEEN:
             self._settings.coming_us = None
@@ -123,16 +144,17 @@ class Ximu3Decoder:
             sample.time_us,
             _scaled(sample.gyro_dps, radians(1.0)),
             _scaled(sample.accel_g, _G),
-            self._temperature_c,
+            temperature_c,
             receive_time_ns=receive_time_ns,
         )
 
     def _waits(self, now_ns: int) -> bool:
         """Whether to wait for who it is: a calibration is found again by its name."""
-        if self._boot or not self._held or self._settings.answered:
+        if self._boot or self._settings.answered or len(self._held) >= _MOST_HELD:
             return False
-        self._patient_until_ns = self._patient_until_ns or now_ns + round(_PATIENCE_S * 1e9)
-        return now_ns < self._patient_until_ns and self._held < _MOST_HELD
+        if not self._held:
+            self._patient_until_ns = now_ns + round(_PATIENCE_S * 1e9)
+        return now_ns < self._patient_until_ns
 
     def _assembled(self) -> list[Event]:
         events = self._assembly.events()

@@ -82,24 +82,18 @@ class Settings:
 
     def took(self, reply: Reply) -> list[Notice]:
         """An answer came."""
-        key = self._open.pop(reply.key, None)
+        asked = self._open.pop(reply.key, None) is not None
         value = reply.value
-        error = isinstance(value, dict) and "error" in value
         if reply.key == plain(CORRECTION):
-            return self._corrects(value, asked=key is not None)
-        if error:
-            return []
-        if reply.key == plain(PING) and isinstance(value, dict):
+            return self._corrects(value, asked=asked)
+        if reply.key == plain(DIVISOR):
+            self._divides(value)
+        elif reply.key == plain(PING) and isinstance(value, dict):
             self.name, self.serial = _text(value.get("name")), _text(value.get("sn"))
         elif reply.key == plain(FIRMWARE):
             self.firmware = _text(value)
         elif reply.key == plain(HARDWARE):
             self.hardware = _text(value)
-        elif reply.key == plain(DIVISOR) and isinstance(value, int) and 1 <= value <= _MAX_DIVISOR:
-            self.divisor = value
-            if self._usual is None:
-                self._usual = value
-            self._set_divisor()
         return []
 
     def _corrects(self, value: object, *, asked: bool) -> list[Notice]:
@@ -116,13 +110,26 @@ class Settings:
             "turn “Gyroscope offset correction enabled” off in its settings"
         )
 
-    def _set_divisor(self) -> None:
-        wanted = self._special or self._usual
-        if None in (wanted, self._usual, self.divisor) or wanted == self.divisor or not self._may_write:
+    def _divides(self, value: object) -> None:
+        if not (type(value) is int and 1 <= value <= _MAX_DIVISOR):
+            self.coming_us = None  # refused
             return
-        if self._written[DIVISOR] < _WRITES:
-            self._write(DIVISOR, value=wanted)
-            self.coming_us = 1e6 * (wanted or 1) / SAMPLES_HZ
+        self.divisor = value
+        if self._usual is None:
+            self._usual = value
+        self._set_divisor()
+
+    def _set_divisor(self) -> None:
+        if self._usual is None or self.divisor is None or not self._may_write:
+            return
+        wanted = self._special or self._usual
+        if wanted == self.divisor:
+            return
+        if self._written[DIVISOR] == _WRITES:
+            self.coming_us = None
+            return
+        self._write(DIVISOR, value=wanted)
+        self.coming_us = 1e6 * wanted / SAMPLES_HZ
 
     def _write(self, key: str, *, value: object) -> None:
         self._written[key] += 1

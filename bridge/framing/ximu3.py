@@ -159,7 +159,7 @@ def _text(line: bytes) -> str:
 def _reply(line: bytes) -> Reply:
     try:
         said = msgspec.json.decode(line, type=dict[str, Any])
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadPacket("reply_not_json") from None
     if len(said) != 1:
         raise BadPacket("reply_content")

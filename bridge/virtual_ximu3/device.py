@@ -80,7 +80,7 @@ class VirtualXimu3:
         """The answer to a command, which came by `interface`; empty where it is none."""
         try:
             command = msgspec.json.decode(line, type=dict[str, Any])
-        except (msgspec.DecodeError, RecursionError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return b""
         if len(command) != 1:
             return b""

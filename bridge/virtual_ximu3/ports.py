@@ -141,10 +141,11 @@ class Ports:
                     self._datagram(answer, sender)
 
     def _accept(self) -> None:
-        if self._listener is None:
-            return
-        with contextlib.suppress(OSError):  # nobody, or gone again
-            connection, _ = self._listener.accept()
+        for _ in range(_MOST_CLIENTS if self._listener else 0):
+            try:
+                connection, _ = self._listener.accept()  # type: ignore[union-attr] # the range is empty then
+            except OSError:  # nobody more, or gone again
+                return
             if len(self._clients) < _MOST_CLIENTS:
                 self._clients.append(_Client(connection))
             else:

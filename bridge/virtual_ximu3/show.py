@@ -74,6 +74,11 @@ class Show:
             ports.serve()
         self._announce()
 
+    @property
+    def over(self) -> bool:
+        """Nothing will ever come again."""
+        return self._subscriptions[-1].closed
+
     def close(self) -> None:
         """Close every port."""
         for subscription in self._subscriptions:
@@ -88,25 +93,25 @@ class Show:
             device = key.device
             if self._wanted.devices and device not in self._wanted.devices:
                 return
-            bridge = key.ids.get("bridge")
-            if bridge is not None and not self._hears(device, bridge):
-                self.refused.add("another_bridge")
-                return
             ports = self._ports.get(device) or self._found(device)
             if ports is None:
                 self.refused.add("of_more_devices")
+                return
+            if "bridge" in key.ids and not self._hears(device, key.ids["bridge"], samples=key.what == "raw"):
+                self.refused.add("of_another_bridge")
                 return
             ports.send(_passed_on(ports.device, key.what, message))
         except Refusal as refusal:
             self.refused.add(refusal.reason)
 
-    def _hears(self, device: str, bridge: str) -> bool:
-        """One bridge a device, until it falls silent: two streams in one would be none."""
+    def _hears(self, device: str, bridge: str, *, samples: bool) -> bool:
+        """One bridge a device, until no samples come from it: two streams in one would be none."""
         now_s = time.monotonic()
         owner, heard_s = self._heard.get(device, (bridge, now_s))
         if owner != bridge and now_s - heard_s < _SILENT_S:
             return False
-        self._heard[device] = bridge, now_s
+        if samples:
+            self._heard[device] = bridge, now_s
         return True
 
     def _found(self, device: str) -> Ports | None:
@@ -144,7 +149,7 @@ def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
     """Show them until stopped; raises OSError when a port is not to be had."""
     shown = Show(bus, wanted)
     try:
-        while not stop.is_set():
+        while not stop.is_set() and not shown.over:
             shown.turn()
     finally:
         shown.close()

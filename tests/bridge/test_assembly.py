@@ -144,3 +144,20 @@ def test_a_changed_rate_is_told_in_the_same_boot() -> None:
     send(one, [1200, 1220])
     first = words[-1].split(":")[1].split("+")
     assert told(one) == [f"1:{int(first[0]) + int(first[1])}+2"]
+
+
+def test_a_device_that_was_told_another_rate_misses_nothing() -> None:
+    one = assembly()
+    send(one, steps(0, 40))
+    one.paced(25.0)
+    send(one, [430 + 40 * i for i in range(40)])
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+40", "1 PORT_OPENED 25", "1:40+40"]
+    assert one.faults.as_dict() == {}
+
+
+@pytest.mark.parametrize(("step", "hz"), [(10, "100"), (13, "76.9231"), (40, "25")])
+def test_a_measured_rate_is_told_as_the_nominal_one_near_it(step: int, hz: str) -> None:
+    one = Assembly(Tally(), About("m", divided_hz=401.0), 1e-3, 64, itertools.count(1).__next__)
+    send(one, [i * step for i in range(40)])
+    nominal = {"100": "100.25", "25": "25.0625"}.get(hz, hz)
+    assert told(one)[0] == f"1 PORT_OPENED {nominal}"

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bridge.framing import ximu3_encode
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 
@@ -13,7 +14,19 @@ def _native(sequence: int) -> bytes:
     return frame(encode_data(Data(1, sequence, ticks, _ONES, 9 * _ONES, 20 * _ONES[:, 0])))
 
 
+def _ximu3(first: int) -> bytes:
+    return b"".join(ximu3_encode.inertial(np.arange(first, first + 3) * 10_000, _ONES, 9 * _ONES))
+
+
 # A list of messages for each driver that has a decoder.
 SEEDS: dict[str, list[bytes]] = {
     "native": [frame(encode_hello(Hello(1, 1e-6, 104.0, 4.3, True, True, "model", "1.2"))), _native(0), _native(3)],
+    "ximu3": [
+        *(_ximu3(3 * i) for i in range(20)),
+        ximu3_encode.temperature(5, 36.5) + ximu3_encode.battery(6, 80.0, charging=True),
+        ximu3_encode.notification(7, "Button pressed."),
+        b"I,1000000,0.0000,0.0000,0.0000,0.0000,0.0000,1.0000\r\nT,1000000,25.0000\nF,1000000,Battery empty.\n",
+        b'{"ping":{"interface":"USB","name":"x-IMU3","sn":"0123-4567-89AB-CDEF"}}\n{"firmware_version":"v1.2"}\n',
+        b'{"gyroscope_offset_correction_enabled":true}\n{"inertial_message_rate_divisor":8}\n',
+    ],
 }

@@ -1,0 +1,370 @@
+"""The x-IMU3 driver: bytes in any chunking, what it asks and sets, reboots, losses, rates."""
+
+import itertools
+import json
+from math import radians
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
+from bridge.drivers.ximu3 import Ximu3Decoder, Ximu3Options
+from bridge.framing import ximu3_encode
+from bridge.framing.ximu3 import plain
+from bridge.sim.script import demo_script
+from bridge.sim.source import SimulatedSource
+from bridge.sim.ximu3 import ximu3_bytes
+from bridge.wire.messages import BootCause
+
+MS = 1_000_000
+CORRECTION, DIVISOR = "gyroscope_offset_correction_enabled", "inertial_message_rate_divisor"
+
+
+class Device:
+    """Settings and a stream, as the manual has them. Times in ms; deaf: commands are lost; mute: answers are."""
+
+    def __init__(self, *, refuses: bool = False, divisor: int = 8) -> None:
+        self.settings: dict[str, object] = {
+            "firmware_version": "v1.2.3",
+            "hardware_version": "v3",
+            CORRECTION: True,
+            DIVISOR: divisor,
+        }
+        self.refuses = refuses
+        self.deaf = self.mute = False
+        self.heard: list[bytes] = []
+        self._pending: dict[str, object] = {}
+        self._said = b""
+        self._now_us = self._sampled_us = 7_000_000
+
+    def reboot(self) -> None:
+        """Lose power: what was set and not saved is lost too."""
+        self._now_us = self._sampled_us = 0
+        self.settings[CORRECTION] = True
+
+    def receive(self, data: bytes) -> None:
+        if data and not self.deaf:
+            self.heard.append(data)
+            assert data.count(b"\n") == 1
+            ((key, value),) = json.loads(data).items()
+            answer = json.dumps({key: self._answer(plain(key), value)}, separators=(",", ":"))
+            self._said += b"" if self.mute else answer.encode() + b"\n"
+
+    def _answer(self, key: str, value: object) -> object:
+        if key == "ping":
+            return {"interface": "USB", "name": "x-IMU3", "sn": "0123-4567-89AB-CDEF"}
+        if key == "apply":
+            self.settings |= self._pending
+            self._pending = {}
+            return None
+        name = next((name for name in self.settings if plain(name) == key), None)
+        if name is None:
+            return {"error": "Unknown command"}
+        if value is not None and self.refuses:
+            return {"error": "Read-only"}
+        if value is not None:
+            self._pending[name] = value
+        return self._pending.get(name, self.settings[name])
+
+    def pass_ms(self, n: int) -> bytes:
+        said, self._said = self._said, b""
+        self._now_us += 1000 * n
+        period_us = 2500 * int(str(self.settings[DIVISOR]))
+        times = []
+        while self._sampled_us + period_us <= self._now_us:
+            self._sampled_us += period_us
+            times.append(self._sampled_us)
+        ones = np.ones((len(times), 3))
+        return said + b"".join(ximu3_encode.inertial(np.array(times, np.int64), ones, ones))
+
+
+class Run:
+    """A decoder and a device, 20 ms at a time."""
+
+    def __init__(self, device: Device, decoder: Ximu3Decoder | None = None) -> None:
+        self.device = device
+        self.decoder = decoder or Ximu3Decoder()
+        self.decoder.opened()
+        self.events: list[Event] = []
+        self.now_ns = 10**18
+
+    def pass_s(self, seconds: float) -> list[Event]:
+        new = []
+        for _ in range(round(seconds / 0.02)):
+            self.now_ns += 20 * MS
+            self.device.receive(self.decoder.to_send())
+            new += self.decoder.feed(self.device.pass_ms(20), self.now_ns)
+        self.events += new
+        return new
+
+    @property
+    def identities(self) -> list[Identity]:
+        return [event for event in self.events if isinstance(event, Identity)]
+
+    @property
+    def notices(self) -> dict[str, str]:
+        return {event.name: event.text for event in self.events if isinstance(event, Notice) and event.text}
+
+
+def sequences(events: list[Event]) -> list[int]:
+    return [n for e in events if isinstance(e, Readings) for n in range(e.sequence, e.sequence + len(e.ticks))]
+
+
+def inertial(times_us: list[int]) -> list[bytes]:
+    n = len(times_us)
+    gyro = np.arange(3.0 * n).reshape(n, 3) % 7
+    return ximu3_encode.inertial(np.array(times_us, np.int64), gyro, gyro + 1)
+
+
+def test_a_device_is_named_by_its_serial_number_and_its_own_correction_turned_off() -> None:
+    run = Run(Device())
+    run.pass_s(2.0)
+    (identity,) = run.identities
+    assert (identity.model, identity.firmware) == ("x-IMU3 0123-4567-89AB-CDEF", "v1.2.3 (hardware v3)")
+    assert identity.rate_hz == 50.0
+    assert identity.gyro_range == pytest.approx(radians(2000))
+    assert run.device.settings[CORRECTION] is False
+    assert run.notices == {}
+    assert run.decoder.faults.as_dict() == {}
+    assert not any(b"save" in command for command in run.device.heard)
+    heard = len(run.device.heard)
+    run.pass_s(5.0)
+    assert len(run.device.heard) == heard  # it is left alone once all is answered
+
+
+def test_samples_come_out_in_si_units_with_the_latest_temperature() -> None:
+    decoder = Ximu3Decoder()
+    time_us = 5_000_000 + 20_000 * np.arange(80)
+    text = b"".join(b"I,%d,90.0000,-180.0000,0.5000,0.0000,-1.0000,2.0000\n" % t for t in time_us[:40])
+    binary = b"".join(ximu3_encode.inertial(time_us[40:], np.full((40, 3), 0.1), np.full((40, 3), 9.0)))
+    events = decoder.feed(b"T,5,25.5000\n" + text + ximu3_encode.temperature(6, 30.0) + binary, 10**18)
+    events += decoder.feed(b"", 10**18 + 2_000 * MS)
+    readings = [event for event in events if isinstance(event, Readings)]
+    gyro, accel, warmth = (
+        np.concatenate([np.asarray(getattr(r, name)) for r in readings]) for name in ("gyro", "accel", "temperature_c")
+    )
+    assert np.concatenate([r.ticks for r in readings]).tolist() == time_us.tolist()
+    assert np.allclose(gyro[:40], [np.pi / 2, -np.pi, radians(0.5)])
+    assert np.allclose(accel[:40], [0, -9.80665, 19.6133])
+    assert np.allclose(gyro[40:], 0.1)
+    assert np.allclose(accel[40:], 9.0)
+    assert np.allclose(warmth[:40], 25.5)
+    assert np.allclose(warmth[40:], 30.0)
+
+
+def test_battery_and_messages_are_passed_on() -> None:
+    decoder = Ximu3Decoder()
+    said = ximu3_encode.battery(1, 55.5, charging=True) + b"B,2,54.0,4.0,0\n"
+    said += b"".join(b"N,%d,note %d\n" % (i, i) for i in range(5)) + b"F,9,Battery empty.\n"
+    events = decoder.feed(said, 1)
+    assert [event for event in events if isinstance(event, Battery)] == [Battery(55.5, charging=True), Battery(54.0)]
+    notices = [event for event in events if isinstance(event, Notice)]
+    assert notices[-2:] == [Notice("notification", "note 2 | note 3 | note 4"), Notice("error", "Battery empty.")]
+
+
+STREAM = b"".join(
+    [
+        *inertial([3_000_000 + 20_000 * i for i in range(60)]),
+        b'{"ping":{"name":"a","sn":"b"}}\n{"firmware_version":"1"}\n{"hardware_version":"2"}\n',
+        b'{"gyroscope_offset_correction_enabled":false}\n{"inertial_message_rate_divisor":8}\n',
+        *inertial([4_200_000 + 20_000 * i for i in range(30)]),
+        b"garbage\nI,5,6\n\xc9\xdb\n",
+        ximu3_encode.temperature(1, 20.0) + ximu3_encode.battery(1, 7.0, charging=False) + b"N,1,x\n",
+        *inertial([4_900_000 + 20_000 * i for i in range(30)]),
+        b"Q,1,2,3,4,5\n",
+    ]
+)
+
+
+def outcome(chunks: list[bytes]) -> tuple[object, ...]:
+    decoder = Ximu3Decoder()
+    events = [event for chunk in chunks for event in decoder.feed(chunk, 10**18)]
+    readings = [event for event in events if isinstance(event, Readings)]
+    rest = [event for event in events if not isinstance(event, (Identity, Readings))]
+    told = [(event.model, event.firmware, event.rate_hz) for event in events if isinstance(event, Identity)]
+    gyro = np.concatenate([event.gyro for event in readings])
+    return sequences(events), gyro.tobytes(), rest, told, decoder.faults.as_dict()
+
+
+WHOLE = outcome([STREAM])
+
+
+@given(st.lists(st.integers(0, len(STREAM)), max_size=40))
+def test_any_chunking_gives_the_same(cuts: list[int]) -> None:
+    edges = [0, *sorted(cuts), len(STREAM)]
+    assert outcome([STREAM[a:b] for a, b in itertools.pairwise(edges)]) == WHOLE
+
+
+def test_the_same_byte_by_byte() -> None:
+    assert outcome([STREAM[i : i + 1] for i in range(len(STREAM))]) == WHOLE
+    numbers = WHOLE[0]
+    assert isinstance(numbers, list)
+    # The third run begins 0.7 s after the second: five samples are missing.
+    assert numbers == [*range(90), *range(95, 125)]
+    assert WHOLE[4] == {"message_unknown": 1, "message_length": 1, "message_escape": 1}
+
+
+@given(st.binary(max_size=200))
+def test_after_garbage_at_most_one_message_is_lost(garbage: bytes) -> None:
+    decoder = Ximu3Decoder()
+    before = b"".join(inertial([3_000_000 + 20_000 * i for i in range(40)]))
+    decoder.feed(before, 10**18)
+    lost, *following = inertial([3_800_000 + 20_000 * i for i in range(5)])
+    decoder.feed(garbage + lost + b"".join(following), 10**18)
+    numbers = sequences(decoder.feed(b"", 10**18 + 2_000 * MS))
+    assert set(range(41, 45)) <= set(numbers)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_lost_message_leaves_its_number(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times_us = [5_000_000 + 10_000 * i + int(rng.integers(-500, 500)) for i in range(3000)]
+    messages = inertial(times_us)
+    kept = sorted({0, 2999, *np.flatnonzero(rng.random(3000) > 0.2).tolist()})
+    decoder = Ximu3Decoder()
+    events: list[Event] = []
+    for i in kept:
+        events += decoder.feed(messages[i], 10**18 + times_us[i] * 1000)
+    events += decoder.feed(b"", 10**18 + 40_000_000 * 1000)
+    assert sequences(events) == kept
+    assert decoder.faults.as_dict() == {}
+
+
+def test_a_device_that_boots_is_asked_anew() -> None:
+    run = Run(Device())
+    run.pass_s(3.0)
+    assert run.device.settings[CORRECTION] is False
+    run.device.reboot()
+    run.pass_s(3.0)
+    assert [identity.boot_cause for identity in run.identities] == [BootCause.PORT_OPENED, BootCause.POWER_UP]
+    assert run.device.settings[CORRECTION] is False
+
+
+def test_a_device_that_refuses_is_said_to_disturb_until_it_no_longer_does() -> None:
+    run = Run(Device(refuses=True))
+    run.pass_s(3.0)
+    assert "turn" in run.notices["on-device correction"]
+    run.device.settings[CORRECTION] = False
+    run.decoder.opened()
+    last = [event for event in run.pass_s(2.0) if isinstance(event, Notice)]
+    assert last == [Notice("on-device correction", "")]
+
+
+def test_settings_may_be_left_alone() -> None:
+    run = Run(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100, keep_settings=True)))
+    run.decoder.calibrating(True)
+    run.pass_s(3.0)
+    assert all(b"null" in command for command in run.device.heard)
+    assert run.device.settings[CORRECTION] is True
+    assert "on-device correction" in run.notices
+
+
+def test_a_rate_that_is_refused_stays_as_it_is() -> None:
+    run = Run(Device(refuses=True))
+    run.pass_s(2.0)
+    run.decoder.calibrating(True)
+    run.pass_s(3.0)
+    assert {identity.rate_hz for identity in run.identities} == {50.0}
+    assert sequences(run.events) == list(range(250))
+    heard = len(run.device.heard)
+    run.pass_s(3.0)
+    assert len(run.device.heard) == heard
+
+
+def test_an_opened_port_loses_nothing_that_waited() -> None:
+    run = Run(Device())
+    run.device.deaf = True
+    run.pass_s(0.4)
+    run.decoder.opened()
+    run.pass_s(3.0)
+    assert sequences(run.events) == list(range(170))
+
+
+def test_nothing_is_needed_of_a_device_that_only_sends() -> None:
+    device = Device()
+    device.deaf = True
+    run = Run(device)
+    run.pass_s(20.0)
+    assert sequences(run.events) == list(range(1000))
+    assert "not known" in run.notices["on-device correction"]
+    (identity,) = run.identities
+    assert (identity.model, identity.rate_hz) == ("x-IMU3", 50.0)
+    device.deaf = False
+    device.reboot()  # now it is asked again, and it answers
+    run.pass_s(2.0)
+    assert run.identities[-1].model == "x-IMU3 0123-4567-89AB-CDEF"
+    assert device.settings[CORRECTION] is False
+
+
+@pytest.mark.parametrize("lost", ["questions", "answers"])
+def test_what_is_lost_on_the_way_is_asked_again(lost: str) -> None:
+    device = Device()
+    device.deaf, device.mute = lost == "questions", lost == "answers"
+    run = Run(device)
+    run.pass_s(1.5)
+    device.deaf = device.mute = False
+    run.pass_s(5.0)
+    assert device.settings[CORRECTION] is False
+    assert run.notices == {}
+    assert sequences(run.events) == list(range(325))
+
+
+def test_a_chosen_rate_is_set() -> None:
+    run = Run(Device(), Ximu3Decoder(Ximu3Options(port="/dev/null", rate_hz=100)))
+    run.pass_s(3.0)
+    assert run.device.settings[DIVISOR] == 4
+    assert run.identities[-1].rate_hz == 100.0
+    assert run.decoder.faults.as_dict() == {}
+
+
+@pytest.mark.parametrize("usual", [1, 2, 4, 8, 40])
+def test_a_calibration_has_the_highest_rate_and_not_a_sample_is_missed(usual: int) -> None:
+    run = Run(Device(divisor=usual))
+    run.pass_s(20.0)
+    assert run.identities[-1].rate_hz == 400 / usual
+    run.decoder.calibrating(True)
+    run.pass_s(3.0)
+    assert run.identities[-1].rate_hz == 400.0
+    run.decoder.calibrating(True)
+    run.pass_s(1.0)
+    run.decoder.calibrating(False)
+    run.pass_s(10.0)
+    assert run.identities[-1].rate_hz == 400 / usual
+    assert run.device.settings[DIVISOR] == usual
+    assert len({identity.boot for identity in run.identities}) == 1
+    numbers = sequences(run.events)
+    assert numbers == list(range(len(numbers)))
+    assert run.decoder.faults.as_dict() == {}
+
+
+def test_a_rate_is_told_as_the_one_the_device_was_made_for() -> None:
+    for period_us, rate_hz in [(20_055, 50.0), (19_950, 50.0), (2_503, 400.0), (9_615, 1e6 / 9_615)]:
+        decoder = Ximu3Decoder()
+        events = decoder.feed(b"".join(inertial([9_000_000 + period_us * i for i in range(40)])), 1)
+        events += decoder.feed(b"", 2_000 * MS)
+        assert [event.rate_hz for event in events if isinstance(event, Identity)] == [pytest.approx(rate_hz)]
+
+
+def test_options_out_of_range_are_refused() -> None:
+    for wrong in (0.5, 500.0):
+        with pytest.raises(ValueError, match=r"rate_hz is .*; 1 to 400 is taken"):
+            Ximu3Options(port="/dev/null", rate_hz=wrong)
+        with pytest.raises(ValueError, match=r"fastest_hz is .*; 1 to 400 is taken"):
+            Ximu3Options(port="/dev/null", fastest_hz=wrong)
+
+
+def test_a_simulated_body_is_read_back() -> None:
+    source = SimulatedSource(demo_script, rate_hz=100.0)
+    source.power_up(np.random.default_rng(0), 1.0)
+    decoder = Ximu3Decoder()
+    events: list[Event] = []
+    sent = []
+    for i in range(5):
+        samples = source.read()
+        sent.append(samples.gyro)
+        events += decoder.feed(ximu3_bytes(samples, 3_000_000), 10**18 + i * 1000 * MS)
+    got = np.concatenate([event.gyro for event in events if isinstance(event, Readings)])
+    assert np.allclose(got, np.concatenate(sent), atol=1e-4)
+    assert sequences(events) == list(range(500))
