@@ -52,7 +52,7 @@ class Ximu3Decoder:
         self.faults = Tally()
         self._fastest_hz = options.fastest_hz if options else SAMPLES_HZ
         self._settings = Settings(
-            options.rate_hz if options else None, writes=not options.keep_settings if options else True
+            options.rate_hz if options else None, writes=options is None or not options.keep_settings
         )
         self._lines = Lines(LONGEST, self.faults)
         self._assembly = Assembly(self.faults, self._about(), 1e-6)
