@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from bridge import cli_profiles
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, load
@@ -58,6 +59,17 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     replay.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
     replay.add_argument("--config", type=Path, help="take ward and router from this file")
     replay.set_defaults(run=_guarded(_replay))
+
+    listed = _parser(inner, "profiles", "list the profiles of devices that print lines", "truerate bridge profiles")
+    listed.set_defaults(run=_guarded(cli_profiles.profiles))
+    tried = _parser(
+        inner,
+        "try",
+        "show what a profile understands of a captured file",
+        "truerate bridge try nano-33-ble capture.txt --seconds 60",
+    )
+    cli_profiles.add_try(tried)
+    tried.set_defaults(run=_guarded(cli_profiles.try_profile))
 
     router = _parser(verbs, "router", "run zenoh's router here", f"truerate router --listen {LOCAL}")
     router.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
