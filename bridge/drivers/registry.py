@@ -4,11 +4,11 @@ import functools
 import logging
 from importlib.metadata import entry_points
 
-from bridge.drivers import native, replayed, simulated, text_profile
+from bridge.drivers import mavlink, native, replayed, simulated, text_profile
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-OURS = (native.KIND, replayed.KIND, simulated.KIND, text_profile.KIND)
+OURS = (mavlink.KIND, native.KIND, replayed.KIND, simulated.KIND, text_profile.KIND)
 
 _log = logging.getLogger(__name__)
 
