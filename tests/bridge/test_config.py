@@ -7,6 +7,7 @@ import pytest
 from msgspec import Struct
 
 from bridge.config import ConfigError, Device, Root, check_endpoints, load
+from bridge.drivers import registry
 from bridge.drivers.stream import StreamDriver, StreamOptions
 
 GOOD = """
@@ -89,7 +90,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = 3',
-            "[[bridge.devices]] #2: unknown driver 3; there are native, replayed, simulated",
+            f"[[bridge.devices]] #2: unknown driver 3; there are {', '.join(sorted(registry.kinds()))}",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = ["native"]',
