@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from bridge import cli_profiles
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, load
@@ -81,6 +82,16 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     _add_ward(shown)
     shown.set_defaults(run=_guarded(_shown))
+    listed = _parser(inner, "profiles", "list the profiles of devices that print lines", "truerate bridge profiles")
+    listed.set_defaults(run=_guarded(cli_profiles.profiles))
+    tried = _parser(
+        inner,
+        "try",
+        "show what a profile understands of a captured file",
+        "truerate bridge try nano-33-ble capture.txt --seconds 60",
+    )
+    cli_profiles.add_try(tried)
+    tried.set_defaults(run=_guarded(cli_profiles.try_profile))
 
     router = _parser(verbs, "router", "run zenoh's router here", f"truerate router --listen {LOCAL}")
     router.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")

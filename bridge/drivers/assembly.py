@@ -118,6 +118,11 @@ class Assembly:
         events, self._events = self._events, []
         return events
 
+    def finish(self) -> list[Event]:
+        """What is left at the end of a file, be the rate known or not."""
+        self._finish()
+        return self.events()
+
     def _begin(self) -> None:
         """What is of one boot only."""
         self._boot, self._cause = self._boots.number, self._boots.cause

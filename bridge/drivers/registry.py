@@ -4,11 +4,11 @@ import functools
 import logging
 from importlib.metadata import entry_points
 
-from bridge.drivers import native, replayed, simulated, ximu3
+from bridge.drivers import mavlink, native, replayed, simulated, text_profile, ximu3
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-OURS = (native.KIND, ximu3.KIND, replayed.KIND, simulated.KIND)
+OURS = (mavlink.KIND, native.KIND, replayed.KIND, simulated.KIND, text_profile.KIND, ximu3.KIND)
 
 _log = logging.getLogger(__name__)
 

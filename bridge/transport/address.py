@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bridge.toml_file import nearest
-from bridge.transport import serial_port
+from bridge.transport import ble_port, serial_port
+from bridge.transport.ble_port import BlePort
 from bridge.transport.serial_port import SerialPort
 from bridge.transport.transport import Transport
 
@@ -22,7 +23,9 @@ class Scheme:
 
 
 _SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_port.state)
-SCHEMES: dict[str, Scheme] = {}
+SCHEMES: dict[str, Scheme] = {
+    "ble": Scheme(ble_port.EXAMPLE, BlePort, ble_port.state),
+}
 
 
 def transport(port: str, baud: int) -> Transport:

@@ -1,0 +1,220 @@
+"""Devices that print lines, each described by a profile (`bridge/text/profile.py`): a header row, banners, samples."""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import msgspec
+
+from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.driver import Event, Notice
+from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.text.lines import Line, Lines
+from bridge.text.profile import Profile, load_profile
+from bridge.text.rows import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
+from bridge.text.units import TIMES
+from bridge.toml_file import ConfigError
+from bridge.transport import address
+from bridge.wire.refusal import Tally
+
+LINE_TOO_LONG, LINE_BEGUN, LINE_CUT, BANNER_ODD = "line_too_long", "line_begun", "line_cut", "banner_odd"
+SCALE_FAULT, NO_CLOCK = "known_scale_fault", "no_clock"
+
+
+class TextDecoder:
+    """The decoder of one profile. rate_hz, gyro_range: of this device, where its profile is wrong of it; 0: it is right.
+
+    refused: is told of every line that is not taken, and why. The first line after an opening may be the end of one, which
+    can look like a whole one: it is taken only if it is a banner.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        rate_hz: float = 0.0,
+        gyro_range: float = 0.0,
+        refused: Callable[[Refused, str], None] | None = None,
+    ) -> None:
+        self.faults = Tally()
+        self._profile = profile
+        self._refused = refused
+        self._lines = Lines()
+        self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
+        self._ignore = [re.compile(pattern) for pattern in profile.ignore]
+        device = profile.device
+        self._about = About(
+            model=device.model,
+            firmware=device.firmware,
+            gyro_range=gyro_range or math.radians(device.gyro_range_dps),
+            rate_hz=rate_hz or device.rate_hz,
+        )
+        # The layout that a header row told outlives a lost port: a device that did not restart does not tell it again.
+        self._reader: Reader = (
+            RegexReader(profile)
+            if profile.regex is not None
+            else CsvReader(profile, needs_clock=not self._about.rate_hz)
+        )
+        self._booting = False  # it said so, and no sample has come since
+        self._clock = self._reader.has_clock is not False
+        self._assembly = self._assemble()
+        self._said: dict[str, str] = {}
+
+    def opened(self) -> None:
+        """The port was opened (again)."""
+        self._lines.opened()
+        self._assembly.opened()
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order."""
+        events: list[Event] = []
+        for line in self._lines.feed(data):
+            events += self._take(line, receive_time_ns)
+        events += self._assembly.events()
+        return [*self._notices(), *events] if events else []
+
+    def finish(self) -> list[Event]:
+        """What is left at the end of a file, be the rate known or not."""
+        return self._assembly.finish()
+
+    def to_send(self) -> bytes:
+        """Nothing."""
+        return b""
+
+    def _take(self, line: Line, receive_time_ns: int) -> list[Event]:
+        """A line; events only if what came before it is of another kind."""
+        if line.too_long:
+            self._refuse(Refused(LINE_BEGUN if line.begun else LINE_TOO_LONG, "it has no end"), line.text)
+        elif self._is_banner(line.text):
+            self._booting = True
+            self._assembly.rebooted()
+        elif line.begun:
+            self._refuse(Refused(LINE_BEGUN, "the first line after an opening may be the end of one"), line.text)
+        elif not any(pattern.fullmatch(line.text) for pattern in self._ignore):
+            read = self._reader.read(line.text)
+            if isinstance(read, Header):
+                return self._began()
+            if isinstance(read, Row):
+                self._booting = False
+                self._assembly.add(*read, receive_time_ns=receive_time_ns)
+            else:
+                self._refuse(read, line.text)
+        return []
+
+    def _is_banner(self, text: str) -> bool:
+        """Whether the device said that it starts; what else it said of itself is kept."""
+        match = next((match for banner in self._banners if (match := banner.search(text))), None)
+        if match is None:
+            return False
+        if match.start():
+            self._refuse(Refused(LINE_CUT, "cut off by a restart"), text)
+        said = {name: value for name, value in match.groupdict().items() if value}
+        told = self._about
+        try:
+            self._about = replace(
+                told,
+                model=said.get("model", told.model),
+                firmware=said.get("firmware", told.firmware),
+                gyro_range=math.radians(_amount(said["gyro_range_dps"]))
+                if "gyro_range_dps" in said
+                else told.gyro_range,
+                rate_hz=_amount(said["rate_hz"]) if "rate_hz" in said else told.rate_hz,
+            )
+        except ValueError as error:
+            self._refuse(Refused(BANNER_ODD, str(error)), text)
+        self._assembly.about = self._about_it()
+        return True
+
+    def _began(self) -> list[Event]:
+        """A header row came: whether there is a clock may be news."""
+        if self._clock == (self._reader.has_clock is not False):
+            return []
+        self._clock = not self._clock
+        events = self._assembly.events()
+        self._assembly = self._assemble()
+        if self._booting:
+            self._assembly.rebooted()
+        return events
+
+    def _assemble(self) -> Assembly:
+        time = self._profile.time
+        if time is None or not self._clock:
+            return Assembly(self.faults, self._about_it(), None)
+        period_s, bits = (TIMES[time.unit], time.width) if time.width else (DECIMAL_TICK_S, 64)
+        return Assembly(self.faults, self._about_it(), period_s, bits)
+
+    def _about_it(self) -> About:
+        """A clock knows the rate better than whoever wrote it down."""
+        if self._profile.time is None or not self._clock:
+            return self._about
+        promised_hz = self._about.rate_hz
+        return replace(self._about, rate_hz=0.0, guessed_rate_hz=promised_hz or self._about.guessed_rate_hz)
+
+    def _refuse(self, refused: Refused, text: str) -> None:
+        self.faults.add(refused.fault)
+        if self._refused is not None:
+            self._refused(refused, text)
+
+    def _notices(self) -> list[Event]:
+        """What is to be said of the device and was not said yet, or is no longer so."""
+        notices = dict(self._profile.notices)
+        range_dps = math.degrees(self._about.gyro_range)
+        known = self._profile.known_scale_faults
+        faults = [fault for fault in known if abs(fault.gyro_range_dps - range_dps) < 1 or not fault.gyro_range_dps]
+        for number, fault in enumerate(faults, 1):
+            notices[SCALE_FAULT if number == 1 else f"{SCALE_FAULT}_{number}"] = str(fault)
+        if self._profile.time is not None and not self._clock:
+            notices[NO_CLOCK] = (
+                f"its rows have no column {self._profile.time.column!r}: time is counted as {self._about.rate_hz:g} "
+                "samples a second, and is as wrong as that number. Have the device send its time"
+            )
+        news = [*notices.items(), *((name, "") for name in self._said.keys() - notices.keys())]
+        said = [Notice(name, text) for name, text in news if self._said.get(name, "") != text]
+        self._said = notices
+        return list[Event](said)
+
+
+def _amount(text: str) -> float:
+    value = float(text)
+    if not 0 < value <= 10_000:
+        raise ValueError(f"{text!r} is out of reach; 0 to 10000 is taken")
+    return value
+
+
+class TextOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where the device is; its profile, by name or as a path; its rate and full scale, where they differ from the profile's."""
+
+    profile: str
+    rate_hz: float = 0.0
+    gyro_range_dps: float = 0.0
+    baud: int = 0  # the profile's
+
+    def __post_init__(self) -> None:
+        try:
+            profile = load_profile(self.profile)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
+        for key in ("rate_hz", "gyro_range_dps"):
+            if not 0 <= getattr(self, key) <= 10_000:
+                raise ValueError(f"{key} is {getattr(self, key):g}; 0 (as the profile says) to 10000 is taken")
+        if profile.time is None and not (profile.device.rate_hz or self.rate_hz):
+            raise ValueError(
+                f"rate_hz is missing: devices of profile {self.profile!r} do not tell the time, so say how many samples "
+                "come in a second; `truerate bridge try` counts those of a captured file"
+            )
+        if not self.baud:
+            msgspec.structs.force_setattr(self, "baud", profile.baud)
+        address.check(self.port, self.baud)
+
+
+def _decoder(options: TextOptions) -> TextDecoder:
+    return TextDecoder(load_profile(options.profile), options.rate_hz, math.radians(options.gyro_range_dps))
+
+
+KIND = stream_kind(
+    "text_profile",
+    "lines of text, described by a profile: port, profile, baud, rate_hz, gyro_range_dps (`truerate bridge profiles`)",
+    TextOptions,
+    _decoder,
+    auto=False,
+)

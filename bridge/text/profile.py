@@ -1,0 +1,270 @@
+"""What a device prints, described in a TOML file; one file a kind of device.
+
+    summary = "a word for people"
+    baud = 115200                     # of its port, where the ward's file says nothing else
+    banners = ['regular expression']  # a line that it prints as it starts: a boot. Named groups model, firmware,
+                                      # rate_hz and gyro_range_dps say what they say
+    ignore = ['regular expression']   # lines that are no samples and no fault
+    [device]                          model, firmware, gyro_range_dps (0: unknown), rate_hz where no clock tells it
+    [csv]                             one of these two:
+    separator = ","                   #   one character; " " means any blanks
+    columns = ["t", "gx", "gy"]       #   in their order; left out: a header row is waited for
+    header = true                     #   a row of names, whenever it comes, says the order
+    prefix = "Raw:"                   #   what a row begins with
+    [regex]
+    match = '(?P<gx>[-0-9.]+) ...'    #   of a whole line; its named groups are the columns
+    [gyro]
+    columns = ["gx", "gy", "gz"]      # x, y, z
+    unit = "dps"                      # rad/s, mrad/s, dps, mdps, or counts with sensitivity_mdps, of one count
+    scale = 1.0                       # times this; a list of three for axes that differ, or point the other way
+    [accel]                           the same; m/s2, g, mg, or counts with sensitivity_mg. May be left out
+    [temperature]                     column, scale, offset_c: °C = scale * value + offset_c. May be left out
+    [time]                            column, unit (s, ms, us), bits. May be left out if rate_hz is known
+    [[known_scale_faults]]            factor, cause, gyro_range_dps: the true rate is `factor` times the printed one
+    [notices]                         name = "what a person should know of this device"
+
+bits: the time is a whole number that wraps at 2**bits (as given in ms and us: 32); 0: a decimal that never wraps.
+Lines are matched whole, without the blanks around them; a banner may follow what a restart has cut off. The files that
+come with truerate are in configs/profiles, or in the installed package.
+"""
+
+import re
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from bridge.text.units import ACCELERATIONS, RATES, STANDARD_GRAVITY, TIMES, in_si
+from bridge.toml_file import ConfigError, load, nearest
+from bridge.wire.checks import MAX_SENTENCE
+
+_HERE = Path(__file__).parent.parent
+_FOLDERS = (_HERE / "profiles", _HERE.parent / "configs" / "profiles")  # of an installed package; of a checkout
+BANNER_GROUPS: Final = ("model", "firmware", "rate_hz", "gyro_range_dps")
+NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+
+
+class Device(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[device]: what is known of it beside its lines."""
+
+    model: str
+    firmware: str = ""
+    gyro_range_dps: float = 0.0
+    rate_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        _within("gyro_range_dps", self.gyro_range_dps, 0, 10_000)
+        _within("rate_hz", self.rate_hz, 0, 10_000)
+        if not (self.model and self.model.isprintable()):
+            raise ValueError(f"model is {self.model!r}; a name is expected")
+
+
+class Csv(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[csv]: rows of columns."""
+
+    separator: str = ","
+    columns: tuple[str, ...] = ()
+    header: bool = False
+    prefix: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.separator) != 1 or self.separator in "\r\n+-.0123456789eE":
+            raise ValueError(f"separator is {self.separator!r}; one character that is in no number is expected")
+        if not self.columns and not self.header:
+            raise ValueError("it needs columns in their order, or header = true")
+        for column in self.columns:
+            if self.columns.count(column) > 1:
+                raise ValueError(f"columns has {column!r} more than once")
+
+
+class Regex(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[regex]: a pattern of a whole line."""
+
+    match: str
+
+    def __post_init__(self) -> None:
+        if not _compiled(self.match, "match").groupindex:
+            raise ValueError("match has no named groups; (?P<gx>[-0-9.]+) is one")
+
+
+Axes = float | tuple[float, float, float]
+
+
+class Gyro(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[gyro]: three columns of rates."""
+
+    columns: tuple[str, str, str]
+    unit: str
+    scale: Axes = 1.0
+    sensitivity_mdps: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+        _ = self.factor
+
+    @property
+    def factor(self) -> NDArray[np.float64]:
+        """(3,): what to multiply with for rad/s."""
+        sensitivity = None if self.sensitivity_mdps is None else self.sensitivity_mdps * RATES["mdps"]
+        return np.full(3, self.scale) * in_si(self.unit, RATES, sensitivity, "sensitivity_mdps")
+
+
+class Accel(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[accel]: three columns of accelerations."""
+
+    columns: tuple[str, str, str]
+    unit: str
+    scale: Axes = 1.0
+    sensitivity_mg: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+        _ = self.factor
+
+    @property
+    def factor(self) -> NDArray[np.float64]:
+        """(3,): what to multiply with for m/s²."""
+        sensitivity = None if self.sensitivity_mg is None else self.sensitivity_mg * STANDARD_GRAVITY * 1e-3
+        return np.full(3, self.scale) * in_si(self.unit, ACCELERATIONS, sensitivity, "sensitivity_mg")
+
+
+class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[temperature]: °C = scale * value + offset_c."""
+
+    column: str
+    scale: float = 1.0
+    offset_c: float = 0.0
+
+
+class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[time]: the device's own clock."""
+
+    column: str
+    unit: str
+    bits: int | None = None
+
+    def __post_init__(self) -> None:
+        in_si(self.unit, TIMES, None, "")
+        if self.bits is not None and not (self.bits == 0 or 8 <= self.bits <= 64):
+            raise ValueError(f"bits is {self.bits}; 8 to 64 is taken, or 0 for a decimal that never wraps")
+
+    @property
+    def width(self) -> int:
+        """The bits it wraps at; 0: a decimal."""
+        return (0 if self.unit == "s" else 32) if self.bits is None else self.bits
+
+
+class ScaleFault(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[[known_scale_faults]]: a mistake that is known of such devices' software; gyro_range_dps 0: at any range."""
+
+    factor: float
+    cause: str
+    gyro_range_dps: float = 0.0
+
+    def __post_init__(self) -> None:
+        _within("factor", self.factor, 0.1, 10)
+
+    def __str__(self) -> str:
+        off = f"{100 * abs(1 - 1 / self.factor):.1f} % {'low' if self.factor > 1 else 'high'}"
+        return (
+            f"this device's gyro reads {off}: {self.cause}. Its readings stay as sent; "
+            f"expect a scale factor k near {self.factor:g}, which a calibration finds"
+        )
+
+
+class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file."""
+
+    summary: str
+    device: Device
+    gyro: Gyro
+    accel: Accel | None = None
+    temperature: Temperature | None = None
+    time: Time | None = None
+    csv: Csv | None = None
+    regex: Regex | None = None
+    baud: int = 115_200
+    banners: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    known_scale_faults: tuple[ScaleFault, ...] = ()
+    notices: dict[str, str] = {}
+
+    def __post_init__(self) -> None:
+        _within("baud", self.baud, 300, 4_000_000)
+        if (self.csv is None) == (self.regex is None):
+            raise ValueError("it needs one of the tables [csv] and [regex]")
+        for banner in self.banners:
+            for group in _compiled(banner, "banners").groupindex:
+                if group not in BANNER_GROUPS:
+                    raise ValueError(f"banners: unknown group {group!r}; {nearest(group, BANNER_GROUPS)}")
+        for pattern in self.ignore:
+            _compiled(pattern, "ignore")
+        for name, text in self.notices.items():
+            if len(text) > MAX_SENTENCE:
+                raise ValueError(f"[notices]: {name} has {len(text)} characters; at most {MAX_SENTENCE} are taken")
+        self._check_columns()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Their names; none where only a header row will tell."""
+        if self.csv is not None:
+            return self.csv.columns
+        return tuple(re.compile(self.regex.match).groupindex) if self.regex is not None else ()
+
+    @property
+    def needed(self) -> tuple[tuple[str, str], ...]:
+        """Every column that is read, and the table that names it."""
+        vectors = [("gyro", self.gyro.columns), *([("accel", self.accel.columns)] if self.accel else [])]
+        single = [("temperature", self.temperature), ("time", self.time)]
+        return (
+            *((column, table) for table, columns in vectors for column in columns),
+            *((one.column, table) for table, one in single if one is not None),
+        )
+
+    def _check_columns(self) -> None:
+        seen: dict[str, str] = {}
+        for column, table in self.needed:
+            if self.columns and column not in self.columns:
+                raise ValueError(f"[{table}]: unknown column {column!r}; {nearest(column, self.columns)}")
+            if column in seen:
+                raise ValueError(f"[{table}]: column {column!r} is already taken, by [{seen[column]}]")
+            if NUMBER.fullmatch(column):
+                raise ValueError(f"[{table}]: column {column!r} is a number; a name is expected")
+            seen[column] = table
+
+
+def load_profile(name: str | Path) -> Profile:
+    """A profile that comes with truerate, by its name, or any other by the path of its .toml; raises ConfigError."""
+    path = Path(name)
+    if path.suffix != ".toml":
+        known = shipped()
+        if str(name) not in known:
+            raise ConfigError(
+                f"there is no profile {str(name)!r}; {nearest(str(name), known)} (a file of your own ends in .toml)"
+            )
+        path = known[str(name)]
+    return load(path, Profile)
+
+
+def shipped() -> dict[str, Path]:
+    """The profiles that come with truerate: names and files."""
+    return {path.stem: path for folder in _FOLDERS for path in sorted(folder.glob("*.toml"))}
+
+
+def _compiled(pattern: str, key: str) -> re.Pattern[str]:
+    try:
+        return re.compile(pattern)
+    except re.error as error:
+        raise ValueError(f"{key}: {pattern!r} is no regular expression: {error}") from None
+
+
+def _within(key: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{key} is {value:g}; {low:g} to {high:g} is taken")
+
+
+def _check_scale(scale: Axes) -> None:
+    if not all(1e-9 <= abs(number) <= 1e9 for number in np.ravel(scale)):
+        raise ValueError(f"scale is {scale}; a factor, or three, none of them 0")

@@ -1,0 +1,31 @@
+"""The units that a profile may name, and what they are in SI."""
+
+from collections.abc import Mapping
+from math import radians
+from typing import Final
+
+from bridge.toml_file import nearest
+
+STANDARD_GRAVITY: Final = 9.80665
+COUNTS: Final = "counts"
+RATES: Final[Mapping[str, float]] = {"rad/s": 1.0, "mrad/s": 1e-3, "dps": radians(1), "mdps": radians(1e-3)}
+ACCELERATIONS: Final[Mapping[str, float]] = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
+TIMES: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+
+
+def in_si(unit: str, units: Mapping[str, float], sensitivity: float | None, key: str) -> float:
+    """One of `unit`, or one count of a sensor with this sensitivity (already SI), in SI.
+
+    key: the name that the sensitivity has in the file. Raises ValueError with what is taken.
+    """
+    if unit != COUNTS:
+        if unit not in units:
+            raise ValueError(f"unknown unit {unit!r}; {nearest(unit, (*units, COUNTS))}")
+        if sensitivity is not None:
+            raise ValueError(f"{key} goes with unit = {COUNTS!r}; the unit here is {unit!r}")
+        return units[unit]
+    if sensitivity is None:
+        raise ValueError(f"counts need {key}, as in the sensor's datasheet")
+    if not 0 < sensitivity < 1e6:
+        raise ValueError(f"{key} is not of a real sensor; it is what one count means")
+    return sensitivity

@@ -1,0 +1,204 @@
+"""A device on Bluetooth Low Energy: `ble://address/characteristic[?write=characteristic]`; its notifications are its bytes."""
+
+import asyncio
+import contextlib
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from typing import Final, NamedTuple
+from urllib.parse import parse_qsl
+
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.toml_file import nearest
+from bridge.transport import ble_loop, ble_radio
+from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
+from bridge.transport.transport import Chunk
+from bridge.wire.refusal import Tally
+
+EXAMPLE: Final = "ble://C4:64:E3:12:34:56/ffe4?write=ffe9"
+OVERFLOW, NOT_SENT = "ble_bytes_lost", "ble_bytes_not_sent"
+_MOST_BYTES = 65_536  # seconds of any device
+_ACT_S = 1.0
+_PATIENCE_S = 2 * ble_radio.CONNECT_S
+_ADDRESS = re.compile(r"[0-9A-F]{2}(:[0-9A-F]{2}){5}")
+_UUID = re.compile(r"[0-9a-f]{4}|[0-9a-f]{8}|[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+_BASE = "-0000-1000-8000-00805f9b34fb"  # what Bluetooth's own short identifiers are short for
+
+#: who makes connections; tests have another
+radio: Callable[[], Radio] = BleakRadio
+
+
+class Place(NamedTuple):
+    """An address understood; `write` is empty where the device is not written to."""
+
+    address: str
+    notify: str
+    write: str
+
+
+class BlePort:
+    """One connection. Notifications wait in a bounded inbox; of those nobody takes the oldest go, and are counted."""
+
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - the air has no speed
+        self.place = f"ble://{address}"
+        self.faults = Tally()
+        self._at = parsed(address)
+        if not ble_radio.available():
+            raise ValueError(f"port {self.place!r} {ble_radio.NEEDS}")
+        self._lock = threading.Lock()
+        self._inbox: Inbox | None = None
+        self._opening: Future[Connection] | None = None
+        self._connection: Connection | None = None
+
+    def open(self) -> None:
+        """Connect, when it is our turn; raises DeviceUnavailable."""
+        self.close()
+        inbox = Inbox()
+        with self._lock:
+            opening = self._opening = ble_loop.run(_connected(self._at, inbox))
+            self._inbox = inbox
+        try:
+            connection = opening.result()
+        except RadioFault as fault:
+            raise DeviceUnavailable(f"{self.place}: {fault}") from None
+        except CancelledError:
+            raise DeviceUnavailable(f"{self.place}: closed") from None
+        with self._lock:
+            if self._inbox is inbox:
+                self._connection = connection
+                return
+        ble_loop.run(connection.close())
+        raise DeviceUnavailable(f"{self.place}: closed")
+
+    def read(self, timeout_s: float) -> Chunk:
+        """The next notification; raises DeviceLost, when all that came before have been read."""
+        inbox = self._inbox
+        if inbox is None:
+            raise DeviceLost(f"{self.place}: closed")
+        chunk = inbox.take(timeout_s)
+        if lost := inbox.lost_bytes():
+            self.faults.add(OVERFLOW, lost)
+        if chunk is None and inbox.over:
+            what = "closed" if self._inbox is not inbox else "lost; powered off, out of reach, or it hung up"
+            raise DeviceLost(f"{self.place}: {what}")
+        return chunk or Chunk(b"", time.time_ns())
+
+    def write(self, data: bytes) -> None:
+        """Send, if the address says where to; else it is counted. Raises DeviceLost, also when it takes over a second."""
+        connection = self._connection
+        if connection is None:
+            raise DeviceLost(f"{self.place}: closed")
+        if not self._at.write:
+            self.faults.add(NOT_SENT, len(data))
+            return
+        writing = ble_loop.run(connection.write(self._at.write, data))
+        try:
+            writing.result(_ACT_S)
+        except RadioFault as fault:
+            raise DeviceLost(f"{self.place}: {fault}") from None
+        except (TimeoutError, CancelledError):
+            writing.cancel()
+            raise DeviceLost(f"{self.place}: the device does not take what is sent to it") from None
+
+    def close(self) -> None:
+        """Disconnect, ending an open or a read in another thread."""
+        with self._lock:
+            opening, self._opening = self._opening, None
+            inbox, self._inbox = self._inbox, None
+            connection, self._connection = self._connection, None
+        if opening is not None:
+            opening.cancel()
+        if inbox is not None:
+            inbox.end()
+        if connection is not None:
+            with contextlib.suppress(TimeoutError, CancelledError):
+                ble_loop.run(connection.close()).result(_ACT_S)
+
+
+class Inbox:
+    """What the loop's thread hands to the device's. over: nothing more will come."""
+
+    def __init__(self) -> None:
+        self.over = False
+        self._news = threading.Condition()
+        self._chunks: deque[Chunk] = deque()
+        self._bytes = self._lost = 0
+
+    def put(self, data: bytes) -> None:
+        """A notification came."""
+        receive_time_ns = time.time_ns()
+        with self._news:
+            self._chunks.append(Chunk(data, receive_time_ns))
+            self._bytes += len(data)
+            while self._bytes > _MOST_BYTES:
+                gone = len(self._chunks.popleft().data)
+                self._bytes -= gone
+                self._lost += gone
+            self._news.notify()
+
+    def end(self) -> None:
+        """Nothing more will come."""
+        with self._news:
+            self.over = True
+            self._news.notify()
+
+    def take(self, timeout_s: float) -> Chunk | None:
+        """The oldest notification, waiting for one unless it is over."""
+        with self._news:
+            self._news.wait_for(lambda: self._chunks or self.over, timeout_s)
+            if not self._chunks:
+                return None
+            chunk = self._chunks.popleft()
+            self._bytes -= len(chunk.data)
+            return chunk
+
+    def lost_bytes(self) -> int:
+        """How many there was no room for, since this was asked last."""
+        with self._news:
+            lost, self._lost = self._lost, 0
+            return lost
+
+
+def parsed(address: str) -> Place:
+    """An address behind `ble://`; ValueError says what one looks like."""
+    where, _, query = address.partition("?")
+    device, _, characteristic = where.partition("/")
+    if not _ADDRESS.fullmatch(device.upper()):
+        raise ValueError(f"{device!r} is no Bluetooth address; a port looks like {EXAMPLE!r}")
+    chosen = dict(parse_qsl(query, keep_blank_values=True))
+    for name in chosen:
+        if name != "write":
+            raise ValueError(f"port 'ble://{address}': unknown option {name!r}; {nearest(name, ['write'])}")
+    return Place(device.upper(), _uuid(characteristic), _uuid(chosen["write"]) if "write" in chosen else "")
+
+
+def state(address: str) -> str:
+    """Whether it could be opened, in a few words; whether it is within reach nobody knows before."""
+    parsed(address)
+    return "not looked for before it is opened" if ble_radio.available() else ble_radio.NEEDS
+
+
+def _uuid(text: str) -> str:
+    uuid = text.lower()
+    if not _UUID.fullmatch(uuid):
+        raise ValueError(f"{text!r} is no characteristic, of 4 or 32 hexadecimal digits; a port looks like {EXAMPLE!r}")
+    return uuid if "-" in uuid else uuid.rjust(8, "0") + _BASE
+
+
+async def _connected(at: Place, inbox: Inbox) -> Connection:
+    """Connect and listen, one device at a time; what does not come about in time is given up, so that others get their turn."""
+    async with ble_loop.connecting:
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                connection = await radio().connect(at.address, inbox.end)
+                try:
+                    await connection.listen(at.notify, inbox.put)
+                except BaseException:  # also when it is cancelled: BlueZ would keep the connection
+                    await connection.close()
+                    raise
+                return connection
+        except TimeoutError:
+            raise RadioFault(f"no connection within {_PATIENCE_S:g} s; is it on, and within reach?") from None

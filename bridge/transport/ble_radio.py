@@ -1,0 +1,127 @@
+"""Bluetooth Low Energy as far as it is needed, and bleak (the extra `ble`) doing it: the only file that imports bleak.
+
+Everything here runs in the thread of `ble_loop`.
+"""
+
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Final, Protocol
+
+if TYPE_CHECKING:
+    from bleak import BleakClient
+
+NEEDS: Final = "needs pip install 'truerate[ble]'"
+CONNECT_S: Final = 10.0
+_NO_BLUEZ = "this machine's Bluetooth service does not answer; is it running (systemctl status bluetooth)?"
+_NOT_HEARD = "not heard; is it on, within reach, and not connected to a phone or another machine?"
+
+
+class RadioFault(Exception):
+    """It could not be done; the message says why, and what to do."""
+
+
+class Connection(Protocol):
+    """A device that is connected."""
+
+    async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
+        """Have each notification of a characteristic told, in the order they come; raises RadioFault."""
+
+    async def write(self, characteristic: str, data: bytes) -> None:
+        """Send; raises RadioFault."""
+
+    async def close(self) -> None:
+        """Disconnect; never raises."""
+
+
+class Radio(Protocol):
+    """Makes connections."""
+
+    async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
+        """Connect; `lost` is called when the connection ends, however it does. Raises RadioFault."""
+
+
+def available() -> bool:
+    """Whether bleak is installed."""
+    return importlib.util.find_spec("bleak") is not None
+
+
+class BleakRadio:
+    """The machine's own Bluetooth, through BlueZ."""
+
+    async def connect(self, address: str, lost: Callable[[], None]) -> Connection:
+        """Connect; raises RadioFault."""
+        from bleak import BleakClient  # noqa: PLC0415 - an extra
+        from bleak.exc import BleakError  # noqa: PLC0415
+
+        client = BleakClient(address, disconnected_callback=lambda _: lost(), timeout=CONNECT_S)
+        try:
+            await client.connect()
+        except (BleakError, OSError, EOFError) as error:
+            raise RadioFault(words(error)) from None
+        return _BleakConnection(client)
+
+
+class _BleakConnection:
+    def __init__(self, client: "BleakClient") -> None:
+        self._client = client
+
+    async def listen(self, characteristic: str, heard: Callable[[bytes], None]) -> None:
+        from bleak.exc import BleakError  # noqa: PLC0415
+
+        self._check(characteristic)
+        try:
+            await self._client.start_notify(characteristic, lambda _, data: heard(bytes(data)))
+        except (BleakError, OSError, EOFError) as error:
+            raise RadioFault(words(error)) from None
+
+    async def write(self, characteristic: str, data: bytes) -> None:
+        from bleak.exc import BleakError  # noqa: PLC0415
+
+        self._check(characteristic)
+        found = self._client.services.get_characteristic(characteristic)
+        assert found is not None
+        answered = "write" in found.properties
+        piece = len(data) if answered else found.max_write_without_response_size
+        try:
+            for start in range(0, len(data), piece):
+                await self._client.write_gatt_char(found, data[start : start + piece], response=answered)
+        except (BleakError, OSError, EOFError) as error:
+            raise RadioFault(words(error)) from None
+
+    async def close(self) -> None:
+        from bleak.exc import BleakError  # noqa: PLC0415
+
+        try:
+            await self._client.disconnect()
+        except (BleakError, OSError, EOFError):
+            return
+
+    def _check(self, characteristic: str) -> None:
+        there = {each.uuid: each.properties for each in self._client.services.characteristics.values()}
+        if characteristic not in there:
+            raise RadioFault(no_characteristic(characteristic, there))
+
+
+def no_characteristic(wanted: str, there: Mapping[str, Sequence[str]]) -> str:
+    """What to say when a device has not what was configured."""
+    listed = ", ".join(f"{uuid} ({' '.join(properties)})" for uuid, properties in there.items())
+    return f"it has no characteristic {wanted}; it has {listed or 'none'}"
+
+
+def words(error: Exception) -> str:
+    """What a fault of bleak, or of the system under it, means, and what to do."""
+    from bleak.exc import (  # noqa: PLC0415
+        BleakBluetoothNotAvailableError,
+        BleakBluetoothNotAvailableReason,
+        BleakDeviceNotFoundError,
+    )
+
+    if isinstance(error, BleakDeviceNotFoundError | TimeoutError):
+        return _NOT_HEARD
+    if isinstance(error, BleakBluetoothNotAvailableError):
+        if error.reason is BleakBluetoothNotAvailableReason.POWERED_OFF:
+            return "Bluetooth is off; turn it on (bluetoothctl power on)"
+        return f"this machine has no Bluetooth that can be used: {error.args[0]}"
+    if isinstance(error, FileNotFoundError | ConnectionRefusedError):
+        return _NO_BLUEZ
+    return str(error) or type(error).__name__

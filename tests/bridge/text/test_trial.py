@@ -1,0 +1,55 @@
+"""`truerate bridge profiles` and `truerate bridge try`: what somebody who adds a device is told."""
+
+from pathlib import Path
+
+import pytest
+
+from estimator.cli import main
+from tests.bridge.text import printed
+
+
+def test_the_profiles_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bridge", "profiles"]) == 0
+    assert "nano-33-ble          Arduino Nano 33 BLE (LSM9DS1)" in capsys.readouterr().out
+
+
+def test_a_capture_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(b"18\t-0.31\r\n" + printed.nano(238) + b"1.22\t0.18\r\n1.22\t0.18\t-0.3x\r\n1.2")
+    assert main(["bridge", "try", "nano-33-ble", str(capture), "--seconds", "2"]) == 0
+    said = capsys.readouterr().out
+    for words in [
+        "understood: 238 samples in 1 boots",
+        "rate:       119 Hz, as promised: it tells no time",
+        "counted:    119 samples a second in 2 s",
+        "reads 12.8 % low",
+        "1.500     -0.000     -3.000",
+        "line 1: '18\\t-0.31': the first line",
+        "line 245: '1.22\\t0.18': 2 columns came, 3 were expected",
+        "line 246: '1.22\\t0.18\\t-0.3x': '-0.3x' is no number",
+    ]:
+        assert words in said
+
+
+def test_a_rate_that_nobody_knows_is_not_made_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(printed.icm(10))
+    assert main(["bridge", "try", "icm-20948-sparkfun", str(capture)]) == 0
+    assert "rate:       unknown: it tells no time" in capsys.readouterr().out
+
+
+def test_a_short_capture_of_a_device_with_a_clock_is_not_kept_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(b"\n" + printed.razor(7))
+    assert main(["bridge", "try", "razor-m0", str(capture)]) == 0
+    assert "understood: 7 samples" in capsys.readouterr().out
+
+
+def test_what_is_not_understood_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(b"\n" + printed.nano(3))
+    assert main(["bridge", "try", "razor-m0", str(capture)]) == 1
+    assert main(["bridge", "try", "razor", str(capture)]) == 2
+    assert "did you mean 'razor-m0'" in capsys.readouterr().err
