@@ -40,11 +40,13 @@ def calibrate(
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _clipped(recording.gyro, gyro_range))
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
-    stillness, session = Stillness(), CalibrationSession(method, whole=method in BY_MOVEMENTS)
-    session.add(samples)
+    windows = list(Stillness().feed(samples.time, samples.gyro, samples.accel, samples.clipped))
+    session = CalibrationSession(method, whole=method in BY_MOVEMENTS)
+    if windows:
+        session.add(Samples.of(windows))
     passed_over: list[str] = []
     last: Result | None = None
-    for window in stillness.feed(recording.time_s, recording.gyro, recording.accel):
+    for window in windows:
         for progress in session.window(window):
             if isinstance(progress, Ignored):
                 passed_over.append(f"{window.end_time:.1f} s: {progress.no_turn.reason}")

@@ -194,11 +194,8 @@ class DeviceSession:
         clipped = (batch.flags[first:last] & SampleFlag.CLIPPED) != 0
         if self._first_time is None:
             self._first_time = float(time[0])
-        if self._capture is not None:
-            self._capture.add(Samples(time, gyro, accel, clipped))
-        self.tracker.add(time, gyro, accel, clipped)
         base, start = self._fed, 0
-        for window in self._stillness.feed(time, gyro, accel):
+        for window in self._stillness.feed(time, gyro, accel, clipped):
             before = self._applied
             self._now = window.end_time
             if batch.temperature_c is not None:
@@ -230,6 +227,8 @@ class DeviceSession:
     # ---- windows: evidence and calibration ------------------------------------------------------------------------
 
     def _window(self, window: Window, outcome: Outcome) -> None:
+        if self._capture is not None:
+            self._capture.add(Samples.of([window]))
         if self.life.state is State.WARMING:
             if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)

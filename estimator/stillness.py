@@ -5,15 +5,21 @@ never with zero.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import spread
+from estimator.spikes import SpikeKnobs, mended
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+#: time, gyro, accel or None, clipped
+_Samples = tuple[Floats, Floats, Floats | None, Flags]
+#: a window is made longer by so many samples at most, so as not to end at a spike
+_SPIKE_AND_BACK = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,26 +43,43 @@ class StillnessKnobs:
     std_ceiling: float = radians(1.5)
     #: a silence this long hides what happened in it: no stillness spans it
     gap_s: float = 0.25
+    spike: SpikeKnobs = field(default_factory=SpikeKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A short run of samples: `end` counts samples since the first one fed; mean and std of its readings (3,)."""
+    """A short run of n samples, spikes mended: time (n,), gyro (n, 3), accel (n, 3) or None, clipped (n,).
+
+    `end` counts samples since the first one fed; mean and std (3,) of its readings; spikes: how many were mended.
+    """
 
     start: int
     end: int
-    start_time: float
-    end_time: float
+    time: Floats
+    gyro: Floats
+    accel: Floats | None
+    clipped: Flags
     mean: Floats
     std: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
+    spikes: int
     still: bool
 
     @property
     def samples(self) -> int:
         """How many samples it has."""
         return self.end - self.start
+
+    @property
+    def start_time(self) -> float:
+        """Of its first sample."""
+        return float(self.time[0])
+
+    @property
+    def end_time(self) -> float:
+        """Of its last sample."""
+        return float(self.time[-1])
 
 
 class Stillness:
@@ -68,51 +91,61 @@ class Stillness:
         self.noise_known = False
         self._reference: Floats | None = None
         self._anchor: Floats | None = None  # the reference when this rest began: a slow turn must not drag it along
-        self._last_time: float | None = None
+        self._last: tuple[float, Floats] | None = None  # time and reading
         self._rest_windows: list[Window] = []
         self._odd: list[Window] = []
         self._count = 0
-        self._time: list[Floats] = []
-        self._gyro: list[Floats] = []
-        self._accel: list[Floats] = []
+        self._held: list[_Samples] = []
 
-    def feed(self, time: Floats, gyro: Floats, accel: Floats | None) -> Iterator[Window]:
-        """Take samples (n,), (n, 3), (n, 3) and yield each window as it closes; consume it all before feeding again."""
-        start = 0
-        pending = sum(map(len, self._time))
-        opened = self._time[0][0] if self._time else time[0]
-        for i, t in enumerate(time):
-            if pending + i + 1 - start >= self.knobs.min_samples and t - opened >= self.knobs.window_s:
-                self._hold(time[start : i + 1], gyro[start : i + 1], None if accel is None else accel[start : i + 1])
-                yield self._close()
-                start, pending = i + 1, 0
-                opened = time[start] if start < len(time) else t
-        if start < len(time):
-            self._hold(time[start:], gyro[start:], None if accel is None else accel[start:])
+    def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Iterator[Window]:
+        """Take samples (n,), (n, 3), (n, 3), (n,) and yield each window as it closes; consume it all before feeding again."""
+        if not len(time):
+            return
+        self._held.append((time, gyro, accel, np.zeros(len(time), bool) if clipped is None else clipped))
+        while (n := self._whole()) is not None:
+            yield self._close(self._draw(n))
 
-    def _hold(self, time: Floats, gyro: Floats, accel: Floats | None) -> None:
-        self._time.append(time)
-        self._gyro.append(gyro)
-        if accel is not None:
-            self._accel.append(accel)
+    def _whole(self) -> int | None:
+        """How many of the samples that are held make a window; None when they do not yet."""
+        if not self._held or self._held[-1][0][-1] - self._held[0][0][0] < self.knobs.window_s:
+            return None
+        self._held = [_together(self._held)]
+        time, gyro, _, _ = self._held[0]
+        n = max(self.knobs.min_samples, int(np.searchsorted(time - time[0], self.knobs.window_s)) + 1)
+        # A window does not end at a spike: what follows it tells that it is one.
+        for more in range(_SPIKE_AND_BACK):
+            if n + more > len(time):
+                return None
+            if np.abs(gyro[n + more - 1] - gyro[n + more - 2]).max() <= self.knobs.spike.far:
+                return n + more
+        return n + _SPIKE_AND_BACK if n + _SPIKE_AND_BACK <= len(time) else None
 
-    def _close(self) -> Window:
-        time, gyro = np.concatenate(self._time), np.concatenate(self._gyro)
-        # A window with an accelerometer in a part of it only is judged without.
-        accel = np.concatenate(self._accel) if len(self._accel) == len(self._time) else None
-        for held in (self._time, self._gyro, self._accel):
-            held.clear()
+    def _draw(self, n: int) -> _Samples:
+        """The first n of the samples that are held."""
+        time, gyro, accel, clipped = self._held.pop()
+        if n < len(time):
+            self._held.append((time[n:], gyro[n:], None if accel is None else accel[n:], clipped[n:]))
+        return time[:n], gyro[:n], None if accel is None else accel[:n], clipped[:n]
+
+    def _close(self, samples: _Samples) -> Window:
+        time, gyro, accel, clipped = samples
         start, self._count = self._count, self._count + len(time)
-        mean, std = spread(gyro)
-        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
-        begun, ended = float(time[0]), float(time[-1])
-        silence = max(
-            float((time[1:] - time[:-1]).max()), begun - (begun if self._last_time is None else self._last_time)
-        )
-        self._last_time = ended
+        last_time, last_gyro = self._last or (time[0], gyro[0])
+        silence = float(np.diff(time, prepend=last_time).max())
+        gyro, spiked = mended(last_gyro if time[0] - last_time < self.knobs.gap_s else gyro[0], gyro, self.knobs.spike)
+        self._last = time[-1], gyro[-1]
         if silence >= self.knobs.gap_s:
             self._odd.clear()
-        draft = Window(start, self._count, begun, ended, mean, std, accel_mean, accel_std, still=False)
+        # One that was mended is no longer clipped.
+        clipped = clipped if spiked is None else clipped & ~spiked
+        mean, std = spread(gyro)
+        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
+        if accel_mean is not None and np.isnan(accel_mean[0]):
+            accel = accel_mean = accel_std = None
+        spikes = 0 if spiked is None else int(spiked.sum())
+        draft = Window(
+            start, self._count, time, gyro, accel, clipped, mean, std, accel_mean, accel_std, spikes, still=False
+        )
         window = replace(draft, still=silence < self.knobs.gap_s and self._judge(draft))
         self._learn(window)
         return window
@@ -163,3 +196,16 @@ class Stillness:
         if len(recent) >= 8:
             self.noise_std = np.median([w.std for w in recent], axis=0)
             self.noise_known = True
+
+
+def _together(parts: list[_Samples]) -> _Samples:
+    """Some parts as one; where some know no acceleration it is NaN there."""
+    if len(parts) == 1:
+        return parts[0]
+    times, gyros, accels, flags = zip(*parts, strict=True)
+    known = any(accel is not None for accel in accels)
+    forces = [
+        np.full((len(time), 3), np.nan) if accel is None else accel for time, accel in zip(times, accels, strict=True)
+    ]
+    accel = np.concatenate(forces) if known else None
+    return np.concatenate(times), np.concatenate(gyros), accel, np.concatenate(flags)

@@ -84,7 +84,7 @@ class RestBias:
 
 
 class Tracker:
-    """Samples and their windows in; the bias, and a reason to doubt or to trust it, out.
+    """Windows in; the bias, and a reason to doubt or to trust it, out.
 
     model: what is believed of the gyro at `began`, device seconds, its bias with standard deviation bias_std (3,) rad/s.
     law: what earlier boots taught of temperature; given up for the rest of the boot when the present one disagrees.
@@ -223,10 +223,6 @@ class Tracker:
         """Use what earlier boots taught of temperature from now on."""
         self._law = law
         self._filter.expect(law)
-
-    def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: NDArray[np.bool_]) -> None:
-        """Hold samples (n,), (n, 3), (n, 3), (n,) for the windows over them."""
-        self.seconds.add(time, gyro, accel, clipped)
 
     def skip(self, window: Window) -> None:
         """Take no notice of the next window."""

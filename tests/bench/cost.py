@@ -28,7 +28,6 @@ class One:
 
     def feed(self, time: NDArray[np.float64], gyro: NDArray[np.float64], accel: NDArray[np.float64] | None) -> None:
         """Take a batch."""
-        self.tracker.add(time, gyro, accel, np.zeros(len(time), bool))
         for window in self.stillness.feed(time, gyro, accel):
             self.tracker.window(window, self.stillness.noise_std)
 
