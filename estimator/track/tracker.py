@@ -201,6 +201,7 @@ class Tracker:
             model.bias, cov, time, self.knobs.bias, temperature_c=self._temperature_at(time), powered=before.powered
         )
         self._believe(model, begun)
+        self._accelerometer.anew()
         if self._law is not None:
             self._filter.expect(self._law)
         if time < rest.middle:

@@ -154,7 +154,7 @@ def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, o
 
 def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) -> None:
     more = calibration(seed=1, after=[])
-    upto = once.at(once.time[-1] - 1.0) // 10
+    upto = once.at(once.time[-1] - 0.5) // 10
     batches = more.batches()
     ward.send(batches[:upto], info(1))
     before = list(ward.subscriber)
