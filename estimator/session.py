@@ -171,6 +171,34 @@ class DeviceSession:
         """The boot whose samples are taken."""
         return self.sequence.boot
 
+    @property
+    def applied(self) -> Correction:
+        """What is applied to the samples that come next."""
+        return self._applied
+
+    def plain(self, boot: int, sequence: int, first_s: float, last_s: float) -> bool:
+        """Whether a batch, taken from first_s to last_s of the device's clock, only goes on where the stream is.
+
+        Such a batch may be given to `keep` and corrected by `applied`, which is all that `handle` would do with it.
+        """
+        return (
+            boot == self.sequence.boot
+            and sequence == self.sequence.next
+            and self._first_time is not None
+            and first_s + self._clock_shift > self._latest
+            and (last_s + self._clock_shift) // BLOCK_S == self._block_number
+            and self.life.state is not State.LOST
+        )
+
+    def keep(self, batch: SampleBatch) -> None:
+        """Let a plain batch wait for the end of its block."""
+        n = len(batch.ticks)
+        self.sequence.went_on(n)
+        self.last_heard_ns = batch.receive_time_ns
+        time = batch.device_time + self._clock_shift
+        self._block.add(time, batch, 0, n)
+        self._latest = float(time[-1])
+
     def handle(self, batch: SampleBatch) -> Outcome:
         """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""
         outcome = Outcome()
