@@ -161,7 +161,7 @@ class BiasFilter:
             bend = self._bend(warmer, temperature_c)
             Q[SLOPE, SLOPE] = bend**2 * np.eye(3)
             Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * np.eye(3)
-        Q[BIAS, BIAS] += self._walked(dt, known=np.isfinite(temperature_c)) * np.eye(3)
+        Q[BIAS, BIAS] += self.walked(dt, known=bool(np.isfinite(temperature_c))) * np.eye(3)
         self._kf.predict(F=F, Q=Q)
         if self.law is not None:
             self._kf.x[:OWN] += self.bent
@@ -211,8 +211,9 @@ class BiasFilter:
         before, self._unsure = self._unsure, np.maximum(self._unsure, self._law_var(temperature_c))
         return np.sqrt(self._unsure - before)
 
-    def _walked(self, dt: float, *, known: bool) -> float:
-        knobs = self.knobs
+    def walked(self, dt: float, *, known: bool | None = None) -> float:
+        """Variance that some seconds about now add to the bias; known: temperature tells of the warming, by default if one is."""
+        known, knobs = np.isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * dt
         if not known and np.isfinite(self._powered):
             fading = np.exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)

@@ -140,7 +140,7 @@ class Zaru:
 
     def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
         """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
-        evidence = self._evidence("zaru level", second, bias, _across(up), var, common, GATES[2])
+        evidence = self._evidence("zaru level", second, bias, across(up), var, common, GATES[2])
         self._adapt(evidence, bias)
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
@@ -259,7 +259,7 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     return replace(last, z=z, R=(R - common) / n + common)
 
 
-def _across(up: Floats) -> Floats:
+def across(up: Floats) -> Floats:
     """(2, 3) two unit vectors across up."""
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     first /= np.linalg.norm(first)
