@@ -7,7 +7,7 @@ goes on as if it had never stopped.
 """
 
 from dataclasses import dataclass, field, replace
-from math import radians
+from math import isfinite, radians
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -126,6 +126,7 @@ class BiasFilter:
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
         self._kf = KalmanFilter(dim_x=n, dim_z=3)
+        self._kf.inv = _inverse
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
         #: by how much the bias was doubted since the last step
@@ -239,8 +240,8 @@ class BiasFilter:
         H = evidence.H
         innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = np.all(np.isfinite(innovation)) and np.all(np.isfinite(S)) and np.all(np.diag(evidence.R) > 0)
-        nis = float(innovation @ np.linalg.solve(S, innovation)) if finite else np.inf
+        finite = isfinite(innovation.sum() + S.sum()) and evidence.R.diagonal().min() > 0
+        nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
         ratio = nis / evidence.gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)
@@ -254,8 +255,19 @@ class BiasFilter:
                 return receipt
             R = R * receipt.test_ratio
         self._kf.update(evidence.z, R=R, H=evidence.H)
-        if evidence.common_var is not None:
+        if evidence.common_var is not None and evidence.common_var.any():
             H = evidence.H
-            seen = np.einsum("ij,jk,ik->i", H, self._kf.P, H)
+            seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
         return replace(receipt, accepted=True, reason="")
+
+
+def _inverse(S: Floats) -> Floats:
+    """Of a small symmetric matrix; most are of one or two rows."""
+    if len(S) == 1:
+        return np.reciprocal(S)
+    if len(S) == 2:
+        (a, b), (_, d) = S.tolist()
+        return np.array([[d, -b], [-b, a]], np.float64) / (a * d - b * b)
+    inverse: Floats = np.linalg.inv(S)
+    return inverse

@@ -12,8 +12,8 @@ from math import ceil, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var, rounding_var
-from estimator.rotation import angle_between
+from estimator.gyro import mean_var, rounding_var, spread
+from estimator.rotation import angle_between, cross_matrix
 from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
 from estimator.track.seconds import Second
 
@@ -114,9 +114,9 @@ class Zaru:
     def _calm(self) -> bool:
         if len(self._means) < 3:
             return True
-        means, variances = (np.array(column) for column in zip(*self._means, strict=True))
+        means, variances = np.array(self._means).swapaxes(0, 1)
         noise = variances.mean(axis=0) + self.knobs.quasi_static**2
-        return bool(np.all(means.var(axis=0, ddof=1) < self.knobs.scatter * noise))
+        return bool((spread(means)[1] ** 2 < self.knobs.scatter * noise).all())
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
@@ -261,6 +261,6 @@ def _mean(evidence: list[Evidence]) -> Evidence:
 
 def across(up: Floats) -> Floats:
     """(2, 3) two unit vectors across up."""
-    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first = cross_matrix(up)[:, np.argmin(np.abs(up))]
     first /= np.linalg.norm(first)
-    return np.array([first, np.cross(up, first)])
+    return np.array([first, cross_matrix(up) @ first])
