@@ -35,6 +35,11 @@ class Held:
         """(n,) of those that wait."""
         return self._time[self._begin : self._end]
 
+    @property
+    def span(self) -> float:
+        """Seconds from the first to the last."""
+        return float(self._time[self._end - 1] - self._time[self._begin])
+
     def leap(self, i: int) -> float:
         """Rad/s, by how much a reading of the gyro differs from the one before it."""
         here, before = self._read[self._begin + i, :3].tolist(), self._read[self._begin + i - 1, :3].tolist()

@@ -101,9 +101,9 @@ class Stillness:
     def _whole(self) -> int:
         """How many of the samples that are held make a window; 0 when they do not yet."""
         held = self._held
-        time = held.time
-        if len(time) < self.knobs.min_samples or time[-1] - time[0] < self.knobs.window_s:
+        if len(held) < self.knobs.min_samples or held.span < self.knobs.window_s:
             return 0
+        time = held.time
         n = max(self.knobs.min_samples, int(np.searchsorted(time, time[0] + self.knobs.window_s)) + 1)
         # A window does not end at a spike: what follows it tells that it is one.
         most = n + _SPIKE_AND_BACK

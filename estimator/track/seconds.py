@@ -128,7 +128,7 @@ class Seconds:
         )
 
     def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, noise_std: Floats) -> str:
-        if any(window.clipped.any() for window in windows):
+        if np.concatenate([window.clipped for window in windows]).any():
             return "clipped"
         if dt.max() > self.knobs.gap_s:
             return "gap"

@@ -145,7 +145,7 @@ class Zaru:
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
             return self._believed(weighed, evidence, bias, JUMPED)
-        return bias.update(evidence)
+        return bias.update(evidence, weighed)
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
