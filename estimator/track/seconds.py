@@ -4,7 +4,7 @@ A second with clipped or stuck readings, or with a hole in it, tells nothing of 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from estimator.gyro import least_step, spread
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
+#: a window, and whether it is still for all that is known of those around it
+Judged = tuple[Window, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +62,8 @@ class Seconds:
     def __init__(self, knobs: SecondKnobs | None = None) -> None:
         self.knobs = knobs or SecondKnobs()
         self.refused = Tally()
-        self._windows: list[Window] = []
-        self._coming: list[Window] = []
+        self._windows: list[Judged] = []
+        self._coming: list[Judged] = []
         self._moved = -np.inf  # when the last window ended that was not still
         self._last_time = float("nan")
         self._step = np.full(3, np.inf)  # the least ever seen
@@ -73,11 +75,10 @@ class Seconds:
             self.refused.add("spike", window.spikes)
         # A movement begins and ends too gently for those windows to tell: they wait to see how it goes on.
         if not window.still:
-            self._coming = [replace(before, still=False) for before in self._coming]
+            self._coming = [(before, False) for before, _ in self._coming]
             self._moved = window.end_time
-        settled = window.start_time - self._moved >= self.knobs.settle_s
-        self._coming.append(window if settled else replace(window, still=False))
-        while window.end_time - self._coming[0].end_time >= self.knobs.settle_s:
+        self._coming.append((window, window.start_time - self._moved >= self.knobs.settle_s))
+        while window.end_time - self._coming[0][0].end_time >= self.knobs.settle_s:
             yield from self._take(self._coming.pop(0), noise_std)
 
     def skip(self, window: Window) -> None:
@@ -85,16 +86,18 @@ class Seconds:
         self._windows, self._coming = [], []
         self._last_time = window.end_time
 
-    def _take(self, window: Window, noise_std: Floats) -> Iterator[Second]:
-        turned = bool(self._windows) and self._windows[-1].still != window.still
-        if turned and window.start_time - self._windows[0].start_time >= self.knobs.least_s:
+    def _take(self, judged: Judged, noise_std: Floats) -> Iterator[Second]:
+        window, still = judged
+        turned = bool(self._windows) and self._windows[-1][1] != still
+        if turned and window.start_time - self._windows[0][0].start_time >= self.knobs.least_s:
             yield self._close(noise_std)
-        self._windows.append(window)
-        if window.end_time - self._windows[0].start_time >= self.knobs.length_s:
+        self._windows.append(judged)
+        if window.end_time - self._windows[0][0].start_time >= self.knobs.length_s:
             yield self._close(noise_std)
 
     def _close(self, noise_std: Floats) -> Second:
-        windows, self._windows = self._windows, []
+        windows, still = [window for window, _ in self._windows], all(still for _, still in self._windows)
+        self._windows = []
         time, gyro = np.concatenate([w.time for w in windows]), np.concatenate([w.gyro for w in windows])
         forces = [w.accel for w in windows if w.accel is not None]
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
@@ -104,7 +107,6 @@ class Seconds:
         mean, std = spread(gyro)
         accel_mean, accel_std = (None, None) if accel is None else spread(accel)
         step = least_step(gyro)
-        still = all(window.still for window in windows)
         self._step = np.minimum(self._step, step)
         if still and not self._noisy.all():
             # From one reading to the next: a slow sway is no noise.
@@ -126,7 +128,7 @@ class Seconds:
         )
 
     def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, noise_std: Floats) -> str:
-        if any(window.clipped.any() for window in windows):
+        if np.concatenate([window.clipped for window in windows]).any():
             return "clipped"
         if dt.max() > self.knobs.gap_s:
             return "gap"

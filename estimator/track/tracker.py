@@ -242,7 +242,7 @@ class Tracker:
                 self._consistency.forget()  # what was against the old bias speaks for the new
             if not receipt.accepted:
                 # A stretch is as good as many seconds.
-                self._contradictions += self.knobs.contradictions if receipt.kind == "bounded" else 1
+                self._contradictions += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
         if receipts and all(r.accepted for r in receipts):
             self._contradictions = 0
         return receipts
@@ -309,15 +309,14 @@ class Tracker:
             self._zaru.moved(self._filter)
             self._bounded.broken()
             return []
-        if not resting:
-            self._zaru.interrupted(self._filter)
-            receipt = self._bounded.take(second, self._filter)
-            return [] if receipt is None else [receipt]
-        self._bounded.broken()
         up = None
         if span is not None:
             g = self._filter.x[GRAVITY]
             up = g / np.linalg.norm(g)
+        if not resting:
+            self._zaru.interrupted(self._filter)
+            return self._bounded.take(second, self._filter, up)
+        self._bounded.broken()
         return self._zaru.take(second, self._filter, up)
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------

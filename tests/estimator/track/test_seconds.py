@@ -37,7 +37,20 @@ def window(i: int, time: Floats, gyro: Floats, flags: NDArray[np.bool_], *, stil
     a, b = i * WINDOW, (i + 1) * WINDOW
     part = gyro[a:b]
     return Window(
-        a, b, time[a:b], part, None, flags[a:b], part.mean(axis=0), part.std(axis=0), None, None, 0, still=still
+        a,
+        b,
+        float(time[a]),
+        float(time[b - 1]),
+        time[a:b],
+        part,
+        None,
+        flags[a:b],
+        part.mean(axis=0),
+        part.std(axis=0),
+        None,
+        None,
+        0,
+        still=still,
     )
 
 

@@ -104,6 +104,20 @@ def test_a_slope_by_temperature_is_learnt() -> None:
     assert (np.abs(worn.error_dps(of)) < 0.01).all()
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("accel", [True, False])
+def test_a_fast_warming_at_rest_is_followed_and_its_slope_learnt(seed: int, accel: bool) -> None:
+    warming = replace(PLAIN, bias_dps_per_kelvin=0.03, temperature_c=(25.0, 35.0), warm_up_s=60.0)
+    of = rest(150.0, seed=seed, spec=warming)
+    worn = Worn.new().lives(of, temperature=True, accel=accel)
+    assert any(r.kind.startswith("bounded") for r in worn.receipts), "it drifts too fast to look like a rest at first"
+    assert all(r.accepted for r in worn.receipts)
+    state = worn.tracker.state
+    error, std = state.x[SLOPE] - of.truth.bias_per_kelvin, np.sqrt(np.diag(state.P)[SLOPE])
+    assert (np.abs(error) < 3 * std).all()
+    assert (np.abs(worn.error_dps(of)) < 0.01).all()
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     of = busy(80.0, seed=seed)
