@@ -176,28 +176,37 @@ class DeviceSession:
         """What is applied to the samples that come next."""
         return self._applied
 
-    def plain(self, boot: int, sequence: int, first_s: float, last_s: float) -> bool:
-        """Whether a batch, taken from first_s to last_s of the device's clock, only goes on where the stream is.
-
-        Such a batch may be given to `keep` and corrected by `applied`, which is all that `handle` would do with it.
-        """
+    def plain(self, boot: int, sequence: int, first_s: float) -> bool:
+        """Whether a batch, all of it finite and from first_s of the device's clock on, only goes on where the stream is."""
         return (
             boot == self.sequence.boot
             and sequence == self.sequence.next
             and self._first_time is not None
             and first_s + self._clock_shift > self._latest
-            and (last_s + self._clock_shift) // BLOCK_S == self._block_number
             and self.life.state is not State.LOST
         )
 
+    def ends_block(self, last_s: float) -> bool:
+        """Whether a sample at last_s of the device's clock is beyond the block that waits."""
+        return (last_s + self._clock_shift) // BLOCK_S != self._block_number
+
     def keep(self, batch: SampleBatch) -> None:
-        """Let a plain batch wait for the end of its block."""
-        n = len(batch.ticks)
-        self.sequence.went_on(n)
-        self.last_heard_ns = batch.receive_time_ns
+        """Take a plain batch that ends no block; it is to be corrected by `applied`, which is all that `handle` would do."""
+        self._went_on(batch)
         time = batch.device_time + self._clock_shift
-        self._block.add(time, batch, 0, n)
+        self._block.add(time, batch, 0, len(time))
         self._latest = float(time[-1])
+
+    def learn(self, batch: SampleBatch) -> Outcome:
+        """Take a plain batch that ends a block, as `handle` would."""
+        outcome = Outcome()
+        self._went_on(batch)
+        self._take(batch, 0, len(batch.ticks), 0.0, outcome)
+        return outcome
+
+    def _went_on(self, batch: SampleBatch) -> None:
+        self.sequence.went_on(len(batch.ticks))
+        self.last_heard_ns = batch.receive_time_ns
 
     def handle(self, batch: SampleBatch) -> Outcome:
         """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""

@@ -1,8 +1,8 @@
 """The fast lane: batches that only go on where their device was, checked, corrected and encoded many at once.
 
-A batch is plain when it is whole and unmarked, follows the one before without a hole, and ends no half second of its
-device: then nothing is learnt from it yet, and correcting is all there is to do. Everything else takes the door and the
-session's own way, which this one agrees with to the bit. Order is kept: what is plain goes out before what is not.
+A batch is plain when it is whole and unmarked and follows the one before without a hole. Unless it ends a half second of its
+device nothing is learnt from it yet, and correcting is all there is to do. Everything else takes the door and the session's
+own way, which this one agrees with to the bit. What one device says keeps its order.
 """
 
 import time
@@ -23,6 +23,7 @@ from bridge.wire.messages import VERSION, SampleBatch
 from estimator.gyro import corrected
 from estimator.service.device import Device
 from estimator.service.roster import MAX_DEVICES
+from estimator.session import Outcome
 
 Floats = NDArray[np.float64]
 
@@ -49,17 +50,18 @@ class _Columns(NamedTuple):
 
 
 Plain = tuple[Device, SampleBatch]
+Tell = Callable[[Device, Outcome], None]
 Guard = Callable[[Device, Callable[[], None]], bool]
 
 
 class Lane:
     """Devices by the key of their raw samples; `take` does what is plain and hands the rest to `slow`, in order.
 
-    guarded does some work of one device, and says whether it went well.
+    guarded does some work of one device, and says whether it went well; tell publishes what a batch led to.
     """
 
-    def __init__(self, slow: Callable[[Message], None], guarded: Guard) -> None:
-        self._slow, self._guarded = slow, guarded
+    def __init__(self, slow: Callable[[Message], None], guarded: Guard, tell: Tell) -> None:
+        self._slow, self._guarded, self._tell = slow, guarded, tell
         self._devices: dict[str, tuple[Device, str]] = {}
 
     def admit(self, key: str, device: Device, bridge: str) -> None:
@@ -78,13 +80,20 @@ class Lane:
                 device, bridge = self._devices[message.key]
                 batch = _plain(device, bridge, raw, whole)
                 if batch is not None:
-                    if self._guarded(device, partial(_keep, device, batch)):
-                        going.setdefault(message.key, []).append((device, batch))
+                    if not device.session.ends_block(float(whole.time[raw.begin + raw.n - 1])):
+                        if self._guarded(device, partial(_keep, device, batch)):
+                            going.setdefault(message.key, []).append((device, batch))
+                        continue
+                    self._send(going.pop(message.key, []))
+                    self._guarded(device, partial(self._learn, device, batch))
                     continue
-            if held := going.pop(message.key, None):
-                self._send(held)
+            self._send(going.pop(message.key, []))
             self._slow(message)
         self._send([plain for held in going.values() for plain in held])
+
+    def _learn(self, device: Device, batch: SampleBatch) -> None:
+        _heard(device, batch)
+        self._tell(device, device.session.learn(batch))
 
     def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
         raws: list[_Raw | None] = []
@@ -120,7 +129,11 @@ class Lane:
 
 
 def _keep(device: Device, batch: SampleBatch) -> None:
+    _heard(device, batch)
     device.session.keep(batch)
+
+
+def _heard(device: Device, batch: SampleBatch) -> None:
     device.heard = time.monotonic()
     device.source.went_on(batch, device.heard)
 
@@ -179,12 +192,12 @@ def _within(column: NDArray[np.float32], limit: float) -> bool:
 def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBatch | None:
     """The batch, if it is plain."""
     message, n, begin = raw
-    last = begin + n - 1
+    end = begin + n
     if (
         message.device != device.name
         or device.source.owner != bridge
         or not device.announced
-        or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]), float(whole.time[last]))
+        or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]))
     ):
         return None
     return SampleBatch(
@@ -195,8 +208,8 @@ def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBat
         start_time_ns=message.start_time_ns,
         tick_period_s=message.tick_period_s,
         clock_rate=message.clock_rate,
-        ticks=whole.ticks[begin : last + 1],
-        gyro=whole.gyro[begin : last + 1],
+        ticks=whole.ticks[begin:end],
+        gyro=whole.gyro[begin:end],
         accel=np.frombuffer(message.accel, "<f4").reshape(n, 3) if message.accel else None,
         temperature_c=np.frombuffer(message.temperature_c, "<f4") if message.temperature_c else None,
         flags=_NO_FLAGS[:n],

@@ -54,7 +54,7 @@ class Service:
         self._devices = Roster(self.counts, settings.silence_s)
         self._samples = Door[SampleBatch]("sample", codec.decode_samples, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
-        self._lane = Lane(self._on_samples, self._guarded)
+        self._lane = Lane(self._on_samples, self._guarded, self._tell)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
