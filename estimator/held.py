@@ -42,8 +42,8 @@ class Held:
 
     def leap(self, i: int) -> float:
         """Rad/s, by how much a reading of the gyro differs from the one before it."""
-        here, before = self._read[self._begin + i, :3].tolist(), self._read[self._begin + i - 1, :3].tolist()
-        return float(max(abs(a - b) for a, b in zip(here, before, strict=True)))
+        (a, b, c), (x, y, z) = self._read[self._begin + i - 1 : self._begin + i + 1, :3].tolist()
+        return float(max(abs(x - a), abs(y - b), abs(z - c)))
 
     def draw(self, n: int) -> tuple[Floats, Floats, Flags]:
         """The first n: time (n,), gyro and accel side by side (n, 6), clipped (n,)."""

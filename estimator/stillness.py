@@ -153,7 +153,8 @@ class Stillness:
 
     def _judge(self, begun: float, ended: float, mean: Three, std: Three, accel_std: Three | None) -> bool:
         calm = accel_std is None or max(accel_std) <= self.knobs.accel_std
-        if not calm or any(one > limit for one, limit in zip(std, self._limits, strict=True)):
+        (x, y, z), (a, b, c) = std, self._limits
+        if not calm or x > a or y > b or z > c:
             self._odd.clear()
             return False
         if self._reference is None or self._near(mean, self._reference):
@@ -164,7 +165,8 @@ class Stillness:
         return self._adopt_odd(begun, ended, mean)
 
     def _near(self, mean: Three, reference: Three) -> bool:
-        return all(abs(a - b) < self.knobs.mean_tolerance for a, b in zip(mean, reference, strict=True))
+        (x, y, z), (a, b, c), far = mean, reference, self.knobs.mean_tolerance
+        return abs(x - a) < far and abs(y - b) < far and abs(z - c) < far
 
     def _adopt_odd(self, begun: float, ended: float, mean: Three) -> bool:
         # Quiet but at another rate: an even turn, or a rest whose bias moved while nobody looked.
@@ -192,7 +194,8 @@ class Stillness:
         if self._anchor is None and recent >= 4:
             self._anchor = self._reference
         if recent >= 8:
-            ordered = np.sort(rest[-recent:, 1], axis=0)
+            ordered = rest[-recent:, 1].copy()
+            ordered.sort(axis=0)
             self._learnt((ordered[(recent - 1) // 2] + ordered[recent // 2]) / 2)
             self.noise_known = True
 
