@@ -33,7 +33,7 @@ from estimator.lifecycle import Event, Life
 from estimator.past import Past
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BIAS, BiasState, start
+from estimator.track.bias_filter import BIAS, BiasState, Receipt, start
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
@@ -259,9 +259,10 @@ class DeviceSession:
                 self._now_ns = sample_time_ns(batch, index)
                 if batch.temperature_c is not None:
                     self.tracker.temperature(self._now, float(batch.temperature_c[index]))
+                tracked = self.tracker.time
                 self._window(window, outcome)
                 self._past.note(self._now, batch.sequence + index, self._now_ns, self.tracker.time)
-                if (improved := self.tracker.improved()) is not None:
+                if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
                     outcome.revision = self._past.revision(
                         batch, self._belief.calibration, self._belief.model.matrix, *improved
                     )
@@ -292,7 +293,17 @@ class DeviceSession:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
             self.tracker.skip(window)
             return
-        for receipt in self.tracker.window(window, self._stillness.noise_std):
+        tracked = self.tracker.time
+        receipts = self.tracker.window(window, self._stillness.noise_std)
+        if self.tracker.time != tracked:
+            self._second(receipts, outcome)
+        if self._capture is not None:
+            for progress in self._capture.window(window):
+                self._progress(progress, outcome)
+
+    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
+        """What the tracker makes of a second, or of some."""
+        for receipt in receipts:
             if not receipt.accepted:
                 self.sequence.events.add(f"{receipt.kind}: {receipt.reason}")
             elif self.tracker.trust():
@@ -303,9 +314,6 @@ class DeviceSession:
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (reason := self.tracker.doubt(self._now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
-        if self._capture is not None:
-            for progress in self._capture.window(window):
-                self._progress(progress, outcome)
 
     def _progress(self, progress: Progress, outcome: Outcome) -> None:
         match progress:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
+from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
-from estimator.track.bias_filter import BIAS, SLOPE
-from estimator.track.tracker import Tracker
+from estimator.track.bias_filter import BIAS, SLOPE, Receipt
+from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 from tests.estimator.stream import Stream, stream
 from tests.estimator.track.worn import LEVEL, PLAIN, Worn, rest
 
@@ -144,3 +145,14 @@ def test_the_past_is_improved_once_a_gap() -> None:
     assert now == pytest.approx(36.0 + 10.0, abs=3.0)
     assert smoothed.time[0] == pytest.approx(12.0, abs=3.0)
     assert worn.tracker.improved() is None
+
+
+def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration() -> None:
+    one = Tracker(TrackKnobs(), 0.0, uncalibrated(PriorKnobs()), np.full(3, 0.1))
+    against = Receipt(1.0, "gravity", np.ones(3), np.eye(3), 9.0, accepted=False, reason="", nis=99.0)
+    for _ in range(one.knobs.accelerometer.in_a_row):
+        one._accelerometer.heard(against)
+    assert one._accelerometer.contradicts
+    rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
+    one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
+    assert one.doubt(2.0) is None
