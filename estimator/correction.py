@@ -24,7 +24,7 @@ class Correction:
         """Whether both correct alike, to the last bit."""
         mine, theirs = self.model, other.model
         return (self.quality, self.calibration) == (other.quality, other.calibration) and all(
-            np.array_equal(a, b)
+            a is b or np.array_equal(a, b)
             for a, b in (
                 (mine.bias, theirs.bias),
                 (mine.matrix, theirs.matrix),
@@ -89,9 +89,7 @@ def choose(belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | N
     noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known.
     """
     quality = belief.quality if belief.quality is Quality.GOOD or not sure else Quality.BIAS_ONLY
-    model = replace(belief.model, bias=bias)
-    if noise_std is not None:
-        model = replace(model, noise_std=noise_std)
+    model = replace(belief.model, bias=bias, noise_std=belief.model.noise_std if noise_std is None else noise_std)
     return Correction(model, bias_std, quality, belief.calibration)
 
 

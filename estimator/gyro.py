@@ -45,6 +45,15 @@ def reading_std(std: Floats) -> Floats:
     return np.where(std > 1e-9, std, COARSE_STEP / np.sqrt(12))
 
 
+def corrected(reading: Floats, matrix: Floats, bias: Floats) -> Floats:
+    """(n, 3) corrected rates of readings (n, 3) by a matrix (3, 3) and a bias (3,), or (n, 3, 3) and (n, 3), a row each.
+
+    The same to the last bit however many are corrected at once, which no matrix product promises.
+    """
+    off = reading - bias
+    return matrix[..., 0] * off[:, 0:1] + matrix[..., 1] * off[:, 1:2] + matrix[..., 2] * off[:, 2:3]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroModel:
     """What is known of a gyro: matrix (3, 3), bias (3,) rad/s; noise_std (3,) rad/s of a reading.
@@ -60,7 +69,7 @@ class GyroModel:
 
     def correct(self, reading: Floats) -> Floats:
         """(n, 3) corrected rates of readings (n, 3), rad/s, sensor frame."""
-        return (reading - self.bias) @ self.matrix.T
+        return corrected(reading, self.matrix, self.bias)
 
     def corrected_std(self, reading_std: Floats) -> Floats:
         """(3,) standard deviation that independent errors of the reading (3,) leave in the corrected rate."""

@@ -103,7 +103,7 @@ def measured(rest: AtRest, like: NoiseModel) -> tuple[NoiseModel, dict[str, str]
 def _longest_rest(recording: Recording) -> slice:
     runs: list[list[int]] = [[]]
     for window in Stillness().feed(recording.time_s, recording.gyro, recording.accel):
-        if not window.still:
+        if not window.still or window.spikes:
             runs.append([])
             continue
         runs[-1].append(window.start)

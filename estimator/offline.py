@@ -19,7 +19,7 @@ from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
-from estimator.session import DeviceSession, Remembered, SessionKnobs
+from estimator.session import DeviceSession, Outcome, Remembered, SessionKnobs
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
@@ -40,11 +40,13 @@ def calibrate(
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _clipped(recording.gyro, gyro_range))
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
-    stillness, session = Stillness(), CalibrationSession(method, whole=method in BY_MOVEMENTS)
-    session.add(samples)
+    windows = list(Stillness().feed(samples.time, samples.gyro, samples.accel, samples.clipped))
+    session = CalibrationSession(method, whole=method in BY_MOVEMENTS)
+    if windows:
+        session.add(Samples.of(windows))
     passed_over: list[str] = []
     last: Result | None = None
-    for window in stillness.feed(recording.time_s, recording.gyro, recording.accel):
+    for window in windows:
         for progress in session.window(window):
             if isinstance(progress, Ignored):
                 passed_over.append(f"{window.end_time:.1f} s: {progress.no_turn.reason}")
@@ -88,6 +90,7 @@ def correct(
         pass_.take(samples)
         if progress is not None:
             progress(pass_.rows.filled, len(recording))
+    pass_.over()
     return pass_.corrected()
 
 
@@ -123,7 +126,13 @@ class _Pass:
         self._session.begin_boot(_BOOT, 0.0, remembered)
 
     def take(self, samples: SampleBatch) -> None:
-        outcome = self._session.handle(samples)
+        self._note(self._session.handle(samples))
+
+    def over(self) -> None:
+        """No more samples come."""
+        self._note(self._session.end())
+
+    def _note(self, outcome: Outcome) -> None:
         self._said += outcome.said
         if (made := outcome.calibration) is not None:
             self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name

@@ -19,10 +19,9 @@ class Past:
         self._windows: deque[tuple[float, int, int]] = deque(maxlen=_WINDOWS)
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
-    def note(self, now: float, batch: SampleBatch, index: int, tracked: float) -> None:
-        """A window ended at device time `now` with a sample of the batch; the tracker is at device time `tracked`."""
-        since = float(batch.ticks[index] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
-        self._windows.append((now, batch.sequence + index, batch.start_time_ns + round(since * 1e9)))
+    def note(self, now: float, sequence: int, time_ns: int, tracked: float) -> None:
+        """A window ended at device time `now` with this sample; the tracker is at device time `tracked`."""
+        self._windows.append((now, sequence, time_ns))
         if not self._seconds or self._seconds[-1][0] < tracked:
             self._seconds += [window for window in self._windows if window[0] == tracked]
 

@@ -14,6 +14,8 @@ Complex = NDArray[np.complex128]
 
 #: steps multiplied out one after the other while as many blocks as there are run side by side
 _BLOCK = 8
+#: so many of one rotation are multiplied out quicker by Python's own numbers than by arrays
+_FEW = 128
 
 
 def intervals(time: Floats) -> Floats:
@@ -35,8 +37,9 @@ def chained(steps: Floats) -> Floats:
     """(…, n + 1, 3, 3) attitudes after none, one, two … of the steps (…, n, 3), rotation vectors in rad, body axes."""
     result = np.empty((*steps.shape[:-2], steps.shape[-2] + 1, 3, 3))
     result[..., 0, :, :] = np.eye(3)
-    samples_first = np.moveaxis(steps, -2, 0)
-    _matrices(*_products(*_quaternions(samples_first)), out=np.moveaxis(result, -3, 0)[1:])
+    many = steps.ndim > 2
+    samples_first, after = (np.moveaxis(steps, -2, 0), np.moveaxis(result, -3, 0)) if many else (steps, result)
+    _matrices(*_products(*_quaternions(samples_first)), out=after[1:])
     return result
 
 
@@ -68,7 +71,7 @@ def cross_matrix(vector: Floats) -> Floats:
 
 def angle_between(a: Floats, b: Floats) -> float:
     """Angle in rad between two vectors (3,)."""
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return float(np.arctan2(np.linalg.norm(cross_matrix(a) @ b), a @ b))
 
 
 def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
@@ -78,6 +81,8 @@ def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     """
     n = len(a)
     blocks = -(-n // _BLOCK)
+    if a.ndim == 1 and n <= _FEW:
+        return _one_by_one(a.tolist(), b.tolist())
     if n <= 2 * _BLOCK:
         for i in range(1, n):
             a[i], b[i] = _multiply(a[i - 1], b[i - 1], a[i], b[i])
@@ -94,6 +99,14 @@ def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     return whole[0], whole[1]
 
 
+def _one_by_one(a: list[complex], b: list[complex]) -> tuple[Complex, Complex]:
+    """Running products of a few quaternions."""
+    for i in range(1, len(a)):
+        w, x, y, z = a[i - 1], b[i - 1], a[i], b[i]
+        a[i], b[i] = w * y - x * z.conjugate(), w * z + x * y.conjugate()
+    return np.array(a), np.array(b)
+
+
 def _multiply(a: Complex, b: Complex, c: Complex, d: Complex) -> tuple[Complex, Complex]:
     """(a + bj)(c + dj), for jz = conj(z) j."""
     return a * c - b * np.conj(d), a * d + b * np.conj(c)
@@ -104,7 +117,7 @@ def _quaternions(steps: Floats) -> tuple[Complex, Complex]:
     # Next to nothing is added, so that no rotation is no division by zero.
     half = np.sqrt(np.einsum("...i,...i", steps, steps) + 1e-300) / 2
     sine = np.sin(half) / (2 * half)
-    x, y, z = np.moveaxis(steps, -1, 0)
+    x, y, z = steps[..., 0], steps[..., 1], steps[..., 2]
     return np.cos(half) + 1j * (sine * x), sine * y + 1j * (sine * z)
 
 

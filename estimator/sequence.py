@@ -31,6 +31,17 @@ class Sequence:
         self.boot = boot
         self._next = None
 
+    @property
+    def next(self) -> int | None:
+        """The number that the next sample has; None before the first."""
+        return self._next
+
+    def went_on(self, n: int) -> None:
+        """So many samples came, in their order and without a hole."""
+        self.samples_in += n
+        self.samples_out += n
+        self._next = (self._next or 0) + n
+
     def follows(self, batch: SampleBatch) -> bool:
         """Whether its numbers go on from where its boot, this one or a past one, had come to."""
         came_to = self._next if batch.boot == self.boot else self._past.get(batch.boot)

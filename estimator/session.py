@@ -1,7 +1,8 @@
 """One device from its first sample on: readings in; corrected rates, calibrations and a status out.
 
 A pure core: no clock, no bus, no store. Time is the device's own, in the batches; what was remembered of earlier boots
-is handed in. Any batching of the same samples gives the same corrected rates.
+is handed in. What samples teach is used from the next half second of device time on (`block`), so any batching of the
+same samples gives the same corrected rates.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,6 @@ from bridge.wire.messages import (
     DeviceInfo,
     Quality,
     SampleBatch,
-    SampleFlag,
     State,
     Status,
     Verdict,
@@ -25,6 +25,7 @@ from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.methods import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.block import BLOCK_S, Block, sample_time_ns
 from estimator.correction import Correction, believed, choose
 from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
@@ -32,7 +33,7 @@ from estimator.lifecycle import Event, Life
 from estimator.past import Past
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BIAS, BiasState, start
+from estimator.track.bias_filter import BIAS, BiasState, Receipt, start
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
@@ -120,8 +121,10 @@ class DeviceSession:
         self._belief = believed(None, None, self.knobs.prior)
         self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
-        self._fed = 0
-        self._now = self._began = device_time
+        self._block, self._block_number = Block(), int(device_time // BLOCK_S)
+        #: device time of the last window that was judged, and of the last sample
+        self._now = self._latest = self._began = device_time
+        self._now_ns = 0  # host time of the last window
         self._clock_shift = 0.0
         self._who = ""
         self._first_time: float | None = None
@@ -168,6 +171,43 @@ class DeviceSession:
         """The boot whose samples are taken."""
         return self.sequence.boot
 
+    @property
+    def applied(self) -> Correction:
+        """What is applied to the samples that come next."""
+        return self._applied
+
+    def plain(self, boot: int, sequence: int, first_s: float) -> bool:
+        """Whether a batch, all of it finite and from first_s of the device's clock on, only goes on where the stream is."""
+        return (
+            boot == self.sequence.boot
+            and sequence == self.sequence.next
+            and self._first_time is not None
+            and first_s + self._clock_shift > self._latest
+            and self.life.state is not State.LOST
+        )
+
+    def ends_block(self, last_s: float) -> bool:
+        """Whether a sample at last_s of the device's clock is beyond the block that waits."""
+        return (last_s + self._clock_shift) // BLOCK_S != self._block_number
+
+    def keep(self, batch: SampleBatch) -> None:
+        """Take a plain batch that ends no block; it is to be corrected by `applied`, which is all that `handle` would do."""
+        self._went_on(batch)
+        time = batch.device_time + self._clock_shift
+        self._block.add(time, batch, 0, len(time))
+        self._latest = float(time[-1])
+
+    def learn(self, batch: SampleBatch) -> Outcome:
+        """Take a plain batch that ends a block, as `handle` would."""
+        outcome = Outcome()
+        self._went_on(batch)
+        self._take(batch, 0, len(batch.ticks), 0.0, outcome)
+        return outcome
+
+    def _went_on(self, batch: SampleBatch) -> None:
+        self.sequence.went_on(len(batch.ticks))
+        self.last_heard_ns = batch.receive_time_ns
+
     def handle(self, batch: SampleBatch) -> Outcome:
         """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""
         outcome = Outcome()
@@ -189,53 +229,81 @@ class DeviceSession:
 
     def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> None:
         time = self._going_on(batch.device_time[first:last], away_s)
-        gyro = batch.gyro[first:last].astype(float)
-        accel = None if batch.accel is None else batch.accel[first:last].astype(float)
-        clipped = (batch.flags[first:last] & SampleFlag.CLIPPED) != 0
         if self._first_time is None:
             self._first_time = float(time[0])
-        if self._capture is not None:
-            self._capture.add(Samples(time, gyro, accel, clipped))
-        self.tracker.add(time, gyro, accel, clipped)
-        base, start = self._fed, 0
-        for window in self._stillness.feed(time, gyro, accel):
-            before = self._applied
-            self._now = window.end_time
-            if batch.temperature_c is not None:
-                self.tracker.temperature(self._now, float(batch.temperature_c[first + window.end - base - 1]))
-            self._window(window, outcome)
-            self._applied = self._correction()
-            self._past.note(self._now, batch, first + window.end - base - 1, self.tracker.time)
-            if (improved := self.tracker.improved()) is not None:
-                outcome.revision = self._past.revision(
-                    batch, self._belief.calibration, self._belief.model.matrix, *improved
-                )
-            if not self._applied.same(before):
-                outcome.corrected.append(before.apply(batch, first + start, first + window.end - base))
-                start = window.end - base
-        self._fed = base + len(time)
-        self._now = float(time[-1])
-        if start < len(time):
-            outcome.corrected.append(self._applied.apply(batch, first + start, last))
+        blocks = time // BLOCK_S
+        edges = (np.flatnonzero(np.diff(blocks, prepend=self._block_number))).tolist()
+        self._block_number = int(blocks[-1])
+        start = held = 0
+        for edge in edges:
+            self._hold(time, batch, first, held, edge)
+            held, before = edge, self._applied
+            self._learn(outcome)
+            if edge > start and not self._applied.same(before):
+                outcome.corrected.append(before.apply(batch, first + start, first + edge))
+                start = edge
+        self._hold(time, batch, first, held, len(time))
+        self._latest = float(time[-1])
+        outcome.corrected.append(self._applied.apply(batch, first + start, last))
+
+    def _hold(self, time: Floats, batch: SampleBatch, first: int, begin: int, end: int) -> None:
+        if end > begin:
+            self._block.add(time[begin:end], batch, first + begin, first + end)
+
+    def _learn(self, outcome: Outcome) -> None:
+        """What a block teaches, when it is over."""
+        for samples in self._block.take():
+            for window in self._stillness.feed(*samples):
+                self._now = window.end_time
+                batch, index = self._block.where(window.end - 1)
+                self._now_ns = sample_time_ns(batch, index)
+                if batch.temperature_c is not None:
+                    self.tracker.temperature(self._now, float(batch.temperature_c[index]))
+                tracked = self.tracker.time
+                self._window(window, outcome)
+                self._past.note(self._now, batch.sequence + index, self._now_ns, self.tracker.time)
+                if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
+                    outcome.revision = self._past.revision(
+                        batch, self._belief.calibration, self._belief.model.matrix, *improved
+                    )
+        self._applied = self._correction()
+
+    def end(self) -> Outcome:
+        """The stream is over: what its last block teaches, without any more samples."""
+        outcome = Outcome()
+        self._learn(outcome)
+        return outcome
 
     def _going_on(self, time: Floats, away_s: float) -> Floats:
         shifted = time + self._clock_shift
-        if self._first_time is not None and shifted[0] <= self._now:
+        if self._first_time is not None and shifted[0] <= self._latest:
             self.sequence.events.add("device clock went back")
             # At least as long has passed as the host has seen.
-            self._clock_shift += self._now + max(CLOCK_LOST_S, away_s) - float(shifted[0])
+            self._clock_shift += self._latest + max(CLOCK_LOST_S, away_s) - float(shifted[0])
             return time + self._clock_shift
         return shifted
 
     # ---- windows: evidence and calibration ------------------------------------------------------------------------
 
     def _window(self, window: Window, outcome: Outcome) -> None:
+        if self._capture is not None:
+            self._capture.add(Samples.of([window]))
         if self.life.state is State.WARMING:
             if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
             self.tracker.skip(window)
             return
-        for receipt in self.tracker.window(window, self._stillness.noise_std):
+        tracked = self.tracker.time
+        receipts = self.tracker.window(window, self._stillness.noise_std)
+        if self.tracker.time != tracked:
+            self._second(receipts, outcome)
+        if self._capture is not None:
+            for progress in self._capture.window(window):
+                self._progress(progress, outcome)
+
+    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
+        """What the tracker makes of a second, or of some."""
+        for receipt in receipts:
             if not receipt.accepted:
                 self.sequence.events.add(f"{receipt.kind}: {receipt.reason}")
             elif self.tracker.trust():
@@ -246,9 +314,6 @@ class DeviceSession:
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (reason := self.tracker.doubt(self._now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
-        if self._capture is not None:
-            for progress in self._capture.window(window):
-                self._progress(progress, outcome)
 
     def _progress(self, progress: Progress, outcome: Outcome) -> None:
         match progress:
@@ -386,8 +451,8 @@ class DeviceSession:
         return Calibration(
             device=self.device,
             boot=boot,
-            id=f"{self.device}-{boot:016x}-{self.last_heard_ns // 1_000_000:x}",
-            time_ns=self.last_heard_ns,
+            id=f"{self.device}-{boot:016x}-{self._now_ns // 1_000_000:x}",
+            time_ns=self._now_ns,
             method=result.method,
             verdict=result.verdict,
             reason=result.reason,
@@ -413,9 +478,9 @@ class DeviceSession:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)
 
     def _rate(self) -> float:
-        if self._first_time is None or self._now <= self._first_time:
+        if self._first_time is None or self._latest <= self._first_time:
             return 0.0
-        return (self.sequence.seen - 1) / (self._now - self._first_time)
+        return (self.sequence.seen - 1) / (self._latest - self._first_time)
 
 
 def _bias_in(rest: Rest) -> RestBias:

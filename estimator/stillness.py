@@ -5,15 +5,23 @@ never with zero.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from math import radians
+from dataclasses import dataclass, field
+from math import radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import spread
+from estimator.held import Held
+from estimator.spikes import SpikeKnobs, mended
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Three = list[float]
+#: windows of a rest that tell of its noise
+_RECENT = 16
+#: a window is made longer by so many samples at most, so as not to end at a spike
+_SPIKE_AND_BACK = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +45,29 @@ class StillnessKnobs:
     std_ceiling: float = radians(1.5)
     #: a silence this long hides what happened in it: no stillness spans it
     gap_s: float = 0.25
+    spike: SpikeKnobs = field(default_factory=SpikeKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A short run of samples: `end` counts samples since the first one fed; mean and std of its readings (3,)."""
+    """A short run of n samples, spikes mended: time (n,), gyro (n, 3), accel (n, 3) or None, clipped (n,).
+
+    `end` counts samples since the first one fed; mean and std (3,) of its readings; spikes: how many were mended.
+    """
 
     start: int
     end: int
     start_time: float
     end_time: float
+    time: Floats
+    gyro: Floats
+    accel: Floats | None
+    clipped: Flags
     mean: Floats
     std: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
+    spikes: int
     still: bool
 
     @property
@@ -64,102 +81,127 @@ class Stillness:
 
     def __init__(self, knobs: StillnessKnobs | None = None) -> None:
         self.knobs = knobs or StillnessKnobs()
-        self.noise_std = np.full(3, self.knobs.noise_guess)
         self.noise_known = False
-        self._reference: Floats | None = None
-        self._anchor: Floats | None = None  # the reference when this rest began: a slow turn must not drag it along
-        self._last_time: float | None = None
-        self._rest_windows: list[Window] = []
-        self._odd: list[Window] = []
+        self._learnt(np.full(3, self.knobs.noise_guess))
+        self._reference: Three | None = None
+        self._anchor: Three | None = None  # the reference when this rest began: a slow turn must not drag it along
+        self._last: tuple[float, Floats] | None = None  # time and reading
+        self._rest = np.zeros((_RECENT, 2, 3))  # mean and std of the latest windows of a rest
+        self._rested = 0  # how many of them there are
+        self._odd: list[tuple[float, Three]] = []  # start and mean
         self._count = 0
-        self._time: list[Floats] = []
-        self._gyro: list[Floats] = []
-        self._accel: list[Floats] = []
+        self._held = Held()
 
-    def feed(self, time: Floats, gyro: Floats, accel: Floats | None) -> Iterator[Window]:
-        """Take samples (n,), (n, 3), (n, 3) and yield each window as it closes; consume it all before feeding again."""
-        start = 0
-        pending = sum(map(len, self._time))
-        opened = self._time[0][0] if self._time else time[0]
-        for i, t in enumerate(time):
-            if pending + i + 1 - start >= self.knobs.min_samples and t - opened >= self.knobs.window_s:
-                self._hold(time[start : i + 1], gyro[start : i + 1], None if accel is None else accel[start : i + 1])
-                yield self._close()
-                start, pending = i + 1, 0
-                opened = time[start] if start < len(time) else t
-        if start < len(time):
-            self._hold(time[start:], gyro[start:], None if accel is None else accel[start:])
+    def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Iterator[Window]:
+        """Take samples (n,), (n, 3), (n, 3), (n,) and yield each window as it closes; consume it all before feeding again."""
+        self._held.put(time, gyro, accel, clipped)
+        while n := self._whole():
+            yield self._close(n)
 
-    def _hold(self, time: Floats, gyro: Floats, accel: Floats | None) -> None:
-        self._time.append(time)
-        self._gyro.append(gyro)
-        if accel is not None:
-            self._accel.append(accel)
+    def _whole(self) -> int:
+        """How many of the samples that are held make a window; 0 when they do not yet."""
+        held = self._held
+        if len(held) < self.knobs.min_samples or held.span < self.knobs.window_s:
+            return 0
+        time = held.time
+        n = max(self.knobs.min_samples, int(np.searchsorted(time, time[0] + self.knobs.window_s)) + 1)
+        # A window does not end at a spike: what follows it tells that it is one.
+        most = n + _SPIKE_AND_BACK
+        while n <= len(time) and n < most and held.leap(n - 1) > self.knobs.spike.far:
+            n += 1
+        return n if n <= len(time) else 0
 
-    def _close(self) -> Window:
-        time, gyro = np.concatenate(self._time), np.concatenate(self._gyro)
-        # A window with an accelerometer in a part of it only is judged without.
-        accel = np.concatenate(self._accel) if len(self._accel) == len(self._time) else None
-        for held in (self._time, self._gyro, self._accel):
-            held.clear()
-        start, self._count = self._count, self._count + len(time)
-        mean, std = spread(gyro)
-        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
+    def _close(self, n: int) -> Window:
+        time, read, clipped = self._held.draw(n)
+        start, self._count = self._count, self._count + n
         begun, ended = float(time[0]), float(time[-1])
-        silence = max(
-            float((time[1:] - time[:-1]).max()), begun - (begun if self._last_time is None else self._last_time)
-        )
-        self._last_time = ended
-        if silence >= self.knobs.gap_s:
+        last_time, last_gyro = self._last or (begun, read[0, :3])
+        mean, std = spread(read)
+        means, stds, spikes = mean.tolist(), std.tolist(), 0
+        if max(stds[:3]) * sqrt(2 * (n - 1)) > self.knobs.spike.far:  # else nothing leaps so far
+            gyro, spiked = mended(
+                last_gyro if begun - last_time < self.knobs.gap_s else read[0, :3], read[:, :3], self.knobs.spike
+            )
+            if spiked is not None:
+                # One that was mended is no longer clipped.
+                read, clipped, spikes = np.hstack([gyro, read[:, 3:]]), clipped & ~spiked, int(spiked.sum())
+                mean, std = spread(read)
+                means, stds = mean.tolist(), std.tolist()
+        self._last = ended, read[-1, :3]
+        gap = ended - last_time >= self.knobs.gap_s and np.diff(time, prepend=last_time).max() >= self.knobs.gap_s
+        if gap:
             self._odd.clear()
-        draft = Window(start, self._count, begun, ended, mean, std, accel_mean, accel_std, still=False)
-        window = replace(draft, still=silence < self.knobs.gap_s and self._judge(draft))
-        self._learn(window)
-        return window
+        aided = means[3] == means[3]  # a window with an accelerometer in a part of it only is judged without
+        still = not gap and self._judge(begun, ended, means[:3], stds[:3], stds[3:] if aided else None)
+        self._learn(mean[:3], std[:3], still=still)
+        return Window(
+            start,
+            self._count,
+            begun,
+            ended,
+            time,
+            read[:, :3],
+            read[:, 3:] if aided else None,
+            clipped,
+            mean[:3],
+            std[:3],
+            mean[3:] if aided else None,
+            std[3:] if aided else None,
+            spikes,
+            still,
+        )
 
-    def _judge(self, window: Window) -> bool:
-        if not self._quiet(window):
+    def _judge(self, begun: float, ended: float, mean: Three, std: Three, accel_std: Three | None) -> bool:
+        calm = accel_std is None or max(accel_std) <= self.knobs.accel_std
+        (x, y, z), (a, b, c) = std, self._limits
+        if not calm or x > a or y > b or z > c:
             self._odd.clear()
             return False
-        if self._reference is None or self._near(window.mean, self._reference):
-            if self._anchor is None or self._near(window.mean, self._anchor):
+        if self._reference is None or self._near(mean, self._reference):
+            if self._anchor is None or self._near(mean, self._anchor):
                 self._odd.clear()
                 return True
             self._reference = self._anchor
-        return self._adopt_odd(window)
+        return self._adopt_odd(begun, ended, mean)
 
-    def _quiet(self, window: Window) -> bool:
-        limit = np.clip(self.knobs.noise_factor * self.noise_std, self.knobs.std_floor, self.knobs.std_ceiling)
-        calm = window.accel_std is None or bool(np.all(window.accel_std <= self.knobs.accel_std))
-        return calm and bool(np.all(window.std <= limit))
+    def _near(self, mean: Three, reference: Three) -> bool:
+        (x, y, z), (a, b, c), far = mean, reference, self.knobs.mean_tolerance
+        return abs(x - a) < far and abs(y - b) < far and abs(z - c) < far
 
-    def _near(self, mean: Floats, reference: Floats) -> bool:
-        return bool(np.all(np.abs(mean - reference) < self.knobs.mean_tolerance))
-
-    def _adopt_odd(self, window: Window) -> bool:
+    def _adopt_odd(self, begun: float, ended: float, mean: Three) -> bool:
         # Quiet but at another rate: an even turn, or a rest whose bias moved while nobody looked.
-        if self._odd and not self._near(window.mean, self._odd[0].mean):
+        if self._odd and not self._near(mean, self._odd[0][1]):
             self._odd.clear()
-        self._odd.append(window)
-        if window.end_time - self._odd[0].start_time < self.knobs.new_reference_s:
+        self._odd.append((begun, mean))
+        if ended - self._odd[0][0] < self.knobs.new_reference_s:
             return False
-        self._reference, self._anchor = window.mean, None
+        self._reference, self._anchor = mean, None
         self._odd.clear()
         return True
 
-    def _learn(self, window: Window) -> None:
-        if not window.still:
-            self._rest_windows.clear()
-            self._anchor = None
+    def _learn(self, mean: Floats, std: Floats, *, still: bool) -> None:
+        if not still:
+            self._rested, self._anchor = 0, None
             return
-        self._rest_windows.append(window)
-        recent = self._rest_windows = self._rest_windows[-16:]
+        rest = self._rest
+        rest[:-1] = rest[1:]
+        rest[-1] = mean, std
+        recent = self._rested = min(self._rested + 1, _RECENT)
         # The first windows of a stream may still be the end of a movement: wait for some in a row.
-        if self._reference is None and len(recent) < 4:
+        if self._reference is None and recent < 4:
             return
-        self._reference = np.mean([w.mean for w in recent], axis=0)
-        if self._anchor is None and len(recent) >= 4:
+        self._reference = (np.add.reduce(rest[-recent:, 0]) / recent).tolist()
+        if self._anchor is None and recent >= 4:
             self._anchor = self._reference
-        if len(recent) >= 8:
-            self.noise_std = np.median([w.std for w in recent], axis=0)
+        if recent >= 8:
+            ordered = rest[-recent:, 1].copy()
+            ordered.sort(axis=0)
+            self._learnt((ordered[(recent - 1) // 2] + ordered[recent // 2]) / 2)
             self.noise_known = True
+
+    def _learnt(self, noise_std: Floats) -> None:
+        """From now on noise_std (3,) rad/s is the white noise of one reading."""
+        knobs, self.noise_std = self.knobs, noise_std
+        self._limits = [
+            min(max(knobs.noise_factor * std, knobs.std_floor), knobs.std_ceiling) for std in noise_std.tolist()
+        ]

@@ -44,22 +44,21 @@ def sum_up(dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats
     attitude = rotation.attitudes(rate, dt)
     mid = 0.5 * (attitude[:-1] + attitude[1:])
     carried = mid * dt[:, None, None]
-    by_bias = np.cumsum(carried.reshape(n, 9), axis=0).reshape(n, 3, 3)
-    by_matrix = np.cumsum((carried[:, :, :, None] * rate[:, None, None, :]).reshape(n, 27), axis=0).reshape(n, 3, 9)
     force = np.matmul(mid, (accel - accel_bias)[:, :, None])[:, :, 0]
-    # A rotation phi moves the force f by phi x f.
-    moved = -rotation.cross_matrix(force * dt[:, None])
-    across = moved.swapaxes(0, 1).reshape(3, 3 * n)
-    mean = force.mean(axis=0)
+    pushes = force * dt[:, None]
+    # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
+    ahead = np.add.accumulate(pushes[::-1])[::-1]
+    moved = np.matmul(-rotation.cross_matrix(ahead), carried)
+    by_bias = np.add.reduce(carried)
     return Span(
         seconds=float(dt.sum()),
         end=attitude[-1],
-        push=dt @ force,
-        by_bias=-by_bias[-1] @ matrix,
-        by_matrix=by_matrix[-1],
-        push_by_bias=-(across @ by_bias.reshape(3 * n, 3)) @ matrix,
-        push_by_matrix=across @ by_matrix.reshape(3 * n, 9),
-        push_by_accel=-carried.sum(axis=0),
+        push=ahead[0],
+        by_bias=-by_bias @ matrix,
+        by_matrix=(carried.reshape(n, 9).T @ rate).reshape(3, 9),
+        push_by_bias=-np.add.reduce(moved) @ matrix,
+        push_by_matrix=(moved.reshape(n, 9).T @ rate).reshape(3, 9),
+        push_by_accel=-by_bias,
         way=float(np.sqrt(np.einsum("ij,ij->i", rate, rate)) @ dt),
-        unrest=float(np.sqrt(np.square(force - mean).sum() / n)),
+        unrest=float(np.sqrt(np.square(force - np.add.reduce(force) / n).sum() / n)),
     )

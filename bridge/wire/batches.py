@@ -70,6 +70,30 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """The payload of corrected/<device>."""
+    return _corrected(batch).SerializeToString()
+
+
+class Stencil:
+    """Encodes corrected batches that differ from a first one in their samples only, and carry no flags."""
+
+    def __init__(self, first: CorrectedBatch) -> None:
+        self.boot = first.boot
+        self._message = _corrected(first)
+        self._message.flags = b""
+
+    def encode(self, samples: SampleBatch, rate: Float32s) -> bytes:
+        """The payload for the samples of a batch; rate (n, 3), C-contiguous."""
+        message = self._message
+        message.sequence = samples.sequence
+        message.start_time_ns = samples.start_time_ns
+        message.tick_period_s = samples.tick_period_s
+        message.clock_rate = samples.clock_rate
+        message.ticks = samples.ticks.tobytes()
+        message.rate = rate.tobytes()
+        return message.SerializeToString()
+
+
+def _corrected(batch: CorrectedBatch) -> columns.CorrectedBatch:
     return columns.CorrectedBatch(
         version=VERSION,
         device=batch.device,
@@ -88,7 +112,7 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
         cross_std=_packed(batch.cross_std, "<f4"),
         bias=_packed(batch.bias, "<f4"),
         calibration=clean(batch.calibration, checks.MAX_NAME),
-    ).SerializeToString()
+    )
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:

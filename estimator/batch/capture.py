@@ -1,11 +1,13 @@
 """What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var
+from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +23,14 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @staticmethod
+    def of(windows: Sequence[Window]) -> "Samples":
+        """Those of one or more windows in a row, spikes mended."""
+        forces = [window.accel for window in windows if window.accel is not None]
+        time, gyro = (np.concatenate([getattr(window, name) for window in windows]) for name in ("time", "gyro"))
+        accel = np.concatenate(forces) if len(forces) == len(windows) else None
+        return Samples(time, gyro, accel, np.concatenate([window.clipped for window in windows]))
 
     def between(self, start: float, end: float) -> "Samples":
         """The samples with start <= time <= end."""

@@ -1,8 +1,15 @@
 """One device as the service has it: its session, whom it is heard from, and its publishers."""
 
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Status
+from bridge.wire.batches import Stencil
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, SampleBatch, Status
+from estimator.correction import Correction
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
@@ -28,6 +35,14 @@ class Device:
         self.session = DeviceSession(name, knobs)
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
+        self._put_corrected: Callable[[bytes], None] = _nowhere
+        self._stencil: Stencil | None = None
+        self._stencil_of: Correction | None = None
+
+    @property
+    def announced(self) -> bool:
+        """Whether what it says is published."""
+        return bool(self._publishers)
 
     @property
     def worthless(self) -> bool:
@@ -43,6 +58,17 @@ class Device:
             batches, self._waiting = self._waiting, []
         for batch in batches:
             self._publishers["corrected"].put(codec.encode_corrected(published.corrected(batch)))
+
+    def say_whole(self, batch: SampleBatch) -> None:
+        """Publish a whole batch, corrected by what the session now applies."""
+        self.say_corrected([self.session.applied.apply(batch, 0, len(batch))])
+
+    def say_rates(self, batch: SampleBatch, rate: NDArray[np.float32]) -> None:
+        """Publish a whole batch as the session now applies it; rate (n, 3) are its corrected rates, little-endian."""
+        applied = self.session.applied
+        if self._stencil is None or applied is not self._stencil_of or batch.boot != self._stencil.boot:
+            self._stencil, self._stencil_of = Stencil(published.corrected(applied.apply(batch, 0, len(batch)))), applied
+        self._put_corrected(self._stencil.encode(batch, rate))
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now."""
@@ -89,4 +115,9 @@ class Device:
             what: self._bus.publisher(keys.build(self._ward, what, device=self.name), cache=cache)
             for what, cache in caches.items()
         }
+        self._put_corrected = self._publishers["corrected"].put
         return True
+
+
+def _nowhere(payload: bytes) -> None:
+    raise RuntimeError(f"{len(payload)} bytes of a device that is not announced")

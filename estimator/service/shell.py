@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from bridge.bus.contract import Bus, BusError
+from bridge.bus.contract import Bus, BusError, Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
@@ -15,6 +15,7 @@ from estimator.door import Door
 from estimator.noise_model import load_model
 from estimator.service.commands import Commands
 from estimator.service.device import Device
+from estimator.service.lane import Lane
 from estimator.service.record import Record
 from estimator.service.roster import Roster
 from estimator.service.sources import Ruling
@@ -53,6 +54,7 @@ class Service:
         self._devices = Roster(self.counts, settings.silence_s)
         self._samples = Door[SampleBatch]("sample", codec.decode_samples, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
+        self._lane = Lane(self._on_samples, self._guarded, self._tell)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
@@ -88,10 +90,7 @@ class Service:
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        for message in messages:
-            batch = self._samples.take(message)
-            if batch is not None:
-                self._on_samples(batch)
+        self._lane.take(messages)
         self._commands.work(self._do)
         now = time.monotonic()
         if now - began > SLOW_S:
@@ -129,7 +128,10 @@ class Service:
         if (law := self._record.law(device.session, info)) is not None:
             device.session.expect(law)
 
-    def _on_samples(self, batch: SampleBatch) -> None:
+    def _on_samples(self, message: Message) -> None:
+        batch = self._samples.take(message)
+        if batch is None:
+            return
         now = time.monotonic()
         device = self._devices.get(batch.device)
         if device is None:
@@ -140,6 +142,7 @@ class Service:
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
             device.heard = now
+            self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now))
             return
         if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):

@@ -3,8 +3,8 @@
 Pure: time is an argument. One bad message must not silence a device; a bad sender must not silence it for ever.
 """
 
-from dataclasses import dataclass
 from enum import Enum, auto
+from typing import NamedTuple
 
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
@@ -40,8 +40,7 @@ class Ruling(Enum):
     REPEAT = auto()
 
 
-@dataclass(frozen=True, slots=True)
-class _Mark:
+class _Mark(NamedTuple):
     sequence: int
     device_s: float
     receive_ns: int
@@ -78,6 +77,12 @@ class Source:
             self._others.add(bridge)
         return f"also from {bridge if bridge in self._others else 'others'}"
 
+    def went_on(self, batch: SampleBatch, heard_s: float) -> None:
+        """A batch of the owner's came that only goes on."""
+        self._heard_s = heard_s
+        self._refused = 0
+        self._mark = _marked(batch, heard_s)
+
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
         ruling = self._judge(batch, sequence, heard_s)
@@ -91,8 +96,7 @@ class Source:
             else:
                 ruling = Ruling.REPEAT
         self._refused = 0
-        end_s = int(batch.ticks[-1]) * batch.tick_period_s
-        self._mark = _Mark(batch.sequence + len(batch), end_s, batch.receive_time_ns, heard_s)
+        self._mark = _marked(batch, heard_s)
         return ruling
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
@@ -118,6 +122,11 @@ class Source:
         self._refused += 1
         self._refused_last_s = heard_s
         return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
+
+
+def _marked(batch: SampleBatch, heard_s: float) -> _Mark:
+    end_s = int(batch.ticks[-1]) * batch.tick_period_s
+    return _Mark(batch.sequence + len(batch.ticks), end_s, batch.receive_time_ns, heard_s)
 
 
 def _publishable(batch: SampleBatch) -> bool:

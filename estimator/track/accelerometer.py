@@ -50,6 +50,10 @@ class Accelerometer:
         self._balance = max(0, self._balance + (1 if against else -1))
         self.disbelieved |= self._balance >= self.knobs.patience
 
+    def anew(self) -> None:
+        """What was believed so far is no more: nothing speaks against what is believed now."""
+        self._balance = self._row = 0
+
     @property
     def contradicts(self) -> bool:
         """Whether it has been against what is believed for some seconds now."""

@@ -7,7 +7,7 @@ goes on as if it had never stopped.
 """
 
 from dataclasses import dataclass, field, replace
-from math import radians
+from math import exp, expm1, isfinite, radians
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
+_ONE = np.eye(3)
 #: the largest believable NIS by degrees of freedom: false alarm 1e-6
 GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
@@ -126,6 +127,7 @@ class BiasFilter:
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
         self._kf = KalmanFilter(dim_x=n, dim_z=3)
+        self._kf.inv = _inverse
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
         #: by how much the bias was doubted since the last step
@@ -155,18 +157,18 @@ class BiasFilter:
         F, Q = np.eye(len(self._kf.x)), np.zeros_like(self._kf.P)
         self.bent = np.zeros(OWN)
         warmer = temperature_c - self.temperature_c
-        if np.isfinite(warmer):
-            F[BIAS, SLOPE] = warmer * np.eye(3)
+        if isfinite(warmer):
+            F[BIAS, SLOPE] = warmer * _ONE
             # The slope walks with temperature, not with time; so does the bias within the step, by half of it.
             bend = self._bend(warmer, temperature_c)
-            Q[SLOPE, SLOPE] = bend**2 * np.eye(3)
-            Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * np.eye(3)
-        Q[BIAS, BIAS] += self._walked(dt, known=np.isfinite(temperature_c)) * np.eye(3)
+            Q[SLOPE, SLOPE] = bend**2 * _ONE
+            Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * _ONE
+        Q[BIAS, BIAS] += self.walked(dt, known=isfinite(temperature_c)) * _ONE
         self._kf.predict(F=F, Q=Q)
         if self.law is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, np.zeros((3, 3))
-        if np.isfinite(temperature_c):
+        if isfinite(temperature_c):
             first, self.temperature_c = np.isnan(self.temperature_c), temperature_c
             if first and self.law is not None:
                 self.expect(self.law)
@@ -211,13 +213,14 @@ class BiasFilter:
         before, self._unsure = self._unsure, np.maximum(self._unsure, self._law_var(temperature_c))
         return np.sqrt(self._unsure - before)
 
-    def _walked(self, dt: float, *, known: bool) -> float:
-        knobs = self.knobs
+    def walked(self, dt: float, *, known: bool | None = None) -> float:
+        """Variance that some seconds about now add to the bias; known: temperature tells of the warming, by default if one is."""
+        known, knobs = isfinite(self.temperature_c) if known is None else known, self.knobs
         var = knobs.rate_random_walk**2 * dt
-        if not known and np.isfinite(self._powered):
-            fading = np.exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)
-            var += knobs.warm_up_walk**2 * fading * -np.expm1(-dt / knobs.warm_up_s) * knobs.warm_up_s
-        return float(var)
+        if not known and isfinite(self._powered):
+            fading = exp(-max(0.0, self.time - self._powered) / knobs.warm_up_s)
+            var += knobs.warm_up_walk**2 * fading * -expm1(-dt / knobs.warm_up_s) * knobs.warm_up_s
+        return var
 
     def carry(self, x: Floats, F: Floats, Q: Floats) -> None:
         """Let all of the state go on: to x (n,), by F (n, n), with Q (n, n) added."""
@@ -238,23 +241,33 @@ class BiasFilter:
         H = evidence.H
         innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = np.all(np.isfinite(innovation)) and np.all(np.isfinite(S)) and np.all(np.diag(evidence.R) > 0)
-        nis = float(innovation @ np.linalg.solve(S, innovation)) if finite else np.inf
+        finite = isfinite(innovation.sum() + S.sum()) and evidence.R.diagonal().min() > 0
+        nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
         ratio = nis / evidence.gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)
 
-    def update(self, evidence: Evidence) -> Receipt:
-        """Weigh a measurement against the estimate; take it if it is believable."""
-        receipt = self.weigh(evidence)
+    def update(self, evidence: Evidence, weighed: Receipt | None = None) -> Receipt:
+        """Weigh a measurement against the estimate, unless it was weighed just now; take it if it is believable."""
+        receipt = weighed or self.weigh(evidence)
         R = evidence.R
         if not receipt.accepted:
             if not evidence.soft or not np.isfinite(receipt.nis):
                 return receipt
             R = R * receipt.test_ratio
         self._kf.update(evidence.z, R=R, H=evidence.H)
-        if evidence.common_var is not None:
+        if evidence.common_var is not None and evidence.common_var.any():
             H = evidence.H
-            seen = np.einsum("ij,jk,ik->i", H, self._kf.P, H)
+            seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
         return replace(receipt, accepted=True, reason="")
+
+
+def _inverse(S: Floats) -> Floats:
+    """Of a small symmetric matrix; most are of one or two rows."""
+    if len(S) == 1:
+        return np.asarray(1.0 / S)
+    if len(S) == 2:
+        (a, b), (_, d) = S.tolist()
+        return np.asarray(np.array([[d, -b], [-b, a]]) / (a * d - b * b), np.float64)
+    return np.asarray(np.linalg.inv(S), np.float64)

@@ -1,7 +1,7 @@
 """Bounded motion: who breathes, sways or dozes turns to and fro, but not away.
 
 Over a long stretch the mean of the true rate is the way from its first attitude to its last, over its time. How far the way
-swings is seen in the stretch itself.
+swings is seen in the stretch itself. The bias of that mean is an older one than that of now: warmth and the walk lie between.
 """
 
 from dataclasses import dataclass, replace
@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var
-from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
+from estimator.track.bias_filter import BIAS, GATES, SLOPE, BiasFilter, Evidence, Receipt
 from estimator.track.seconds import Second
+from estimator.track.zaru import INSISTED, across
 
 Floats = NDArray[np.float64]
+VERTICAL = "bounded vertical"
+#: start, end, mean, its variance, the part of that which all share, temperature
+_Kept = tuple[float, float, Floats, Floats, Floats, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,9 @@ class BoundedKnobs:
     ends: float = 2.0
     #: so many stretches in a row that contradict the bias are believed
     insist: int = 4
+    #: about the vertical, which no accelerometer checks: a bed may turn for minutes. Normalised innovation squared, and stretches
+    vertical_gate: float = 16.0
+    vertical_insist: int = 10
 
 
 class Bounded:
@@ -37,39 +44,61 @@ class Bounded:
 
     def __init__(self, knobs: BoundedKnobs | None = None) -> None:
         self.knobs = knobs or BoundedKnobs()
-        self._refused = 0
-        self._seconds: list[tuple[float, float, Floats, Floats, Floats]] = []  # start, end, mean, its variance, common
+        self._refused: dict[str, int] = {}
+        self._seconds: list[_Kept] = []
 
     def broken(self) -> None:
         """The stretch is over."""
         self._seconds.clear()
 
-    def take(self, second: Second, bias: BiasFilter) -> Receipt | None:
-        """Take the next second; a receipt when it completes a stretch."""
+    def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
+        """Take the next second, to the end of which the filter has gone on; receipts when it completes a stretch.
+
+        up (3,) is the direction of gravity's reading, None without an accelerometer.
+        """
         variance, common = mean_var(second.std, second.step, len(second)), rounding_var(second.std, second.step)
-        self._seconds.append((second.start, second.end, second.mean, variance, common))
+        self._seconds.append((second.start, second.end, second.mean, variance, common, bias.temperature_c))
         seconds = self._seconds[-1][1] - self._seconds[0][0]
         if seconds < self.knobs.stretch_s:
-            return None
-        starts, ends, means, variances, commons = (np.array(column) for column in zip(*self._seconds, strict=True))
+            return []
+        starts, ends, means, variances, commons, celsius = (
+            np.array(column) for column in zip(*self._seconds, strict=True)
+        )
         self._seconds.clear()
         lasted = (ends - starts)[:, None]
         z = (means * lasted).sum(axis=0) / seconds
-        way = np.cumsum((means - z) * lasted, axis=0)
-        swing = np.maximum(way.std(axis=0), self.knobs.least_swing)
+        colder = np.nan_to_num(celsius - bias.temperature_c)[:, None]
+        swung = means - colder * bias.x[SLOPE]
+        way = np.cumsum((swung - (swung * lasted).sum(axis=0) / seconds) * lasted, axis=0)
         if np.any(np.abs(way) > self.knobs.swing):
-            return None
+            return []
         common = commons.max(axis=0)
         noise = ((variances - commons) * lasted**2).sum(axis=0) / seconds**2 + common
-        R = np.diag((self.knobs.ends * swing / seconds) ** 2 + noise)
+        bend = bias.knobs.curvature / 2 * float((colder**2 * lasted).sum()) / seconds
+        # The mean over a walk strays from its end by a third of what the end strays from its begin.
+        walk = bias.walked(seconds) / 3 + bend**2
         H = np.zeros((3, len(bias.x)))
-        H[:, BIAS] = np.eye(3)
-        evidence = Evidence("bounded", z, H, R, GATES[3], common)
-        receipt = bias.update(evidence)
-        self._refused = 0 if receipt.accepted else self._refused + 1
-        if self._refused < self.knobs.insist:
+        H[:, BIAS], H[:, SLOPE] = np.eye(3), float((colder * lasted).sum()) / seconds * np.eye(3)
+        receipts = []
+        for kind, axes in _parts(up):
+            swing = np.maximum((way @ axes.T).std(axis=0), self.knobs.least_swing)
+            R = np.diag((self.knobs.ends * swing / seconds) ** 2) + (axes * (noise + walk)) @ axes.T
+            gate = self.knobs.vertical_gate if kind == VERTICAL else GATES[len(axes)]
+            receipts.append(self._judged(Evidence(kind, axes @ z, axes @ H, R, gate, axes**2 @ common), bias))
+        return receipts
+
+    def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
+        """Take it, or refuse it as long as it does not insist."""
+        kind, receipt = evidence.kind, bias.update(evidence)
+        self._refused[kind] = 0 if receipt.accepted else self._refused.get(kind, 0) + 1
+        if self._refused[kind] < (self.knobs.vertical_insist if kind == VERTICAL else self.knobs.insist):
             return receipt
-        self._refused = 0
+        self._refused[kind] = 0
         bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
         bias.update(evidence)
-        return replace(receipt, accepted=True, reason="insisted")
+        return replace(receipt, accepted=True, reason=INSISTED)
+
+
+def _parts(up: Floats | None) -> list[tuple[str, Floats]]:
+    """Kinds of evidence, and the axes (m, 3) of each."""
+    return [("bounded", np.eye(3))] if up is None else [("bounded level", across(up)), (VERTICAL, up[None])]

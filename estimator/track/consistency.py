@@ -2,6 +2,7 @@
 
 from collections import deque
 from functools import cache
+from math import isfinite
 
 import numpy as np
 from scipy.stats import chi2
@@ -24,11 +25,13 @@ class Consistency:
     def __init__(self) -> None:
         self._nis: deque[tuple[float, int]] = deque(maxlen=WINDOW)
         self._signs: deque[float] = deque(maxlen=WINDOW)
+        self._inflation: float | None = 1.0  # None when there is news
 
     def take(self, receipt: Receipt) -> None:
         """Note a receipt of a rest."""
         n = len(receipt.innovation)
-        if np.isfinite(receipt.nis):
+        if isfinite(receipt.nis):
+            self._inflation = None
             self._nis.append((min(receipt.nis, _CAP * n), n))
             std = np.sqrt(np.diag(receipt.innovation_cov))
             self._signs.append(float(np.mean(receipt.innovation / std)))
@@ -37,6 +40,7 @@ class Consistency:
         """Begin anew: what was noted has been explained."""
         self._nis.clear()
         self._signs.clear()
+        self._inflation = 1.0
 
     @property
     def nis(self) -> float:
@@ -54,8 +58,11 @@ class Consistency:
     @property
     def inflation(self) -> float:
         """What standard deviations are to be multiplied with: 1, or more when innovations are too large or cling together."""
-        if not self._nis:
-            return 1.0
+        if self._inflation is None:
+            self._inflation = self._inflated()
+        return self._inflation
+
+    def _inflated(self) -> float:
         large = self.nis if self.nis > _most(sum(n for _, n in self._nis)) else 1.0
         alike = self.whiteness
         # Neighbours that agree by more than chance: so many fewer of them are news.

@@ -13,6 +13,7 @@ Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ Floats = NDArray[np.float64]
 G = 9.80665
 GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
 SIZE = OWN + 18
+_ONE, _SAME = np.eye(3), np.eye(SIZE)
+_VELOCITY_SEEN = _SAME[VELOCITY]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +94,7 @@ class Gravity:
         x, T, C = bias.x, span.seconds, span.end.T
         g, v = x[GRAVITY], x[VELOCITY]
         gx, after = cross_matrix(g), v + span.push - g * T
-        F = np.eye(SIZE)
+        F = _SAME.copy()
         F[GRAVITY, GRAVITY], F[GRAVITY, BIAS], F[GRAVITY, MATRIX] = C, C @ gx @ span.by_bias, C @ gx @ span.by_matrix
         F[VELOCITY, VELOCITY], F[VELOCITY, GRAVITY] = C, -T * C
         swing = cross_matrix(after)
@@ -100,15 +103,13 @@ class Gravity:
         F[VELOCITY, ACCEL_BIAS] = C @ span.push_by_accel
         moved = x.copy()
         moved[GRAVITY], moved[VELOCITY] = C @ g, C @ after
-        moved[GRAVITY] *= G / np.linalg.norm(moved[GRAVITY])
+        moved[GRAVITY] *= G / sqrt(moved[GRAVITY] @ moved[GRAVITY])
         bias.carry(moved, F, self._noise(span, C @ gx, gyro_noise))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
         """The velocity, measured as zero."""
-        H = np.zeros((3, SIZE))
-        H[:, VELOCITY] = np.eye(3)
         speed = self.knobs.resting_speed if resting else self._speed(span)
-        return Evidence("gravity", np.zeros(3), H, speed**2 * np.eye(3), self.knobs.doubt, soft=True)
+        return Evidence("gravity", np.zeros(3), _VELOCITY_SEEN, speed**2 * _ONE, self.knobs.doubt, soft=True)
 
     def _speed(self, span: Span) -> float:
         return self.knobs.speed + self.knobs.speed_per_unrest * span.unrest
@@ -136,7 +137,7 @@ class Gravity:
         by_turn = np.zeros((SIZE, 3))
         by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
         Q = turned * by_turn @ by_turn.T
-        Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * np.eye(3)
+        Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * _ONE
         posed = (knobs.accel_pose * min(span.way, 1.0)) ** 2
-        Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * np.eye(3)
+        Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * _ONE
         return Q

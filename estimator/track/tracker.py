@@ -84,7 +84,7 @@ class RestBias:
 
 
 class Tracker:
-    """Samples and their windows in; the bias, and a reason to doubt or to trust it, out.
+    """Windows in; the bias, and a reason to doubt or to trust it, out.
 
     model: what is believed of the gyro at `began`, device seconds, its bias with standard deviation bias_std (3,) rad/s.
     law: what earlier boots taught of temperature; given up for the rest of the boot when the present one disagrees.
@@ -201,6 +201,7 @@ class Tracker:
             model.bias, cov, time, self.knobs.bias, temperature_c=self._temperature_at(time), powered=before.powered
         )
         self._believe(model, begun)
+        self._accelerometer.anew()
         if self._law is not None:
             self._filter.expect(self._law)
         if time < rest.middle:
@@ -224,10 +225,6 @@ class Tracker:
         self._law = law
         self._filter.expect(law)
 
-    def add(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: NDArray[np.bool_]) -> None:
-        """Hold samples (n,), (n, 3), (n, 3), (n,) for the windows over them."""
-        self.seconds.add(time, gyro, accel, clipped)
-
     def skip(self, window: Window) -> None:
         """Take no notice of the next window."""
         self.seconds.skip(window)
@@ -245,7 +242,7 @@ class Tracker:
                 self._consistency.forget()  # what was against the old bias speaks for the new
             if not receipt.accepted:
                 # A stretch is as good as many seconds.
-                self._contradictions += self.knobs.contradictions if receipt.kind == "bounded" else 1
+                self._contradictions += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
         if receipts and all(r.accepted for r in receipts):
             self._contradictions = 0
         return receipts
@@ -312,15 +309,14 @@ class Tracker:
             self._zaru.moved(self._filter)
             self._bounded.broken()
             return []
-        if not resting:
-            self._zaru.interrupted(self._filter)
-            receipt = self._bounded.take(second, self._filter)
-            return [] if receipt is None else [receipt]
-        self._bounded.broken()
         up = None
         if span is not None:
             g = self._filter.x[GRAVITY]
             up = g / np.linalg.norm(g)
+        if not resting:
+            self._zaru.interrupted(self._filter)
+            return self._bounded.take(second, self._filter, up)
+        self._bounded.broken()
         return self._zaru.take(second, self._filter, up)
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from math import ceil, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var, rounding_var
-from estimator.rotation import angle_between
+from estimator.gyro import mean_var, rounding_var, spread
+from estimator.rotation import angle_between, cross_matrix
 from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
 from estimator.track.seconds import Second
 
@@ -114,9 +114,9 @@ class Zaru:
     def _calm(self) -> bool:
         if len(self._means) < 3:
             return True
-        means, variances = (np.array(column) for column in zip(*self._means, strict=True))
+        means, variances = np.array(self._means).swapaxes(0, 1)
         noise = variances.mean(axis=0) + self.knobs.quasi_static**2
-        return bool(np.all(means.var(axis=0, ddof=1) < self.knobs.scatter * noise))
+        return bool((spread(means)[1] ** 2 < self.knobs.scatter * noise).all())
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
@@ -140,12 +140,12 @@ class Zaru:
 
     def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
         """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
-        evidence = self._evidence("zaru level", second, bias, _across(up), var, common, GATES[2])
+        evidence = self._evidence("zaru level", second, bias, across(up), var, common, GATES[2])
         self._adapt(evidence, bias)
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
             return self._believed(weighed, evidence, bias, JUMPED)
-        return bias.update(evidence)
+        return bias.update(evidence, weighed)
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
@@ -259,8 +259,8 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     return replace(last, z=z, R=(R - common) / n + common)
 
 
-def _across(up: Floats) -> Floats:
+def across(up: Floats) -> Floats:
     """(2, 3) two unit vectors across up."""
-    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first = cross_matrix(up)[:, np.argmin(np.abs(up))]
     first /= np.linalg.norm(first)
-    return np.array([first, np.cross(up, first)])
+    return np.array([first, cross_matrix(up) @ first])

@@ -54,7 +54,6 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
     tracker = Tracker(_KNOBS, 0.0, model, np.full(3, PriorKnobs().bias_repeatability), law)
     stillness, alone = Stillness(), None
     gyro, force = day.gyro.astype(float), day.accel.astype(float) if accel else None
-    tracker.add(day.time_s, gyro, force, np.zeros(len(gyro), bool))
     for window in stillness.feed(day.time_s, gyro, force):
         celsius, now = float(day.temperature_c[window.end - 1]), window.end_time
         if now > until_s:

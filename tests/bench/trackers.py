@@ -131,7 +131,6 @@ def ours(
     for start in range(0, n, _BLOCK):
         here = slice(start, start + _BLOCK)
         force = None if accel is None else accel[here]
-        tracker.add(time[here], gyro[here], force, np.zeros(len(time[here]), bool))
         for window in stillness.feed(time[here], gyro[here], force):
             if temperature_c is not None:
                 tracker.temperature(window.end_time, float(temperature_c[window.end - 1]))

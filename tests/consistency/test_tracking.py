@@ -29,7 +29,6 @@ def nees(seed: int, *, accel: bool, told_rrw_dps: float) -> float:
     knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=np.radians(told_rrw_dps), warm_up_walk=0.0))
     tracker = Tracker(knobs, 0.0, GyroModel(day.truth.matrix, begin, known, known, known), np.full(3, BEGIN_STD))
     stillness = Stillness()
-    tracker.add(day.time_s, gyro, force, np.zeros(len(gyro), bool))
     for window in stillness.feed(day.time_s, gyro, force):
         tracker.window(window, stillness.noise_std)
     error = tracker.bias - day.bias[round(tracker.time * RATE_HZ) - 1]

@@ -60,6 +60,7 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
         return outcome
 
     monkeypatch.setattr(DeviceSession, "handle", failing)
+    monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     (other,) = once.part(0, 10).batches([])
     put(ward, replace(other, device="other"))
     ward.send(batches[-20:])

@@ -51,6 +51,30 @@ def test_weighing_says_what_an_update_would_and_changes_nothing() -> None:
     assert (taken.accepted, taken.nis, taken.test_ratio) == (weighed.accepted, weighed.nis, weighed.test_ratio)
 
 
+def test_what_was_weighed_just_now_is_not_weighed_again() -> None:
+    once, twice = start(), start()
+    for z in (np.array([0.101, -0.2, 0.002]), np.array([0.2, -0.2, 0.0])):
+        evidence = seen(z, SMALL)
+        receipts = once.update(evidence, once.weigh(evidence)), twice.update(evidence)
+        assert receipts[0].nis == receipts[1].nis
+        np.testing.assert_array_equal(once.state.x, twice.state.x)
+        np.testing.assert_array_equal(once.state.P, twice.state.P)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_evidence_of_any_size_is_weighed_by_its_own_covariance(m: int) -> None:
+    rng = np.random.default_rng(m)
+    bias, H, root = start(), rng.normal(size=(m, OWN)), rng.normal(size=(m, m))
+    evidence = Evidence("any", rng.normal(size=m), H, 1e-6 * (root @ root.T + np.eye(m)), 1e9)
+    state = bias.state
+    innovation, S = evidence.z - H @ state.x, H @ state.P @ H.T + evidence.R
+    assert bias.weigh(evidence).nis == pytest.approx(innovation @ np.linalg.solve(S, innovation))
+    bias.update(evidence)
+    gain = state.P @ H.T @ np.linalg.inv(S)
+    np.testing.assert_allclose(bias.state.x, state.x + gain @ innovation)
+    np.testing.assert_allclose(bias.state.P, state.P - gain @ S @ gain.T, atol=1e-18)
+
+
 def test_a_part_of_the_bias_is_seen_alone() -> None:
     bias = start()
     along = np.array([0.6, 0.0, 0.8])

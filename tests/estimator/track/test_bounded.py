@@ -1,30 +1,45 @@
 """Who breathes in sleep turns to and fro: the mean of a long stretch is the bias, as well as it can be known."""
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
-from estimator.track.bias_filter import BiasFilter, BiasKnobs, Receipt, start
+from estimator.track.bias_filter import SLOPE, BiasFilter, BiasKnobs, Receipt, start
 from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.seconds import Second
 
+Floats = NDArray[np.float64]
 BIAS = np.radians([1.0, -2.0, 0.5])
 N = 104
 
 
-def breathe(off_dps: float, seconds: int, swing_deg: float = 1.0, seed: int = 0) -> tuple[BiasFilter, list[Receipt]]:
-    """A sleeper on a device whose bias is believed so much off, to 0.02 °/s."""
+def breathe(
+    off_dps: float | Floats,
+    seconds: int,
+    swing_deg: float = 1.0,
+    seed: int = 0,
+    up: Floats | None = None,
+    *,
+    slope_dps: float = 0.0,
+    kelvin_per_s: float = 0.0,
+) -> tuple[BiasFilter, list[Receipt]]:
+    """A sleeper on a device whose bias is believed so much off, to 0.02 °/s; its slope by temperature is known, °/s/K."""
     rng, knobs = np.random.default_rng(seed), BiasKnobs()
-    state = start(BIAS + np.radians(off_dps), np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs)
+    state = start(BIAS + np.radians(off_dps), np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs, temperature_c=20.0)
+    state.x[SLOPE] = np.radians(slope_dps)
+    state.P[SLOPE, SLOPE] = np.radians(1e-3) ** 2 * np.eye(3)
     bias, bounded, receipts = BiasFilter(state, knobs), Bounded(), []
     way = np.radians(swing_deg) * np.sin(2 * np.pi * np.arange(seconds + 1) / 4.3 + rng.uniform(0, 6))
+    swung = np.ones(3) if up is None else np.array([1.0, 0.0, 0.0])
     for i in range(seconds):
-        mean = BIAS + (way[i + 1] - way[i]) + np.radians(0.03) / np.sqrt(N) * rng.normal(size=3)
+        warmed = np.radians(slope_dps) * kelvin_per_s * (i + 0.5)
+        mean = BIAS + warmed + (way[i + 1] - way[i]) * swung + np.radians(0.03) / np.sqrt(N) * rng.normal(size=3)
         std, step = np.full(3, np.radians(0.03)), np.full(3, 1e-12)
         second = Second(
             i, i + 1.0, np.full(N, 1 / N), np.tile(mean, (N, 1)), None, False, "", mean, std, step, None, None
         )
-        bias.predict(i + 1.0)
-        if (receipt := bounded.take(second, bias)) is not None:
-            receipts.append(receipt)
+        bias.predict(i + 1.0, 20.0 + kelvin_per_s * (i + 1))
+        receipts += bounded.take(second, bias, up)
     return bias, receipts
 
 
@@ -53,3 +68,49 @@ def test_four_stretches_that_contradict_are_believed() -> None:
     np.testing.assert_allclose(bias.state.bias, BIAS, atol=3 * np.radians(0.1))
     before, _ = breathe(2.0, 30 * insist - 1)
     np.testing.assert_allclose(before.state.bias - BIAS, np.radians(2.0))
+
+
+@pytest.mark.parametrize("kelvin_per_s", [0.1, -0.1])
+def test_a_bias_that_warmth_moves_within_a_stretch_is_met_where_it_is_now(kelvin_per_s: float) -> None:
+    bias, receipts = breathe(0.0, 60, 0.5, slope_dps=0.03, kelvin_per_s=kelvin_per_s)
+    now = BIAS + np.radians(0.03) * kelvin_per_s * 60
+    assert np.degrees(np.abs(now - BIAS)).max() > 0.17, "it moves within the minute"
+    assert all(r.accepted for r in receipts)
+    np.testing.assert_allclose(np.degrees(bias.state.bias - now), 0.0, atol=0.01)
+    # The drift is no swing of the body.
+    _, steady = breathe(0.0, 60, 0.5)
+    np.testing.assert_allclose(receipts[0].innovation_cov, steady[0].innovation_cov, rtol=0.2)
+
+
+def test_a_stretch_measures_the_slope_too() -> None:
+    knobs, bounded = BiasKnobs(), Bounded()
+    bias = BiasFilter(start(BIAS, np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs, temperature_c=20.0), knobs)
+    slope = np.radians(0.03)
+    for i in range(120):
+        mean = BIAS + slope * 0.05 * (i + 0.5)
+        std, step, none = np.full(3, 1e-5), np.full(3, 1e-12), np.zeros((N, 3))
+        bias.predict(i + 1.0, 20.0 + 0.05 * (i + 1))
+        receipts = bounded.take(
+            Second(i, i + 1.0, none[:, 0], none, None, False, "", mean, std, step, None, None), bias
+        )
+        assert all(r.accepted for r in receipts)
+    np.testing.assert_allclose(bias.state.x[SLOPE], slope, rtol=0.1)
+
+
+@pytest.mark.parametrize("off_dps", [0.1, -0.3, 1.0])
+def test_a_bed_that_turns_for_minutes_under_a_sleeper_is_not_taken_for_a_bias(off_dps: float) -> None:
+    up = np.array([0.0, 0.6, 0.8])
+    minutes = 30 * (BoundedKnobs().vertical_insist - 1)
+    bias, receipts = breathe(off_dps * up, minutes, 0.5, up=up)
+    level, vertical = ([r for r in receipts if r.kind == f"bounded {part}"] for part in ("level", "vertical"))
+    assert all(r.accepted for r in level)
+    assert not any(r.accepted for r in vertical)
+    np.testing.assert_allclose(np.degrees(bias.state.bias - BIAS), off_dps * up, atol=0.01)
+    later, _ = breathe(off_dps * up, minutes + 30, 0.5, up=up)
+    np.testing.assert_allclose(np.degrees(later.state.bias - BIAS), 0.0, atol=0.05)
+
+
+def test_about_the_vertical_a_breath_is_little_swing() -> None:
+    _, receipts = breathe(0.0, 30, 4.0, up=np.array([0.0, 0.0, 1.0]))
+    level, vertical = receipts
+    assert vertical.innovation_cov[0, 0] < level.innovation_cov.max() / 9

@@ -64,3 +64,13 @@ def test_one_outlier_counts_no_more_than_it_may_and_the_past_is_forgotten() -> N
     odd = told(good)
     odd.take(Receipt(0.0, "zaru", np.full(3, np.nan), np.eye(3), np.inf, accepted=False, nis=np.inf))
     assert odd.nis == told(good).nis
+
+
+def test_what_is_new_is_heard_at_once_and_what_is_forgotten_is_gone() -> None:
+    consistency = told(np.full((WINDOW, 3), 3.0))
+    large = consistency.inflation
+    assert large > 2
+    consistency.take(Receipt(0.0, "zaru", np.zeros(3), np.eye(3), 0.0, accepted=True, nis=0.0))
+    assert 1 < consistency.inflation < large
+    consistency.forget()
+    assert consistency.inflation == 1.0

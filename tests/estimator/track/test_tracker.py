@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
+from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
-from estimator.track.bias_filter import BIAS, SLOPE
-from estimator.track.tracker import Tracker
+from estimator.track.bias_filter import BIAS, SLOPE, Receipt
+from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 from tests.estimator.stream import Stream, stream
 from tests.estimator.track.worn import LEVEL, PLAIN, Worn, rest
 
@@ -104,6 +105,20 @@ def test_a_slope_by_temperature_is_learnt() -> None:
     assert (np.abs(worn.error_dps(of)) < 0.01).all()
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.parametrize("accel", [True, False])
+def test_a_fast_warming_at_rest_is_followed_and_its_slope_learnt(seed: int, accel: bool) -> None:
+    warming = replace(PLAIN, bias_dps_per_kelvin=0.03, temperature_c=(25.0, 35.0), warm_up_s=60.0)
+    of = rest(150.0, seed=seed, spec=warming)
+    worn = Worn.new().lives(of, temperature=True, accel=accel)
+    assert any(r.kind.startswith("bounded") for r in worn.receipts), "it drifts too fast to look like a rest at first"
+    assert all(r.accepted for r in worn.receipts)
+    state = worn.tracker.state
+    error, std = state.x[SLOPE] - of.truth.bias_per_kelvin, np.sqrt(np.diag(state.P)[SLOPE])
+    assert (np.abs(error) < 3 * std).all()
+    assert (np.abs(worn.error_dps(of)) < 0.01).all()
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     of = busy(80.0, seed=seed)
@@ -130,3 +145,14 @@ def test_the_past_is_improved_once_a_gap() -> None:
     assert now == pytest.approx(36.0 + 10.0, abs=3.0)
     assert smoothed.time[0] == pytest.approx(12.0, abs=3.0)
     assert worn.tracker.improved() is None
+
+
+def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration() -> None:
+    one = Tracker(TrackKnobs(), 0.0, uncalibrated(PriorKnobs()), np.full(3, 0.1))
+    against = Receipt(1.0, "gravity", np.ones(3), np.eye(3), 9.0, accepted=False, reason="", nis=99.0)
+    for _ in range(one.knobs.accelerometer.in_a_row):
+        one._accelerometer.heard(against)
+    assert one._accelerometer.contradicts
+    rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
+    one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
+    assert one.doubt(2.0) is None

@@ -64,11 +64,10 @@ class Worn:
         """Take all of a stream, cut before each of the edges."""
         clipped = np.zeros(len(of), bool) if clipped is None else clipped
         bounds = [0, *(range(500, len(of), 500) if edges is None else edges), len(of)]
-        fed = self.stillness._count + sum(map(len, self.stillness._time))
+        fed = self.stillness._count + len(self.stillness._held)
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
-            self.tracker.add(of.time[a:b], of.gyro[a:b], force, clipped[a:b])
-            for window in self.stillness.feed(of.time[a:b], of.gyro[a:b], force):
+            for window in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]):
                 if temperature:
                     celsius = of.temperature_c[max(0, window.end - fed - 1)]
                     self.tracker.temperature(window.end_time, float(celsius))

@@ -1,0 +1,75 @@
+"""Samples that wait until their half second of device time is over: what they teach holds from there on, however they came."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import SampleBatch, SampleFlag
+
+Floats = NDArray[np.float64]
+
+BLOCK_S = 0.5
+#: what marks a reading that tells nothing of rotation
+UNFIT = SampleFlag.CLIPPED
+
+
+def sample_time_ns(batch: SampleBatch, index: int) -> int:
+    """Host time of a sample of a batch, ns since the Unix epoch."""
+    since = float(batch.ticks[index] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
+    return batch.start_time_ns + round(since * 1e9)
+
+
+class _Part(NamedTuple):
+    """Samples first to last of a batch: their device time (n,) s, and how many of the boot came before them."""
+
+    time: Floats
+    batch: SampleBatch
+    first: int
+    last: int
+    before: int
+
+
+class Block:
+    """The samples of one boot that wait, and where each of the latest ones is."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._waiting: list[_Part] = []
+        self._known: deque[_Part] = deque()
+
+    def add(self, time: Floats, batch: SampleBatch, first: int, last: int) -> None:
+        """Let samples first to last of a batch wait, taken at time (last - first,), device s."""
+        part = _Part(time, batch, first, last, self._count)
+        self._count += last - first
+        self._waiting.append(part)
+        self._known.append(part)
+
+    def take(self) -> Iterator[tuple[Floats, Floats, Floats | None, NDArray[np.bool_]]]:
+        """All that wait, once: time (n,), gyro (n, 3), accel (n, 3), unfit (n,), in runs with or without accelerometer."""
+        waiting, self._waiting = self._waiting, []
+        begin = 0
+        for end in range(1, len(waiting) + 1):
+            if end == len(waiting) or (waiting[end].batch.accel is None) != (waiting[begin].batch.accel is None):
+                yield _joined(waiting[begin:end])
+                begin = end
+
+    def where(self, index: int) -> tuple[SampleBatch, int]:
+        """The batch and the place in it of a sample of the boot; those before it are forgotten."""
+        while self._known[0].before + self._known[0].last - self._known[0].first <= index:
+            self._known.popleft()
+        part = self._known[0]
+        return part.batch, part.first + index - part.before
+
+
+def _joined(parts: list[_Part]) -> tuple[Floats, Floats, Floats | None, NDArray[np.bool_]]:
+    time = np.concatenate([part.time for part in parts])
+    gyro = np.concatenate([part.batch.gyro[part.first : part.last] for part in parts]).astype(np.float64)
+    flags = np.concatenate([part.batch.flags[part.first : part.last] for part in parts])
+    accel = None
+    if parts[0].batch.accel is not None:
+        forces = [part.batch.accel[part.first : part.last] for part in parts if part.batch.accel is not None]
+        accel = np.concatenate(forces).astype(np.float64)
+    return time, gyro, accel, (flags & UNFIT) != 0

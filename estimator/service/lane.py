@@ -1,0 +1,217 @@
+"""The fast lane: batches that only go on where their device was, checked, corrected and encoded many at once.
+
+A batch is plain when it is whole and unmarked and follows the one before without a hole. Unless it ends a half second of its
+device nothing is learnt from it yet, and correcting is all there is to do. Everything else takes the door and the session's
+own way, which this one agrees with to the bit. What one device says keeps its order.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
+
+from bridge.bus.contract import Message
+from bridge.wire import columns_pb2 as columns
+from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
+from bridge.wire.checks import MAX_TIME_NS
+from bridge.wire.envelope import MAX_PAYLOAD
+from bridge.wire.messages import VERSION, SampleBatch
+from estimator.gyro import corrected
+from estimator.service.device import Device
+from estimator.service.roster import MAX_DEVICES
+from estimator.session import Outcome
+
+Floats = NDArray[np.float64]
+
+_LAST_NS = MAX_TIME_NS - 10**15  # far enough from the end for any batch
+_MOST = 2 * MAX_DEVICES
+_NO_FLAGS = np.zeros(MAX_SAMPLES, np.uint32)
+_NO_FLAGS.setflags(write=False)
+
+
+class _Raw(NamedTuple):
+    """A message whose columns fit together: the message, n samples, of which `begin` come before in its round."""
+
+    message: Any
+    n: int
+    begin: int
+
+
+class _Columns(NamedTuple):
+    """All samples of a round, one after the other: device time in s."""
+
+    ticks: NDArray[np.uint64]
+    gyro: NDArray[np.float32]
+    time: Floats
+
+
+Plain = tuple[Device, SampleBatch]
+Tell = Callable[[Device, Outcome], None]
+Guard = Callable[[Device, Callable[[], None]], bool]
+
+
+class Lane:
+    """Devices by the key of their raw samples; `take` does what is plain and hands the rest to `slow`, in order.
+
+    guarded does some work of one device, and says whether it went well; tell publishes what a batch led to.
+    """
+
+    def __init__(self, slow: Callable[[Message], None], guarded: Guard, tell: Tell) -> None:
+        self._slow, self._guarded, self._tell = slow, guarded, tell
+        self._devices: dict[str, tuple[Device, str]] = {}
+
+    def admit(self, key: str, device: Device, bridge: str) -> None:
+        """What comes under this key is of this device, from this bridge."""
+        if len(self._devices) >= _MOST:
+            self._devices.clear()  # of devices that are no more, too; those that are will be admitted again
+        self._devices[key] = device, bridge
+
+    def take(self, messages: Sequence[Message]) -> None:
+        """A round of messages."""
+        raws = self._parsed(messages)
+        whole = _whole([raw for raw in raws if raw is not None])
+        going: dict[str, list[Plain]] = {}
+        for message, raw in zip(messages, raws, strict=True):
+            if raw is not None and whole is not None:
+                device, bridge = self._devices[message.key]
+                batch = _plain(device, bridge, raw, whole)
+                if batch is not None:
+                    if not device.session.ends_block(float(whole.time[raw.begin + raw.n - 1])):
+                        if self._guarded(device, partial(_keep, device, batch)):
+                            going.setdefault(message.key, []).append((device, batch))
+                        continue
+                    self._send(going.pop(message.key, []))
+                    self._guarded(device, partial(self._learn, device, batch))
+                    continue
+            self._send(going.pop(message.key, []))
+            self._slow(message)
+        self._send([plain for held in going.values() for plain in held])
+
+    def _learn(self, device: Device, batch: SampleBatch) -> None:
+        _heard(device, batch)
+        self._tell(device, device.session.learn(batch))
+
+    def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
+        raws: list[_Raw | None] = []
+        begin = 0
+        for key, payload in messages:
+            raw = _read(payload) if key in self._devices else None
+            if raw is None:
+                raws.append(None)
+                continue
+            n = len(raw.ticks) // 8
+            raws.append(_Raw(raw, n, begin))
+            begin += n
+        return raws
+
+    def _send(self, plain: list[Plain]) -> None:
+        """Correct batches and publish them, in order."""
+        if not plain:
+            return
+        lengths = [len(batch.ticks) for _, batch in plain]
+        models = [device.session.applied.model for device, _ in plain]
+        matrix = np.repeat(np.array([model.matrix for model in models]), lengths, axis=0)
+        bias = np.repeat(np.array([model.bias for model in models]), lengths, axis=0)
+        reading = np.concatenate([batch.gyro for _, batch in plain]).astype(np.float64)
+        rate = corrected(reading, matrix, bias).astype("<f4")
+        within = _within(rate, MAX_CORRECTED)
+        begin = 0
+        for (device, batch), n in zip(plain, lengths, strict=True):
+            part = rate[begin : begin + n]
+            begin += n
+            self._guarded(
+                device, partial(device.say_rates, batch, part) if within else partial(device.say_whole, batch)
+            )
+
+
+def _keep(device: Device, batch: SampleBatch) -> None:
+    _heard(device, batch)
+    device.session.keep(batch)
+
+
+def _heard(device: Device, batch: SampleBatch) -> None:
+    device.heard = time.monotonic()
+    device.source.went_on(batch, device.heard)
+
+
+def _read(payload: bytes) -> Any:
+    """The message, if its columns fit together and nothing of it is out of the ordinary."""
+    if len(payload) > MAX_PAYLOAD:
+        return None
+    try:
+        raw = columns.SampleBatch.FromString(payload)
+    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+        return None
+    size = len(raw.ticks)
+    ordinary = (
+        raw.version == VERSION
+        and 8 <= size <= 8 * MAX_SAMPLES
+        and size % 8 == 0
+        and 2 * len(raw.gyro) == 3 * size
+        and (not raw.accel or 2 * len(raw.accel) == 3 * size)
+        and (not raw.temperature_c or 2 * len(raw.temperature_c) == size)
+        and not raw.flags
+        and raw.sequence <= MAX_SEQUENCE - MAX_SAMPLES
+        and 0 < raw.receive_time_ns < _LAST_NS
+        and 0 < raw.start_time_ns < _LAST_NS
+        and 1e-9 <= raw.tick_period_s <= 1.0
+        and 1e-4 <= raw.clock_rate <= 1e4
+    )
+    return raw if ordinary else None
+
+
+def _whole(there: list[_Raw]) -> _Columns | None:
+    """The columns of a round, or None where one value of them is unfit: then each message goes its own way."""
+    if not there:
+        return None
+    ticks = np.frombuffer(b"".join([raw.message.ticks for raw in there]), "<u8")
+    gyro = np.frombuffer(b"".join([raw.message.gyro for raw in there]), "<f4").reshape(-1, 3)
+    accel = np.frombuffer(b"".join([raw.message.accel for raw in there]), "<f4")
+    celsius = np.frombuffer(b"".join([raw.message.temperature_c for raw in there]), "<f4")
+    first = np.zeros(len(ticks), bool)
+    first[[raw.begin for raw in there]] = True
+    rising = bool((first[1:] | (ticks[1:] > ticks[:-1])).all()) and int(ticks.max()) < 2**63
+    fit = all(
+        _within(column, limit) for column, limit in ((gyro, MAX_RATE), (accel, MAX_ACCEL), (celsius, MAX_CELSIUS))
+    )
+    if not (rising and fit):
+        return None
+    periods = np.repeat([raw.message.tick_period_s for raw in there], [raw.n for raw in there])
+    return _Columns(ticks, gyro, ticks * periods)
+
+
+def _within(column: NDArray[np.float32], limit: float) -> bool:
+    """Whether all values are finite and of a magnitude up to limit."""
+    return not column.size or bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
+
+
+def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBatch | None:
+    """The batch, if it is plain."""
+    message, n, begin = raw
+    end = begin + n
+    if (
+        message.device != device.name
+        or device.source.owner != bridge
+        or not device.announced
+        or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]))
+    ):
+        return None
+    return SampleBatch(
+        device=device.name,
+        boot=message.boot,
+        sequence=message.sequence,
+        receive_time_ns=message.receive_time_ns,
+        start_time_ns=message.start_time_ns,
+        tick_period_s=message.tick_period_s,
+        clock_rate=message.clock_rate,
+        ticks=whole.ticks[begin:end],
+        gyro=whole.gyro[begin:end],
+        accel=np.frombuffer(message.accel, "<f4").reshape(n, 3) if message.accel else None,
+        temperature_c=np.frombuffer(message.temperature_c, "<f4") if message.temperature_c else None,
+        flags=_NO_FLAGS[:n],
+        bridge=bridge,
+    )

@@ -1,0 +1,1 @@
+"""What the estimator carries, beside a bare relay that sends the same bytes on: `make bench-load`."""

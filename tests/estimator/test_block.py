@@ -1,0 +1,59 @@
+"""What samples teach holds from the next half second on."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from bridge.wire.messages import Quality
+from estimator.block import BLOCK_S, Block, sample_time_ns
+from estimator.session import DeviceSession
+from tests.estimator.stream import NAME, calibration, feed
+
+
+def test_a_correction_changes_at_the_begin_of_a_half_second_only() -> None:
+    corrected = feed(DeviceSession(NAME), calibration(seed=1).batches()).corrected
+    before = corrected[0]
+    changes = 0
+    for batch in corrected[1:]:
+        if not np.array_equal(batch.bias, before.bias) or batch.quality != before.quality:
+            changes += 1
+            assert batch.device_time[0] // BLOCK_S == before.device_time[-1] // BLOCK_S + 1
+        before = batch
+    assert changes > 10
+    assert before.quality is Quality.GOOD
+
+
+def test_the_end_of_a_stream_is_learnt_from_without_another_sample() -> None:
+    whole = calibration(seed=1)
+    ends = [i for i in range(len(whole)) if whole.time[i] // BLOCK_S != whole.time[i - 1] // BLOCK_S]
+    for end in reversed(ends):  # the last block that a calibration needs
+        device = DeviceSession(NAME)
+        made = feed(device, whole.part(0, end).batches()).calibration
+        late = device.end().calibration
+        if made is None:
+            assert late is not None
+            return
+    raise AssertionError("no such end")
+
+
+def test_a_block_keeps_samples_with_and_without_an_accelerometer_apart() -> None:
+    batches = calibration(seed=1).batches()[:4]
+    batches[2] = replace(batches[2], accel=None)
+    block = Block()
+    for batch in batches:
+        block.add(batch.device_time, batch, 0, len(batch))
+    runs = list(block.take())
+    assert [(len(time), accel is None) for time, _, accel, _ in runs] == [(20, False), (10, True), (10, False)]
+    assert list(block.take()) == []
+    np.testing.assert_array_equal(np.concatenate([time for time, *_ in runs]), calibration(seed=1).time[:40])
+
+
+def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:
+    batches = calibration(seed=1).batches()[:4]
+    block = Block()
+    for batch in batches:
+        block.add(batch.device_time[3:], batch, 3, len(batch))
+    for index in (0, 6, 7, 27):
+        batch, i = block.where(index)
+        assert (batch.sequence, i) == (10 * (index // 7), 3 + index % 7)
+    assert sample_time_ns(batch, i) == batch.start_time_ns + round((batch.ticks[i] - batch.ticks[0]) * 1e3)

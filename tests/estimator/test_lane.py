@@ -1,0 +1,171 @@
+"""The fast lane says what the session's own way says, to the bit and in the same order, whatever comes."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import SampleBatch
+from estimator.config import Estimator
+from estimator.service.shell import Service
+from estimator.service.store import Store
+from estimator.session import DeviceSession
+from tests.estimator.stream import calibration
+
+WARD = "w"
+DEVICES = ("one", "two", "three")
+
+
+def key(device: str, bridge: str = "b") -> str:
+    return keys.build(WARD, "raw", bridge=bridge, device=device)
+
+
+@pytest.fixture(scope="module")
+def lives() -> dict[str, list[SampleBatch]]:
+    """Three devices, each calibrated and then worn, in batches of ten."""
+    return {
+        device: [replace(batch, device=device) for batch in calibration(seed=seed).batches()]
+        for seed, device in enumerate(DEVICES)
+    }
+
+
+class Heard(MemoryBus):
+    """A bus that keeps what is published of rates."""
+
+    def __init__(self) -> None:
+        super().__init__(MemoryBroker())
+        self.said: list[tuple[str, bytes]] = []
+
+    def publisher(self, key: str, *, cache: int = 0) -> "Pen":  # type: ignore[override]
+        return Pen(key, self.said)
+
+
+class Pen:
+    def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
+        self._key, self._said = key, said
+
+    def put(self, payload: bytes) -> None:
+        if "/corrected/" in self._key:
+            self._said.append((self._key, payload))
+
+    def close(self) -> None:
+        pass
+
+
+class Fed:
+    """A subscription with these messages in rounds."""
+
+    missed, closed = 0, False
+
+    def __init__(self, rounds: list[list[Message]]) -> None:
+        self._rounds: Iterator[list[Message]] = iter(rounds)
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        return next(self._rounds, [])
+
+    def close(self) -> None:
+        pass
+
+
+def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[bytes]], list[dict[str, int]], int]:
+    """What was published under each key, in order; the counts of each device; how many batches went the fast way."""
+    bus = Heard()
+    store = Store(folder / "store.sqlite3")
+    service = Service(WARD, Estimator(id="e", store=str(folder / "s")), bus, MemoryBus(MemoryBroker()), store)
+    service._raw = Fed(rounds)  # type: ignore[assignment]
+    fast = Counter[str]()
+    keep = DeviceSession.keep
+
+    def counted(self: DeviceSession, batch: SampleBatch) -> None:
+        fast["kept"] += 1
+        keep(self, batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DeviceSession, "keep", counted)
+        for _ in rounds:
+            service.step(0.0)
+    said: dict[str, list[bytes]] = {}
+    for where, payload in bus.said:
+        said.setdefault(where, []).append(payload)
+    counts = []
+    for device in service._devices.values():
+        status = device.status(1)
+        counts.append({**status.dropped, **status.events, "in": status.samples_in, "out": status.samples_out})
+    store.close()
+    return said, counts, fast["kept"]
+
+
+def both(folder: Path, rounds: list[list[Message]]) -> int:
+    """Hold the two ways against each other; how many batches went the fast one."""
+    folders = [folder / "fast", folder / "slow"]
+    for each in folders:
+        each.mkdir()
+    fast = served(folders[0], rounds)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DeviceSession, "plain", lambda *_: False)
+        slow = served(folders[1], rounds)
+    assert slow[2] == 0
+    assert fast[0].keys() == slow[0].keys()
+    for where, payloads in slow[0].items():
+        assert fast[0][where] == payloads
+    assert fast[1] == slow[1]
+    return fast[2]
+
+
+def together(lives: dict[str, list[SampleBatch]]) -> list[Message]:
+    """All devices side by side, as a bridge sends them."""
+    n = min(map(len, lives.values()))
+    return [Message(key(device), codec.encode_samples(lives[device][i])) for i in range(n) for device in DEVICES]
+
+
+def rounds_of(messages: list[Message], seed: int) -> list[list[Message]]:
+    rng, rounds, at = np.random.default_rng(seed), [], 0
+    while at < len(messages):
+        n = int(rng.integers(1, 60))
+        rounds.append(messages[at : at + n])
+        at += n
+    return rounds
+
+
+def test_a_calibrated_ward_is_corrected_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
+    messages = together(lives)
+    assert both(tmp_path, rounds_of(messages, 1)) > 0.7 * len(messages)
+
+
+def test_whatever_comes_is_treated_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
+    rng = np.random.default_rng(5)
+    messages: list[Message] = []
+    for message in together(lives):
+        odd = rng.random()
+        batch = codec.decode_samples(message.key, message.payload)
+        payloads = {
+            0: [message.payload, message.payload],
+            1: [],
+            2: [message.payload[:-7]],
+            3: [codec.encode_samples(replace(batch, flags=np.full(len(batch), 2, np.uint32)))],
+            4: [codec.encode_samples(replace(batch, boot=batch.boot + 1)), message.payload],
+            5: [codec.encode_samples(replace(batch, device="other"))],
+            6: [codec.encode_samples(replace(batch, ticks=batch.ticks[::-1].copy()))],
+            7: [codec.encode_samples(replace(batch, gyro=np.where(batch.gyro > -9, np.nan, 0).astype(np.float32)))],
+            8: [codec.encode_samples(replace(batch, accel=None))],
+            9: [codec.encode_samples(replace(batch, tick_period_s=2e-6)), message.payload],
+            10: [codec.encode_samples(replace(batch, sequence=batch.sequence + 10**15))],
+        }[int(rng.integers(11))] if odd < 0.1 else [message.payload]  # fmt: skip
+        messages += [Message(message.key, payload) for payload in payloads]
+        if odd > 0.99:
+            messages.append(Message(key(batch.device, "other"), message.payload))
+    assert both(tmp_path, rounds_of(messages, 2)) > 100
+
+
+def test_large_rates_are_clipped_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
+    large = [
+        Message(key("one"), codec.encode_samples(replace(b, gyro=np.full_like(b.gyro, 999.0)) if i % 7 == 0 else b))
+        for i, b in enumerate(lives["one"])
+    ]
+    both(tmp_path, rounds_of(large, 3))
