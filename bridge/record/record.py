@@ -83,18 +83,22 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
 def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
-    """All that came up to the first sample of a device that is wanted; None when none came."""
+    """All that came until a device that is wanted sent samples; None when none did."""
     heard: list[Message] = []
     while not stop.is_set() and time.monotonic() < deadline:
-        for message in subscription.drain(QUEUE, _ROUND_S):
-            heard.append(message)
-            try:
-                key = keys.parse(message.key)
-            except Refusal:
-                continue
-            if key.what in SAMPLES and (not devices or key.device in devices):
-                return heard + subscription.drain(QUEUE, 0.0)
+        came = subscription.drain(QUEUE, _ROUND_S)
+        heard += came
+        if any(_is_of_a_device(message, devices) for message in came):
+            return heard
     return None
+
+
+def _is_of_a_device(message: Message, devices: Sequence[str]) -> bool:
+    try:
+        key = keys.parse(message.key)
+    except Refusal:
+        return False
+    return key.what in SAMPLES and (not devices or key.device in devices)
 
 
 def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:

@@ -9,7 +9,7 @@ from rich.table import Table
 from bridge.record.survey import Boot, Device, Survey
 from bridge.wire.keys import boot_id
 
-_HEADINGS = ("device", "boot", "from (UTC)", "seconds", "Hz", "samples", "missing", "gaps", "corrected", "good")
+_HEADINGS = ("device", "boot", "from", "seconds", "Hz", "samples", "missing", "corrected", "good")
 _LEFT = 3
 
 
@@ -95,13 +95,12 @@ def _row(boot: Boot) -> tuple[str, ...]:
     corrected = boot.corrected.total()
     return (
         boot_id(boot.boot)[:8],
-        _clock(boot.first_ns),
+        _clock(boot.first_ns)[-8:],
         f"{(boot.last_ns - boot.first_ns) * 1e-9:.1f}",
         f"{boot.rate_hz:.2f}",
         str(boot.samples),
-        str(boot.missing),
-        str(boot.gaps),
-        str(corrected),
+        f"{boot.missing} in {boot.gaps}" if boot.gaps else "0",
+        f"{corrected / boot.samples:.0%}" if boot.samples else str(corrected),
         f"{boot.corrected['GOOD'] / corrected:.0%}" if corrected else "",
     )
 
