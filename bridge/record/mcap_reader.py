@@ -5,6 +5,7 @@ each record is framed by its length, and stands or falls by itself; its content 
 checksum does not hold is passed over.
 """
 
+import contextlib
 import struct
 from collections.abc import Iterator
 from io import SEEK_END, BytesIO
@@ -12,9 +13,8 @@ from typing import BinaryIO, NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
@@ -24,8 +24,6 @@ from bridge.recording_error import RecordingError
 MAX_UNPACKED = 1 << 28
 _HEAD = struct.Struct("<BQ")
 _SPAN = struct.Struct("<QQ")
-_FOOTER = 9 + 20 + len(MCAP0_MAGIC)
-_DAMAGED = (struct.error, ValueError, McapError, zstandard.ZstdError, RuntimeError, MemoryError)
 
 
 class Entry(NamedTuple):
@@ -43,7 +41,7 @@ class McapReader:
     """One MCAP file. After `entries` has ended the other attributes tell how it went.
 
     finished: it has its end. trouble: what is wrong with it, for a person. good: bytes from the beginning that were
-    understood. bad_chunks: chunks passed over; lost: earliest and latest log time of each, as far as it is known.
+    understood; messages: that were read. bad_chunks: chunks passed over; lost: earliest and latest log time of each, as far as it is known.
     orphans: messages of channels that nobody declared. facts: the metadata by name; descriptors: of each schema.
     """
 
@@ -51,6 +49,7 @@ class McapReader:
         self.size = file.seek(0, SEEK_END)
         file.seek(0)
         self.good = 0
+        self.messages = 0
         self.finished = False
         self.bad_chunks = 0
         self.orphans = 0
@@ -112,7 +111,7 @@ class McapReader:
     def _understood(self, opcode: int, body: bytes) -> Iterator[Entry]:
         try:
             records = _records(opcode, body)
-        except _DAMAGED as error:
+        except Exception as error:  # noqa: BLE001 - a damaged record fails in many ways
             what = "a chunk" if opcode == Opcode.CHUNK else f"a record of kind {opcode}"
             self.trouble.append(f"{what} at byte {self.good} is damaged and passed over ({str(error)[:80]})")
             if opcode == Opcode.CHUNK:
@@ -125,6 +124,7 @@ class McapReader:
                     self.orphans += 1
                     continue
                 schema = self._schemas.get(channel.schema_id, "")
+                self.messages += 1
                 yield Entry(channel.topic, schema, channel.metadata, record.log_time, record.publish_time, record.data)
             elif isinstance(record, Channel):
                 self._channels[record.id] = record
@@ -135,16 +135,23 @@ class McapReader:
                 self.facts[record.name] = record.metadata
 
     def _ended(self) -> bool:
-        """Whether a footer and the closing magic are at the end: the summary itself is nothing we need."""
+        """Whether the file has its end. Of the summary only the number of messages is of interest: are all there?"""
         self.good = self._file.tell()
-        self._file.seek(max(self.good, self.size - _FOOTER))
-        tail = self._file.read(_FOOTER)
-        whole = len(tail) == _FOOTER and tail[0] == Opcode.FOOTER and tail.endswith(MCAP0_MAGIC)
-        if whole:
+        counted: int | None = None
+        ended = False
+        while not ended and (record := self._next()) is not None:
+            opcode, body = record
+            if opcode == Opcode.STATISTICS:
+                with contextlib.suppress(Exception):  # as above
+                    counted = Statistics.read(ReadDataStream(BytesIO(body))).message_count
+            ended = opcode == Opcode.FOOTER and self._file.read(len(MCAP0_MAGIC) + 1) == MCAP0_MAGIC
+        if ended:
             self.good = self.size
-        else:
+        if counted is not None and counted != self.messages:
+            self.trouble.append(f"{self.messages} of {counted} messages could be read")
+        elif not ended and not self.trouble:
             self.trouble.append("its summary is torn; all messages are there")
-        return whole
+        return ended
 
 
 def _records(opcode: int, body: bytes) -> list[McapRecord]:
@@ -154,8 +161,6 @@ def _records(opcode: int, body: bytes) -> list[McapRecord]:
         chunk = Chunk.read(stream)
         chunk.data, chunk.compression = _unpacked(chunk), ""
         return breakup_chunk(chunk, validate_crc=True)
-    if opcode == Opcode.MESSAGE:
-        return [Message.read(stream, len(body))]
     if opcode == Opcode.CHANNEL:
         return [Channel.read(stream)]
     if opcode == Opcode.SCHEMA:
@@ -163,7 +168,8 @@ def _records(opcode: int, body: bytes) -> list[McapRecord]:
     return [Metadata.read(stream)] if opcode == Opcode.METADATA else []
 
 
-_READ = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA}
+# A message outside a chunk has no checksum; ours are in chunks.
+_READ = {Opcode.CHUNK, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA, Opcode.STATISTICS}
 
 
 def _unpacked(chunk: Chunk) -> bytes:

@@ -114,7 +114,8 @@ class WardRecorder:
         """Begin a file; OSError where none can be."""
         self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
         self._tape = _Tape(self._place.begin(wall_ns), self._ward)
-        self._began_s = self._flushed_s = now_s
+        self._began_s = now_s
+        self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
         for text, latest in self._latest.items():
             self._put(text, latest, wall_ns)
 

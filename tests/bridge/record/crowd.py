@@ -12,13 +12,15 @@ from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, Quality,
 
 WARD, RATE_HZ = "ward", 104.0
 TICK_S, STEP = 1e-6, 9615
-#: shared by the devices: none of them is looked at as a movement
-_RNG = np.random.default_rng(1)
+#: readings by sequence number, over and over; in counts, as devices send them
+_GYRO = (np.round(np.random.default_rng(1).normal(0, 100, (4096, 3))) * 1.065e-3).astype(np.float32)
+_ACCEL = (np.round(np.random.default_rng(2).normal(0, 800, (4096, 3))) * 1.2e-2).astype(np.float32)
 _THREE = np.full(3, 0.01, np.float32)
 
 
 def samples(device: str, sequence: int, n: int, time_ns: int, boot: int = 7) -> SampleBatch:
-    """A batch whose first sample was at time_ns."""
+    """A batch whose first sample was at time_ns; the same numbers have the same readings."""
+    rows = np.arange(sequence, sequence + n) % len(_GYRO)
     return SampleBatch(
         device=device,
         boot=boot,
@@ -28,8 +30,8 @@ def samples(device: str, sequence: int, n: int, time_ns: int, boot: int = 7) -> 
         tick_period_s=TICK_S,
         clock_rate=1.0,
         ticks=np.arange(sequence + 1, sequence + n + 1, dtype=np.uint64) * np.uint64(STEP),
-        gyro=(np.round(_RNG.normal(0, 100, (n, 3))) * 1.065e-3).astype(np.float32),
-        accel=(np.round(_RNG.normal(0, 800, (n, 3))) * 1.2e-2).astype(np.float32),
+        gyro=_GYRO[rows],
+        accel=_ACCEL[rows],
         temperature_c=np.full(n, 30.5, np.float32),
         flags=np.zeros(n, np.uint32),
         bridge="bridge-1",
