@@ -11,6 +11,7 @@ One of t and `rate_hz` (an argument where the file has none) is needed: a rate a
 mcap: as `truerate record` writes it; the device, and which of its boots, must be said where there are several.
 """
 
+import logging
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 
 __all__ = ["Recording", "RecordingError", "load"]
 
+_log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
 TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
@@ -85,6 +87,8 @@ def load(
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     if size > MAX_BYTES:
         raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
+    if path.suffix == ".part":
+        raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
     if path.suffix == ".mcap":
         return _of_stretch(path, _chosen(path, device, boot))
     if device is not None or boot is not None:
@@ -100,7 +104,10 @@ def load(
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
     """One boot of one device of a ward's recording."""
-    found = stretches.read([path], corrected=False).stretches
+    recorded = stretches.read([path], corrected=False)
+    for words in recorded.trouble:
+        _log.warning("%s", words)
+    found = recorded.stretches
     if not found:
         raise RecordingError(f"{path}: there are no samples in it")
     if device is None and len(found) > 1:

@@ -165,7 +165,7 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
     """Notes and calibrations within a stretch; no file when there is none."""
     first, last = int(stretch.time_ns[0]), int(stretch.time_ns[-1])
     rows = [
-        (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event, event.text.replace("\t", " ") or _NONE)
+        (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event.split()[0], f"{event.event}: {event.text}")
         for event in events(recorded)
         if event.device == stretch.device and event.event != "boot" and first <= event.time_ns <= last
     ]
@@ -173,7 +173,8 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
         return []
     path = folder / f"{stem}_events.tsv"
     _write_table(path, ("onset", "duration", "trial_type", "description"), rows)
-    return [path]
+    _write_json(path.with_suffix(".json"), {"description": {"Description": "what was written, or came of it"}})
+    return [path, path.with_suffix(".json")]
 
 
 def _systems(devices: Sequence[str]) -> dict[str, str]:

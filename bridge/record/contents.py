@@ -73,9 +73,10 @@ def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
                     yield reader.good, entry
                 else:
                     foreign = foreign or entry.topic or "a channel without a name"
-            if not ours and ABOUT not in reader.facts:
-                has = f"it has {foreign!r}" if foreign else "; ".join(reader.trouble) or "it holds nothing"
-                raise RecordingError(f"{path}: not a recording of a ward: {has}")
+            if not ours and foreign and ABOUT not in reader.facts:
+                raise RecordingError(f"{path}: not a recording of a ward: it has {foreign!r}")
+            if not ours:
+                raise RecordingError(f"{path}: there is nothing in it: {'; '.join(reader.trouble) or 'no message'}")
             trouble += [f"{path}: {words}" for words in reader.trouble]
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None

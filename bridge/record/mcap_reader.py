@@ -41,8 +41,9 @@ class McapReader:
     """One MCAP file. After `entries` has ended the other attributes tell how it went.
 
     finished: it has its end. trouble: what is wrong with it, for a person. good: bytes from the beginning that were
-    understood; messages: that were read. bad_chunks: chunks passed over; lost: earliest and latest log time of each, as far as it is known.
-    orphans: messages of channels that nobody declared. facts: the metadata by name; descriptors: of each schema.
+    understood; messages: that were read. bad_chunks: chunks passed over; lost: earliest and latest log time of each, as
+    far as it is known. orphans: messages of channels that nobody declared. facts: the metadata by name; descriptors: of
+    each schema.
     """
 
     def __init__(self, file: BinaryIO, place: str) -> None:
@@ -135,7 +136,7 @@ class McapReader:
                 self.facts[record.name] = record.metadata
 
     def _ended(self) -> bool:
-        """Whether the file has its end. Of the summary only the number of messages is of interest: are all there?"""
+        """Whether the file has its end; of the summary only the number of messages is of interest."""
         self.good = self._file.tell()
         counted: int | None = None
         ended = False

@@ -6,6 +6,7 @@ Seconds of what had been sent to the bus before the kill that are not in the rec
 import sys
 
 import numpy as np
+from rich.console import Console
 
 from tests.bridge.record.kills import killed
 
@@ -17,7 +18,7 @@ def main(rounds: int = 100, at_once: int = 4) -> int:
     results = list(killed(rounds, at_once, "tcp/127.0.0.1:7543", seed=1, longest_s=4.0))
     lost = np.array([result.lost_s for result in results])
     within = sum(result.missing for result in results)
-    print(
+    Console().print(
         f"{len(results)} recorders killed: lost {np.median(lost):.2f} s in the median, {lost.max():.2f} s at worst "
         f"(goal {GOAL_S:g} s); {(lost >= GOAL_S).sum()} beyond it; {within} samples missing within"
     )

@@ -10,6 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from rich.console import Console
+
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.record.survey import survey
 from tests.bridge.record.crowd import RATE_HZ, WARD, Crowd
@@ -45,7 +47,7 @@ def main(devices: int = 100, seconds: float = 30.0) -> None:
             found = survey([path])
             kept = [boot.samples for device in found.devices.values() for boot in device.boots.values()]
             missing = sum(boot.missing for device in found.devices.values() for boot in device.boots.values())
-        print(
+        Console().print(
             f"{devices} devices at {RATE_HZ:g} Hz: {100 * used / lasted:.1f} % of a core (goal {GOAL:g} %), "
             f"{found.size / found.duration_s / 1e3:.0f} kB/s; {sum(kept)} samples, {missing} missing, "
             f"{until * devices - sum(kept)} after the stop"

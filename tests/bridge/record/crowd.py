@@ -2,6 +2,7 @@
 
 import threading
 import time
+import zlib
 from typing import Self
 
 import numpy as np
@@ -19,8 +20,8 @@ _THREE = np.full(3, 0.01, np.float32)
 
 
 def samples(device: str, sequence: int, n: int, time_ns: int, boot: int = 7) -> SampleBatch:
-    """A batch whose first sample was at time_ns; the same numbers have the same readings."""
-    rows = np.arange(sequence, sequence + n) % len(_GYRO)
+    """A batch whose first sample was at time_ns; the same device and number have the same readings."""
+    rows = (zlib.crc32(device.encode()) + np.arange(sequence, sequence + n)) % len(_GYRO)
     return SampleBatch(
         device=device,
         boot=boot,

@@ -47,9 +47,7 @@ def _one_go(
     for folder in folders:
         folder.mkdir()
         words = ["record", "--ward", WARD, "--connect", endpoint, "--out", str(folder), "--rotate", "10s"]
-        recorders.append(
-            subprocess.Popen([sys.executable, "-m", "estimator.cli", *words], stderr=subprocess.DEVNULL)
-        )
+        recorders.append(subprocess.Popen([sys.executable, "-m", "estimator.cli", *words], stderr=subprocess.DEVNULL))
     deadline = time.monotonic() + 30
     while not all(any(folder.iterdir()) for folder in folders):
         assert time.monotonic() < deadline, "no recorder has begun"
@@ -76,6 +74,4 @@ def _what_is_left(folder: Path, crowd: Crowd, moment_s: float, began_s: float) -
     before = crowd.sent_by(began_s)
     # What was sent before there was a file comes from caches while it begins: it counts from then on.
     last = min(max(before, boots[name].numbering.next) if name in boots else before for name in crowd.names)
-    return Killed(
-        moment_s - began_s, (sent - last) / RATE_HZ, sum(boot.missing for boot in boots.values()), trouble
-    )
+    return Killed(moment_s - began_s, (sent - last) / RATE_HZ, sum(boot.missing for boot in boots.values()), trouble)

@@ -220,7 +220,9 @@ def test_what_a_killed_recorder_left_is_found(tmp_path: Path) -> None:
 
 def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
     path, several = recorded(
-        tmp_path, [about("one"), *run("one", 0, 200)], [*run("one", 0, 90), *run("two", 0, 60), *run("two", 0, 70, boot=8)]
+        tmp_path,
+        [about("one"), *run("one", 0, 200)],
+        [*run("one", 0, 90), *run("two", 0, 60), *run("two", 0, 70, boot=8)],
     )
     recording = load(path)
     assert (len(recording), recording.rate_hz, recording.gyro_range) == (200, 104.0, 8.7)

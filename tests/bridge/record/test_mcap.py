@@ -167,7 +167,9 @@ def test_what_unpacks_to_more_than_it_says_is_passed_over() -> None:
 
     bomb = zstandard.compress(bytes(1 << 30))
     for said in (1 << 10, 1 << 30, 1 << 62):
-        body = struct.pack("<QQQI", 1, 2, said, zlib.crc32(b"")) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
+        body = (
+            struct.pack("<QQQI", 1, 2, said, zlib.crc32(b"")) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
+        )
         data = b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body)) + body
         entries, reader = read(data)
         assert entries == []
@@ -232,5 +234,3 @@ def test_a_chunk_ends_by_itself_when_it_is_large() -> None:
         writer.add(channel, at + 1, at + 1, bytes(1000))
         sizes.append(writer.size)
     assert sum(after > before for before, after in pairwise(sizes)) == 3
-
-
