@@ -27,8 +27,13 @@ _log = logging.getLogger(__name__)
 class Output(Protocol):
     """A file to record into; see files.Output."""
 
-    path: Path
-    file: BinaryIO
+    @property
+    def path(self) -> Path:
+        """Its name when it is whole."""
+
+    @property
+    def file(self) -> BinaryIO:
+        """Where its bytes go."""
 
     def sync(self) -> None:
         """Return when it is safe."""
@@ -202,7 +207,7 @@ class WardRecorder:
         free = self._place.free_bytes()
         if free < wanted:
             raise NoRoom(
-                f"the disk is nearly full: {free / 1e6:.0f} MB are free, {wanted / 1e6:.0f} MB are wanted (keep_free_mb "
+                f"the disk is nearly full: {free / 1e6:.1f} MB are free, {wanted / 1e6:.1f} MB are wanted (keep_free_mb "
                 f"leaves {self._knobs.keep_free_bytes / 1e6:.0f} MB to others)"
             )
 

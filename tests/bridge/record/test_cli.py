@@ -110,7 +110,7 @@ def bad_files(tmp_path: Path, good: bytes) -> dict[str, Path]:
     writer.add_message(
         writer.register_channel("/imu", "json", writer.register_schema("Imu", "jsonschema", b"{}")), 1, b"{}", 1
     )
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     (tmp_path / "folder.mcap").mkdir()
     contents = {
         "empty": b"",

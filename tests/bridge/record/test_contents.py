@@ -235,7 +235,7 @@ def test_a_wards_recording_is_a_recording(tmp_path: Path) -> None:
         ({"device": "two", "boot": 3}, "two has boots 1 to 2, not 3"),
     ):
         with pytest.raises(RecordingError) as refused:
-            load(several, **kwargs)  # type: ignore[arg-type] # of several kinds
+            load(several, **kwargs)
         assert words in str(refused.value)
     assert len(load(several, device="two", boot=2)) == 70
     assert len(load(several, device="one")) == 90
@@ -255,7 +255,7 @@ def test_a_foreign_mcap_is_refused(tmp_path: Path) -> None:
     writer.start()
     schema = writer.register_schema("sensor_msgs/Imu", "ros1msg", b"x")
     writer.add_message(writer.register_channel("/imu", "ros1", schema), 1, b"data", 1)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     path = tmp_path / "foreign.mcap"
     path.write_bytes(file.getvalue())
     for refused in (survey, read):

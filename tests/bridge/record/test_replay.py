@@ -12,6 +12,7 @@ from bridge.drivers import replayed
 from bridge.drivers.driver import DeviceUnavailable
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.takes import Take
+from bridge.record import stretches
 from bridge.record.files import Folder
 from bridge.record.recorder import WardRecorder
 from bridge.record.stretches import Stretch, read
@@ -98,10 +99,12 @@ def test_a_file_is_read_once_for_all_its_devices_and_anew_when_it_changed(
 ) -> None:
     (path,) = recorded(tmp_path, [*run("one", 0, 20), *run("two", 0, 20)])
     reads = []
-    real = replayed.stretches.read
-    monkeypatch.setattr(
-        replayed.stretches, "read", lambda *args, **kwargs: (reads.append(args), real(*args, **kwargs))[1]
-    )
+
+    def counted(paths: list[Path], **words: bool) -> stretches.Recorded:
+        reads.append(paths)
+        return read(paths, **words)  # type: ignore[arg-type] # as it was called
+
+    monkeypatch.setattr(stretches, "read", counted)
     for name in ("one", "two", "one"):
         ReplayedDriver(ReplayedOptions(file=str(path), recorded_device=name)).open()
     assert len(reads) == 1
