@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking fuzz clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -46,10 +46,11 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward, what a recorder costs and loses.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, what a recorder costs and loses.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
+	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder
 	-$(BIN)/python -m tests.bench.kills
 
@@ -57,6 +58,10 @@ bench: setup-dev
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
+
+# Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
+fuzz: setup-dev
+	$(BIN)/python -m tests.fuzz $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

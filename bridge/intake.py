@@ -3,12 +3,15 @@
 Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.clock import ClockFit
-from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
 from bridge.unwrap import Counters, Counts
+from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
@@ -44,6 +47,8 @@ class Intake:
         self._names = (device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell
+        self._battery = Battery(math.nan)
+        self._notices: dict[str, str] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -69,8 +74,13 @@ class Intake:
         """What may be published of an event, in order."""
         if isinstance(event, Identity):
             self._greet(event)
-            return []
-        return self._read(event)
+        elif isinstance(event, Readings):
+            return self._read(event)
+        elif isinstance(event, Battery):
+            self._battery = event
+        else:
+            self._note(event)
+        return []
 
     def overflowed(self, batch: SampleBatch) -> None:
         """A batch that was let through could not be kept until it was published."""
@@ -104,7 +114,19 @@ class Intake:
             dropped=self.dropped.as_dict(),
             events={**self.events.as_dict(), **faults},
             trouble=trouble,
+            battery_percent=self._battery.percent,
+            charging=self._battery.charging,
+            notices=dict(self._notices),
+            has_clock=identity.has_clock,
         )
+
+    def _note(self, notice: Notice) -> None:
+        """Keep the latest of each name, and no more names than the wire takes."""
+        self._notices.pop(notice.name, None)
+        if notice.text:
+            self._notices[notice.name] = notice.text
+        while len(self._notices) > MAX_TEXTS:
+            self._notices.pop(next(iter(self._notices)))
 
     def _greet(self, identity: Identity) -> None:
         if self._identity is None or identity.boot != self._identity.boot:

@@ -32,6 +32,7 @@ class Identity:
     """Who the device is, said at boot and again at any time; the same boot may be told again.
 
     tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
+    has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise.
     """
 
     boot: int
@@ -45,6 +46,7 @@ class Identity:
     has_temperature: bool
     tick_bits: int = 32
     sequence_bits: int = 32
+    has_clock: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +65,23 @@ class Readings:
     temperature_c: NDArray[np.floating] | None
 
 
-Event = Identity | Readings
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """How full the device's battery is, 0 to 100 %."""
+
+    percent: float
+    charging: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """What a person should know of the device, under a name: its own messages, settings that disturb. No text: no longer so."""
+
+    name: str
+    text: str
+
+
+Event = Identity | Readings | Battery | Notice
 
 
 class Driver(Protocol):
@@ -90,7 +108,8 @@ class DriverKind:
     """A kind of driver, under the name the configuration calls it by.
 
     summary: one line for people. options: the Struct of what it takes beside `id` and `driver`; `make` and `state` are
-    given one. state says in a few words whether the device could be opened now, without opening it.
+    given one. state says in a few words whether the device could be opened now, without opening it. decoder makes what
+    understands its bytes, of options or of None; without one, unknown bytes are not tried as its.
     """
 
     name: str
@@ -98,3 +117,4 @@ class DriverKind:
     options: type[msgspec.Struct]
     make: Callable[[Any], Driver]
     state: Callable[[Any], str]
+    decoder: Callable[[Any], Any] | None = None

@@ -1,14 +1,11 @@
-"""A device that speaks the native serial protocol of bridge/framing: bytes in, events out, and a port around it."""
+"""A device that speaks the native serial protocol of bridge/framing."""
 
 from collections import deque
 
-from msgspec import Struct
-
-from bridge.drivers.driver import DriverKind, Event, Identity, Readings
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.framing import packets
 from bridge.framing.deframer import Deframer, frame
-from bridge.transport import serial_port
-from bridge.transport.serial_port import SerialPort
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
@@ -18,17 +15,21 @@ _ASK_AGAIN = 16  # packets
 
 
 class NativeDecoder:
-    """Any chunking of a device's bytes in, events out; `ask` says when to send ASK. Without I/O and clock.
+    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are.
 
     Readings come out after the identity of their boot only. Packets of an unknown boot are held back, and the device is
     asked; what cannot be held, or turns out to be of another boot, is counted in `faults` by samples.
     """
 
-    def __init__(self, faults: Tally) -> None:
-        self.faults = faults
-        self.ask = True
+    def __init__(self) -> None:
+        self.faults = Tally()
+        self.opened()
+
+    def opened(self) -> None:
+        """Begin anew, with a question."""
+        self._ask = True
         self._deframer = Deframer()
-        self._deframer.faults = faults
+        self._deframer.faults = self.faults
         self._boot: int | None = None
         self._held: deque[Readings] = deque()
         self._unknown = 0  # packets of an unknown boot since the last HELLO
@@ -48,13 +49,14 @@ class NativeDecoder:
                 events += self._read(packet, receive_time_ns)
         return events
 
-    def asked(self) -> None:
-        """ASK has been sent."""
-        self.ask = False
+    def to_send(self) -> bytes:
+        """ASK, when it is time."""
+        ask, self._ask = self._ask, False
+        return ASK if ask else b""
 
     def _greeted(self, hello: packets.Hello) -> list[Event]:
         self._boot = hello.boot
-        self.ask = False
+        self._ask = False
         self._unknown = 0
         identity = Identity(
             boot=hello.boot,
@@ -84,7 +86,7 @@ class NativeDecoder:
         self._held.append(readings)
         # At the first packet of an unknown boot, and again if no answer comes.
         if self._unknown % _ASK_AGAIN == 0:
-            self.ask = True
+            self._ask = True
         self._unknown += 1
         return []
 
@@ -106,50 +108,9 @@ class NativeDecoder:
         )
 
 
-class NativeOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The port, by its stable name, and its speed (which USB devices ignore)."""
-
-    port: str
-    baud: int = 115_200
-
-    def __post_init__(self) -> None:
-        if not self.port:
-            raise ValueError("port is empty; `ls /dev/serial/by-id` shows the ports of what is plugged in")
-        if not 300 <= self.baud <= 4_000_000:
-            raise ValueError(f"baud is {self.baud}; 300 to 4000000 is taken, 115200 is usual")
-
-
-class NativeDriver:
-    """The decoder behind a serial port."""
-
-    def __init__(self, options: NativeOptions) -> None:
-        self.faults = Tally()
-        self.place = options.port
-        self._port = SerialPort(options.port, options.baud)
-        self._decoder = NativeDecoder(self.faults)
-
-    def open(self) -> None:
-        """Open the port and ask the device who it is; raises DeviceUnavailable."""
-        self._port.open()
-        self._decoder = NativeDecoder(self.faults)
-
-    def read(self, timeout_s: float) -> list[Event]:
-        """What came; raises DeviceLost."""
-        if self._decoder.ask:
-            self._port.write(ASK)
-            self._decoder.asked()
-        data, receive_time_ns = self._port.read(timeout_s)
-        return self._decoder.feed(data, receive_time_ns)
-
-    def close(self) -> None:
-        """Close the port, ending a read in another thread."""
-        self._port.close()
-
-
-KIND = DriverKind(
-    name="native",
-    summary="truerate's own serial protocol (COBS frames with a CRC-32): port, baud",
-    options=NativeOptions,
-    make=NativeDriver,
-    state=lambda options: serial_port.state(options.port),
+KIND = stream_kind(
+    "native",
+    "truerate's own serial protocol (COBS frames with a CRC-32): port, baud",
+    StreamOptions,
+    lambda _: NativeDecoder(),
 )

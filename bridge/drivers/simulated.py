@@ -8,9 +8,8 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
-from bridge.drivers.native import ASK, NativeDecoder
+from bridge.drivers.native import NativeDecoder
 from bridge.sim.virtual_device import VirtualDevice, demo_device
-from bridge.wire.refusal import Tally
 
 _TURN_S = 0.02
 
@@ -43,13 +42,13 @@ class SimulatedDriver:
     """
 
     def __init__(self, options: SimulatedOptions, draw_boot: Callable[[], int] | None = draw_boot) -> None:
-        self.faults = Tally()
         self.place = f"simulated, seed {options.seed}"
         self.device: VirtualDevice | None = None
         self._options = options
         self._draw_boot = draw_boot
         self._closed = threading.Event()
-        self._decoder = NativeDecoder(self.faults)
+        self._decoder = NativeDecoder()
+        self.faults = self._decoder.faults
         self._born_s = 0.0
 
     def open(self) -> None:
@@ -59,16 +58,15 @@ class SimulatedDriver:
                 "simulated", self._options.seed, rate_hz=self._options.rate_hz, draw_boot=self._draw_boot
             )
             self._born_s = time.monotonic()
-        self._decoder = NativeDecoder(self.faults)
+        self._decoder.opened()
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
         """What the device said meanwhile; DeviceLost after close."""
         if self.device is None or self._closed.wait(min(timeout_s, _TURN_S)):
             raise DeviceLost(f"{self.place}: closed")
-        if self._decoder.ask:
-            self.device.receive(ASK)
-            self._decoder.asked()
+        if ask := self._decoder.to_send():
+            self.device.receive(ask)
         data = self.device.advance((time.monotonic() - self._born_s) * self._options.speed)
         return self._decoder.feed(data, time.time_ns())
 

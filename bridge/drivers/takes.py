@@ -68,6 +68,7 @@ class Take:
             has_temperature=stretch.temperature_c is not None,
             tick_bits=64,
             sequence_bits=64,
+            has_clock=info.has_clock if info else True,
         )
         due_s = np.maximum.accumulate((stretch.time_ns - begin_ns) * 1e-9)
         columns = stretch.gyro, stretch.accel, stretch.temperature_c

@@ -46,8 +46,8 @@ class Session:
     session: str = ""
 
     def __post_init__(self) -> None:
-        for key, label in (("--subject", self.subject), ("--task", self.task), ("--session", self.session)):
-            if not LABEL.match(label or "x"):
+        for key, label in (("--subject", self.subject), ("--task", self.task), ("--session", self.session or "none")):
+            if not LABEL.match(label):
                 raise RecordingError(f"{key} {label!r}: BIDS takes letters and digits only, such as 01")
 
     @property

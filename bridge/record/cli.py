@@ -116,10 +116,12 @@ def _table(settings: Recorder) -> dict[str, Any]:
 
 
 def _info(given: argparse.Namespace) -> int:
+    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
     from bridge.record.survey import survey  # noqa: PLC0415
 
-    found = survey(given.files)
+    with bar("reading") as tell:
+        found = survey(given.files, tell)
     if given.json:
         print(json.dumps(as_json(found)))
     else:
@@ -128,17 +130,22 @@ def _info(given: argparse.Namespace) -> int:
 
 
 def _recover(given: argparse.Namespace) -> None:
+    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.recover import recover  # noqa: PLC0415
 
-    for line in recover(given.file, given.out).said():
+    with bar("recovering") as tell:
+        recovered = recover(given.file, given.out, tell)
+    for line in recovered.said():
         print(line)
 
 
 def _export(given: argparse.Namespace) -> None:
     from bridge.record import bids, export, stretches  # noqa: PLC0415
+    from bridge.record.progress import bar  # noqa: PLC0415
 
     session = bids.Session(given.subject, given.task, given.session)
-    recorded = stretches.read(given.files)
+    with bar("reading") as tell:
+        recorded = stretches.read(given.files, tell=tell)
     if given.device:
         recorded = recorded.only(given.device)
     if not recorded.stretches:

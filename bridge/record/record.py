@@ -13,7 +13,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
 from bridge.record.files import Folder
 from bridge.record.kinds import SAMPLES
-from bridge.record.progress import Progress, line
+from bridge.record.progress import Screen, line
 from bridge.record.recorder import Knobs, WardRecorder
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
@@ -120,14 +120,14 @@ def _run(
 ) -> None:
     began = time.monotonic()
     messages, shown, there = first, 0.0, True
-    with Progress(console) as progress:
+    with Screen(console) as screen:
         while True:
             now = time.monotonic()
             recorder.take(messages, time.time_ns(), now)
             recorder.tick(time.time_ns(), now)
             if now - shown >= _SHOW_S:
                 shown = now
-                progress.show(recorder, now - began, now, subscription.missed)
+                screen.show(recorder, now - began, now, subscription.missed)
                 if bus.connected != there:
                     there = bus.connected
                     _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")

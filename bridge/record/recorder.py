@@ -248,7 +248,7 @@ class WardRecorder:
             account.not_recorded += tape.writer.lost
             left = tape.left()
             account.closed_bytes += tape.writer.size
-            if tape.writer.messages:
+            if tape.writer.finished:
                 account.files.append(tape.output.path)
         _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, left)
 

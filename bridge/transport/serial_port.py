@@ -12,28 +12,21 @@ import stat
 import termios
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import serial
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.transport.transport import Chunk
 
 _FAULTS = (serial.SerialException, OSError, termios.error)
 _WRITE_TIMEOUT_S = 1.0
-
-
-class Chunk(NamedTuple):
-    """Bytes, and the host time (ns since the Unix epoch) right after they came."""
-
-    data: bytes
-    receive_time_ns: int
 
 
 class SerialPort:
     """One port, locked for us alone. Give it a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not."""
 
     def __init__(self, port: str, baud: int) -> None:
-        self.port = port
+        self.place = port
         self.baud = baud
         self._serial: serial.Serial | None = None
 
@@ -42,12 +35,12 @@ class SerialPort:
         self.close()
         opened = serial.Serial(exclusive=True, write_timeout=_WRITE_TIMEOUT_S, timeout=0.2)
         try:
-            opened.port, opened.baudrate = self.port, self.baud
+            opened.port, opened.baudrate = self.place, self.baud
             opened.open()
             _stay_powered(opened.fileno())
         except (*_FAULTS, ValueError) as error:
             _close(opened)
-            raise DeviceUnavailable(f"{self.port}: {_cause(error)}") from None
+            raise DeviceUnavailable(f"{self.place}: {_cause(error)}") from None
         self._serial = opened
 
     def read(self, timeout_s: float) -> Chunk:
@@ -61,7 +54,7 @@ class SerialPort:
             if data and not waiting:  # that was the first byte only
                 data += opened.read(opened.in_waiting)
         except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
-            raise DeviceLost(f"{self.port}: {_loss(error)}") from None
+            raise DeviceLost(f"{self.place}: {_loss(error)}") from None
         return Chunk(data, time.time_ns())
 
     def write(self, data: bytes) -> None:
@@ -70,7 +63,7 @@ class SerialPort:
         try:
             opened.write(data)
         except (*_FAULTS, TypeError) as error:
-            raise DeviceLost(f"{self.port}: {_loss(error)}") from None
+            raise DeviceLost(f"{self.place}: {_loss(error)}") from None
 
     def close(self) -> None:
         """Close, ending a read in another thread; never raises."""
@@ -83,7 +76,7 @@ class SerialPort:
     def _opened(self) -> serial.Serial:
         opened = self._serial
         if opened is None:
-            raise DeviceLost(f"{self.port}: closed")
+            raise DeviceLost(f"{self.place}: closed")
         return opened
 
 

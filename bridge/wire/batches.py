@@ -20,7 +20,7 @@ MAX_ACCEL = 10_000.0  # m/s²
 MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
-_KNOWN_FLAGS = int(SampleFlag.AFTER_GAP | SampleFlag.CLIPPED)
+_KNOWN_FLAGS = sum(SampleFlag)
 _FLOAT = np.dtype("<f4")
 
 Float32s = NDArray[np.float32]

@@ -4,6 +4,7 @@ All rates are rad/s, accelerations m/s², times seconds unless the name says oth
 Arrays are read-only by convention: nobody writes into a message.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
 
@@ -20,6 +21,9 @@ class SampleFlag(IntFlag):
     OK = 0
     AFTER_GAP = 1
     CLIPPED = 2
+    STUCK = 4
+    LATE = 8
+    TEMPERATURE_STEP = 16
 
 
 class BootCause(IntEnum):
@@ -204,6 +208,10 @@ class DeviceInfo:
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
     trouble: str = ""  # what keeps it from being read, for a person; empty when all is well
+    battery_percent: float = math.nan  # NaN when unknown
+    charging: bool = False
+    notices: dict[str, str] = field(default_factory=dict)  # what a person should know of the device, by name
+    has_clock: bool = True  # its ticks are its own time, not the bridge's count of its samples
 
 
 @dataclass(frozen=True, slots=True)

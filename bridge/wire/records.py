@@ -48,6 +48,10 @@ def encode_info(info: DeviceInfo) -> bytes:
         dropped=_clean_counts(info.dropped),
         events=_clean_counts(info.events),
         trouble=clean(info.trouble, MAX_SENTENCE),
+        battery_percent=info.battery_percent,
+        charging=info.charging,
+        notices={clean(name, checks.MAX_NAME): clean(text, MAX_SENTENCE) for name, text in info.notices.items()},
+        has_clock=info.has_clock,
     ).SerializeToString()
 
 
@@ -76,6 +80,10 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
         dropped=checks.counts(raw.dropped, "dropped"),
         events=checks.counts(raw.events, "events"),
         trouble=checks.text(raw.trouble, "trouble", MAX_SENTENCE),
+        battery_percent=checks.number_or_nan(raw.battery_percent, "battery_percent", 0.0, 100.0),
+        charging=raw.charging,
+        notices=checks.texts(raw.notices, "notices"),
+        has_clock=raw.has_clock,
     )
 
 

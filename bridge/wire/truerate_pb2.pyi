@@ -12,6 +12,9 @@ class SampleFlag(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     SAMPLE_OK: _ClassVar[SampleFlag]
     SAMPLE_AFTER_GAP: _ClassVar[SampleFlag]
     SAMPLE_CLIPPED: _ClassVar[SampleFlag]
+    SAMPLE_STUCK: _ClassVar[SampleFlag]
+    SAMPLE_LATE: _ClassVar[SampleFlag]
+    SAMPLE_TEMPERATURE_STEP: _ClassVar[SampleFlag]
 
 class BootCause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -47,6 +50,9 @@ class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
 SAMPLE_OK: SampleFlag
 SAMPLE_AFTER_GAP: SampleFlag
 SAMPLE_CLIPPED: SampleFlag
+SAMPLE_STUCK: SampleFlag
+SAMPLE_LATE: SampleFlag
+SAMPLE_TEMPERATURE_STEP: SampleFlag
 BOOT_UNKNOWN: BootCause
 BOOT_POWER_UP: BootCause
 BOOT_PORT_OPENED: BootCause
@@ -99,7 +105,7 @@ class SampleBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., gyro: _Optional[_Iterable[float]] = ..., accel: _Optional[_Iterable[float]] = ..., temperature_c: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class DeviceInfo(_message.Message):
-    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events", "trouble")
+    __slots__ = ("version", "device", "bridge", "boot", "boot_cause", "model", "firmware", "driver", "port", "rate_hz", "measured_rate_hz", "gyro_range", "has_accel", "has_temperature", "time_ns", "samples", "dropped", "events", "trouble", "battery_percent", "charging", "notices", "has_clock")
     class DroppedEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -114,6 +120,13 @@ class DeviceInfo(_message.Message):
         key: str
         value: int
         def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    class NoticesEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: str
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
@@ -133,6 +146,10 @@ class DeviceInfo(_message.Message):
     DROPPED_FIELD_NUMBER: _ClassVar[int]
     EVENTS_FIELD_NUMBER: _ClassVar[int]
     TROUBLE_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_PERCENT_FIELD_NUMBER: _ClassVar[int]
+    CHARGING_FIELD_NUMBER: _ClassVar[int]
+    NOTICES_FIELD_NUMBER: _ClassVar[int]
+    HAS_CLOCK_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     bridge: str
@@ -152,7 +169,11 @@ class DeviceInfo(_message.Message):
     dropped: _containers.ScalarMap[str, int]
     events: _containers.ScalarMap[str, int]
     trouble: str
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[str] = ...) -> None: ...
+    battery_percent: float
+    charging: bool
+    notices: _containers.ScalarMap[str, str]
+    has_clock: bool
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[str] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Mapping[str, str]] = ..., has_clock: _Optional[bool] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std")

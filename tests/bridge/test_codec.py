@@ -88,7 +88,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
 INFOS = st.builds(
     DeviceInfo, st.just("d1"), st.just("b1"), U64, st.sampled_from(BootCause), TEXT, TEXT, TEXT, TEXT,
     st.floats(0, 1e6), st.floats(0, 1e9), st.floats(0, 1000), st.booleans(), st.booleans(), TIME, U64, LABELS, LABELS,
-    TEXT,
+    TEXT, st.floats(0, 100), st.booleans(), st.dictionaries(TEXT, TEXT, max_size=16), st.booleans(),
 )  # fmt: skip
 THREE = st.tuples(*[st.floats(-10, 10)] * 3)
 STDS = st.tuples(*[st.floats(0, 10)] * 3)
@@ -219,8 +219,9 @@ CAL = Calibration(
     (Turn(0, 6.28, 0.01, 5),), np.ones(3), "m", "f", 4.3, 100.0, float("nan"), "anna",
 )  # fmt: skip
 SURE = DeviceInfo(
-    "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1}
-)
+    "d1", "b1", 7, BootCause.POWER_UP, "m", "f", "native", "/dev/x", 100, 99.9, 4.3, True, True, 1, 5, {"a": 1},
+    battery_percent=71.5, charging=True, notices={"auto bias": "is on; it fights our own"},
+)  # fmt: skip
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),
     Quality.GOOD, np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), "c1",
@@ -308,7 +309,7 @@ SIGNALLING = np.frombuffer(struct.pack("<12I", *[0x7FA00000] * 12), "<f4").resha
         ({"temperature_c": np.ones(3, np.float32)}, Reason.LENGTH),
         ({"temperature_c": np.full(4, 501, np.float32)}, Reason.RANGE),
         ({"flags": np.array([1, 0, 0], np.uint32)}, Reason.LENGTH),
-        ({"flags": np.array([1, 0, 0, 4], np.uint32)}, Reason.RANGE),
+        ({"flags": np.array([1, 0, 0, 32], np.uint32)}, Reason.RANGE),
         ({"ticks": np.array([], np.uint64)}, Reason.LENGTH),
         ({"ticks": np.array([1, 2, 2, 3], np.uint64)}, Reason.RANGE),
         ({"ticks": np.array([4, 3, 2, 1], np.uint64)}, Reason.RANGE),
@@ -410,7 +411,22 @@ def test_an_info_under_another_bridges_key_is_refused() -> None:
 def test_a_device_that_cannot_be_read_is_told_of_with_boot_0_and_its_trouble() -> None:
     trouble = "/dev/x: missing; plug the device in"
     unread = DeviceInfo(
-        "d1", "b1", 0, BootCause.UNKNOWN, "", "", "native", "/dev/x", 0, 0, 0, False, False, 1, trouble=trouble
+        "d1",
+        "b1",
+        0,
+        BootCause.UNKNOWN,
+        "",
+        "",
+        "native",
+        "/dev/x",
+        0,
+        0,
+        0,
+        False,
+        False,
+        1,
+        trouble=trouble,
+        battery_percent=0.0,
     )
     assert codec.decode_info(INFO, codec.encode_info(unread)) == unread
     long = dataclasses.replace(SURE, trouble="x\n" * 999)

@@ -7,7 +7,7 @@ import pytest
 from msgspec import Struct
 
 from bridge.config import ConfigError, Device, Root, check_endpoints, load
-from bridge.drivers.native import NativeDriver, NativeOptions
+from bridge.drivers.stream import StreamDriver, StreamOptions
 
 GOOD = """
 ward = "demo"
@@ -47,8 +47,8 @@ def test_a_good_file_is_typed(tmp_path: Path) -> None:
     root = load(path, Root)
     assert root.bridge is not None
     first, second = root.bridge.devices
-    assert (first.id, first.driver, first.options) == ("wrist-01", "native", NativeOptions(port="/dev/x"))
-    assert isinstance(first.make(), NativeDriver)
+    assert (first.id, first.driver, first.options) == ("wrist-01", "native", StreamOptions(port="/dev/x"))
+    assert isinstance(first.make(), StreamDriver)
     assert second.driver == "replayed"
     assert root.bridge.batch_ms == 40
     assert root.router.listen == ("tcp/127.0.0.1:7447",)
@@ -141,7 +141,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = "native"\nport = ""',
-            "[[bridge.devices]] #2: port is empty; `ls /dev/serial/by-id` shows the ports of what is plugged in",
+            "[[bridge.devices]] #2: port is empty; `truerate bridge scan` shows what is plugged in",
         ),
         (
             'ward = "w"\n[bridge]\nid = "b"\n[bridge.devices]\nid = "x"',
@@ -191,5 +191,5 @@ def test_the_ward_file_we_ship_is_valid() -> None:
 
 
 def test_a_device_can_be_made_without_a_file() -> None:
-    device = Device("d", "native", NativeOptions(port="/dev/x"))
+    device = Device("d", "native", StreamOptions(port="/dev/x"))
     assert device.make().place == "/dev/x"

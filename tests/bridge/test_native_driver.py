@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from bridge.drivers import registry
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Event, Identity, Readings
-from bridge.drivers.native import ASK, NativeDecoder, NativeDriver, NativeOptions
+from bridge.drivers.native import ASK, KIND, NativeDecoder
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
+from bridge.drivers.stream import StreamDriver, StreamOptions
 from bridge.drivers.takes import Take
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
@@ -25,7 +26,6 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.transport import serial_port
 from bridge.transport.serial_port import SerialPort
-from bridge.wire.refusal import Tally
 
 
 def hello(boot: int = 1, *, has_accel: bool = True) -> bytes:
@@ -40,7 +40,11 @@ def data(sequence: int, n: int = 2, boot: int = 1) -> bytes:
 
 def told(events: list[Event]) -> list[str]:
     return [
-        f"hello {event.boot}" if isinstance(event, Identity) else f"{event.boot}:{event.sequence}+{len(event.ticks)}"
+        f"{event.boot}:{event.sequence}+{len(event.ticks)}"
+        if isinstance(event, Readings)
+        else f"hello {event.boot}"
+        if isinstance(event, Identity)
+        else str(event)
         for event in events
     ]
 
@@ -51,7 +55,7 @@ TOLD = ["hello 1", "1:0+2", "1:2+2", "hello 1", "1:4+2", "hello 2", "2:0+2"]
 
 @given(st.lists(st.integers(0, len(STREAM))))
 def test_any_chunking_gives_the_same_events(cuts: list[int]) -> None:
-    decoder = NativeDecoder(Tally())
+    decoder = NativeDecoder()
     edges = [0, *sorted(cuts), len(STREAM)]
     events = [e for a, b in itertools.pairwise(edges) for e in decoder.feed(STREAM[a:b], 1)]
     assert told(events) == TOLD
@@ -59,39 +63,38 @@ def test_any_chunking_gives_the_same_events(cuts: list[int]) -> None:
 
 
 def test_readings_wait_for_the_device_to_say_who_it_is() -> None:
-    decoder = NativeDecoder(Tally())
-    asks = [decoder.ask]
-    decoder.asked()
-    asks.append(decoder.ask)
+    decoder = NativeDecoder()
+    asks = [decoder.to_send()]
+    asks.append(decoder.to_send())
     assert decoder.feed(data(0) + data(2), 1) == []
-    asks.append(decoder.ask)
+    asks.append(decoder.to_send())
     assert told(decoder.feed(hello() + data(4), 2)) == ["hello 1", "1:0+2", "1:2+2", "1:4+2"]
-    asks.append(decoder.ask)
-    assert asks == [True, False, True, False]
+    asks.append(decoder.to_send())
+    assert asks == [ASK, b"", ASK, b""]
 
 
 def test_a_boot_that_was_not_announced_makes_it_ask() -> None:
-    decoder = NativeDecoder(Tally())
+    decoder = NativeDecoder()
     decoder.feed(hello() + data(0), 1)
-    asks = [decoder.ask]
+    asks = [decoder.to_send()]
     assert decoder.feed(data(0, boot=2), 1) == []
-    asks.append(decoder.ask)
-    assert asks == [False, True]
+    asks.append(decoder.to_send())
+    assert asks == [b"", ASK]
     assert told(decoder.feed(hello(2), 1)) == ["hello 2", "2:0+2"]
 
 
 def test_what_is_held_back_is_bounded_and_counted() -> None:
-    decoder = NativeDecoder(Tally())
+    decoder = NativeDecoder()
     for i in range(100):
         decoder.feed(data(2 * i), 1)
     assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 72}
-    assert decoder.ask
+    assert decoder.to_send() == ASK
     assert len(decoder.feed(hello(9), 1)) == 1
     assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 200}
 
 
 def test_columns_that_are_not_real_are_left_out() -> None:
-    decoder = NativeDecoder(Tally())
+    decoder = NativeDecoder()
     _, readings = decoder.feed(hello(has_accel=False) + data(0), 1)
     assert isinstance(readings, Readings)
     assert readings.accel is None
@@ -100,7 +103,7 @@ def test_columns_that_are_not_real_are_left_out() -> None:
 
 @given(st.binary(max_size=300))
 def test_noise_is_counted_and_the_next_frame_is_read(noise: bytes) -> None:
-    decoder = NativeDecoder(Tally())
+    decoder = NativeDecoder()
     events = decoder.feed(noise + b"\0" + hello() + data(0), 1)
     assert told(events)[-2:] == ["hello 1", "1:0+2"]
 
@@ -111,7 +114,7 @@ def pty(tmp_path: Path) -> Iterator[PtyPort]:
         yield port
 
 
-def read_until(driver: NativeDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 5.0) -> list[Event]:
+def read_until(driver: StreamDriver | SimulatedDriver | ReplayedDriver, n: int, limit_s: float = 5.0) -> list[Event]:
     events: list[Event] = []
     end = time.monotonic() + limit_s
     while sum(isinstance(event, Readings) for event in events) < n:
@@ -120,8 +123,14 @@ def read_until(driver: NativeDriver | SimulatedDriver | ReplayedDriver, n: int, 
     return events
 
 
+def port_driver(pty: PtyPort) -> StreamDriver:
+    driver = KIND.make(StreamOptions(port=str(pty.link)))
+    assert isinstance(driver, StreamDriver)
+    return driver
+
+
 def test_a_device_on_a_real_terminal_is_read(pty: PtyPort) -> None:
-    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    driver = port_driver(pty)
     driver.open()
     try:
         first, *rest = read_until(driver, 5)
@@ -134,7 +143,7 @@ def test_a_device_on_a_real_terminal_is_read(pty: PtyPort) -> None:
 
 
 def test_an_unplugged_device_is_lost_and_found_again(pty: PtyPort) -> None:
-    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    driver = port_driver(pty)
     driver.open()
     read_until(driver, 2)
     pty.unplug()
@@ -151,12 +160,12 @@ def test_an_unplugged_device_is_lost_and_found_again(pty: PtyPort) -> None:
 
 
 def test_a_port_is_ours_alone(pty: PtyPort) -> None:
-    driver = NativeDriver(NativeOptions(port=str(pty.link)))
+    driver = port_driver(pty)
     assert serial_port.state(str(pty.link)) == "present"
     driver.open()
     try:
         with pytest.raises(DeviceUnavailable, match="busy; another program has it open"):
-            NativeDriver(NativeOptions(port=str(pty.link))).open()
+            port_driver(pty).open()
         assert serial_port.state(str(pty.link)).startswith("busy")
     finally:
         driver.close()

@@ -18,8 +18,8 @@ from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
-from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
+from bridge.drivers.stream import StreamOptions
 from bridge.intake import Intake
 from bridge.link import Link
 from bridge.merge import merged
@@ -77,7 +77,7 @@ def listener(broker: MemoryBroker) -> Iterator[Listener]:
 
 
 def native(port: PtyPort, name: str = "d1") -> Device:
-    return Device(name, "native", NativeOptions(port=str(port.link)))
+    return Device(name, "native", StreamOptions(port=str(port.link)))
 
 
 @contextmanager

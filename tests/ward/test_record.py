@@ -17,7 +17,7 @@ from bridge.record.survey import survey
 from bridge.recording import load
 from bridge.wire import keys
 from bridge.wire.messages import Quality
-from estimator.client import Client
+from estimator.cli import main
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward, free_port
 from estimator.offline import correct
@@ -59,10 +59,9 @@ def test_a_ward_is_recorded_as_subscribers_got_it(tmp_path: Path) -> None:
         watcher, heard = Watcher(ward.endpoint, WARD), Subscriber(ward.endpoint, WARD, keep=True)
         process = recorder(ward.endpoint, tmp_path / "rec")
         try:
-            ward.plug(NAME, living(NAME, seed=3), speed=10.0)
+            ward.plug(NAME, living(NAME, seed=3), speed=10.0, lossless=True)
             wait("a calibration", lambda: watcher.all_tracking(1), watcher, ward)
-            with Client((ward.endpoint,), ward=WARD) as client:
-                assert client.note(NAME, "anna", "sat up").accepted
+            assert main(["note", NAME, "sat up", "--ward", WARD, "--connect", ward.endpoint]) == 0
             wait("good samples", lambda: _good(heard) > 500, watcher, ward)
         finally:
             said = ended(process)

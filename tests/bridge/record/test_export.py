@@ -123,6 +123,8 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
         export_bids(some, tmp_path / "set", Session("08", "ward"))
     with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
         Session("Mrs Doe", "ward")
+    with pytest.raises(RecordingError, match="--task ''"):
+        Session("07", "")
 
 
 def test_devices_that_bids_cannot_tell_apart_are_refused(tmp_path: Path) -> None:

@@ -232,7 +232,7 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
     recorder.take([raw("one", 50)], NOW, 8.1)
     recorder.close()
     assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
-    assert account.trouble == ""
+    assert (account.trouble, account.files) == ("", [Path("1.mcap")])
     assert "4 messages were not" in caplog.text
 
 

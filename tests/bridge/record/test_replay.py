@@ -49,9 +49,9 @@ def test_a_ward_is_played_as_it_was(tmp_path: Path) -> None:
     (path,) = recorded(tmp_path, part)
     was, now = read([path]).stretches, replay(path, tmp_path)
     assert list(now) == list(was)
-    for name, stretches in was.items():
-        assert len(now[name]) == len(stretches)
-        for before, after in zip(stretches, now[name], strict=True):
+    for name, befores in was.items():
+        assert len(now[name]) == len(befores)
+        for before, after in zip(befores, now[name], strict=True):
             np.testing.assert_array_equal(after.sequence - after.sequence[0], before.sequence - before.sequence[0])
             np.testing.assert_array_equal(after.gyro, before.gyro)
             np.testing.assert_array_equal(np.diff(after.ticks), np.diff(before.ticks))

@@ -1,0 +1,201 @@
+"""Samples of a device that numbers neither boots nor samples, made into what a driver says: identities and readings."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.drivers.boots import Boots, Time, draw_boot
+from bridge.drivers.driver import Event, Identity, Readings
+from bridge.wire.refusal import Tally
+
+Vector = tuple[float, float, float]
+ODD_TIME, RATE_CHANGED = "odd_time", "rate_changed"
+_STEPS = 32  # between samples, before a rate is believed
+_CHANGED = 0.15  # of the rate
+_MISSING = 1.75  # periods: beyond, a sample is missing between two
+_MAX_BATCH = 256
+_LARGEST = 1 << 64
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What is known of a device beside its samples. rate_hz 0: measured by its clock, or guessed where it has none.
+
+    gyro_range: rad/s, 0 when unknown.
+    """
+
+    model: str
+    firmware: str = ""
+    gyro_range: float = 0.0
+    rate_hz: float = 0.0
+    guessed_rate_hz: float = 100.0
+
+
+class _Sample(NamedTuple):
+    tick: int
+    gyro: Vector
+    accel: Vector | None
+    temperature_c: float | None
+    receive_time_ns: int
+
+    @property
+    def columns(self) -> tuple[bool, bool]:
+        return self.accel is not None, self.temperature_c is not None
+
+
+class Assembly:
+    """Takes one sample after another; `events` gives what they are, once.
+
+    `about` may be replaced at any time and is then told anew. tick_period_s is that of the device's clock, None where it
+    has none; it wraps at 2**tick_bits. By the clock a missing sample is known, and has a number; without, nobody knows.
+    Samples are held until the rate is known.
+    """
+
+    def __init__(
+        self,
+        faults: Tally,
+        about: About,
+        tick_period_s: float | None,
+        tick_bits: int = 64,
+        draw: Callable[[], int] = draw_boot,
+    ) -> None:
+        self.faults = faults
+        self.about = about
+        self._period_s = tick_period_s
+        self._boots = Boots(tick_period_s, tick_bits, draw)
+        self._events: list[Event] = []
+        self._begin()
+
+    def opened(self) -> None:
+        """The way to the device was opened (again)."""
+        self._boots.opened()
+
+    def rebooted(self) -> None:
+        """The device said that it has booted."""
+        self._boots.said()
+
+    def add(
+        self,
+        tick: int,
+        gyro: Vector,
+        accel: Vector | None = None,
+        temperature_c: float | None = None,
+        *,
+        receive_time_ns: int,
+    ) -> None:
+        """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C."""
+        placed = self._boots.observe(tick, receive_time_ns)
+        if placed is Time.ODD:
+            self.faults.add(ODD_TIME)
+            return
+        if placed is Time.BEGINS:
+            self._finish()
+            self._begin()
+        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns)
+        if self._period_s is not None:
+            self._measure(sample.tick)
+        self._held.append(sample)
+        if self._rate_hz:
+            self._number_held()
+
+    def events(self) -> list[Event]:
+        """What is complete."""
+        self._flush()
+        events, self._events = self._events, []
+        return events
+
+    def _begin(self) -> None:
+        """What is of one boot only."""
+        self._boot, self._cause = self._boots.number, self._boots.cause
+        self._last_tick: int | None = None
+        self._steps: list[int] = []
+        self._held: list[_Sample] = []
+        self._run: list[_Sample] = []  # numbered, without a hole
+        self._sequence = 0  # of the next sample
+        self._numbered_tick = 0  # of the one before it
+        self._told: Identity | None = None
+        self._rate_hz = self.about.rate_hz
+        if self._period_s is None and not self._rate_hz:
+            self._rate_hz = self.about.guessed_rate_hz
+
+    def _finish(self) -> None:
+        """Whatever is left of a boot, be its rate known or not."""
+        if not self._rate_hz:
+            self._rate_hz = self.about.guessed_rate_hz
+        self._number_held()
+        self._flush()
+
+    def _measure(self, tick: int) -> None:
+        """The rate by the median step; a device may change it as it goes."""
+        if self._last_tick is not None and tick > self._last_tick:
+            self._steps.append(tick - self._last_tick)
+        self._last_tick = tick
+        if len(self._steps) < _STEPS:
+            return
+        low, step, high = np.percentile(self._steps, (25, 50, 75)) * (self._period_s or 1.0)
+        self._steps.clear()
+        if not self._rate_hz:
+            self._rate_hz = float(1 / step)
+        elif low * self._rate_hz > 1 + _CHANGED or high * self._rate_hz < 1 - _CHANGED:
+            self.faults.add(RATE_CHANGED)
+            self._flush()
+            self._rate_hz = float(1 / step)
+
+    def _number_held(self) -> None:
+        for sample in self._held:
+            number = self._sequence + self._missing_before(sample)
+            run = self._run
+            if run and (number != self._sequence or len(run) == _MAX_BATCH or sample.columns != run[-1].columns):
+                self._flush()
+            self._run.append(sample)
+            self._sequence = number + 1
+            self._numbered_tick = sample.tick
+        self._held = []
+
+    def _missing_before(self, sample: _Sample) -> int:
+        if self._period_s is None or self._sequence == 0:
+            return 0
+        periods = (sample.tick - self._numbered_tick) * self._period_s * self._rate_hz
+        return round(periods) - 1 if periods > _MISSING else 0
+
+    def _flush(self) -> None:
+        run, self._run = self._run, []
+        if not run:
+            return
+        has_accel, has_temperature = run[0].columns
+        self._introduce(has_accel=has_accel, has_temperature=has_temperature)
+        first = self._sequence - len(run)
+        ticks = range(first, self._sequence) if self._period_s is None else [sample.tick for sample in run]
+        self._events.append(
+            Readings(
+                boot=self._boot,
+                sequence=first,
+                receive_time_ns=run[-1].receive_time_ns,
+                ticks=np.array([tick % _LARGEST for tick in ticks], np.uint64),
+                gyro=np.array([sample.gyro for sample in run], np.float64),
+                accel=np.array([sample.accel for sample in run], np.float64) if has_accel else None,
+                temperature_c=np.array([s.temperature_c for s in run], np.float64) if has_temperature else None,
+            )
+        )
+
+    def _introduce(self, *, has_accel: bool, has_temperature: bool) -> None:
+        """Say who the device is, at a boot and whenever that is no longer what was told."""
+        identity = Identity(
+            boot=self._boot,
+            boot_cause=self._cause,
+            model=self.about.model,
+            firmware=self.about.firmware,
+            rate_hz=self._rate_hz,
+            gyro_range=self.about.gyro_range,
+            tick_period_s=self._period_s or 1 / self._rate_hz,
+            has_accel=has_accel,
+            has_temperature=has_temperature,
+            tick_bits=64,
+            sequence_bits=64,
+            has_clock=self._period_s is not None,
+        )
+        if identity != self._told:
+            self._told = identity
+            self._events.append(identity)

@@ -1,0 +1,78 @@
+"""Every driver of a device that sends bytes: a decoder of its protocol on a transport, which know nothing of each other."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from msgspec import Struct
+
+from bridge.drivers.driver import DriverKind, Event
+from bridge.transport import address
+from bridge.wire.refusal import Tally
+
+
+class Decoder(Protocol):
+    """One device's protocol: any chunking of its bytes in, events out. Without I/O and clock; lives as long as the driver.
+
+    faults: counts what could not be understood, by label.
+    """
+
+    faults: Tally
+
+    def opened(self) -> None:
+        """The way to the device was opened (again): what was begun is not to be finished, and it may be another boot."""
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order; called with none too, so that it can tell that time goes by."""
+
+    def to_send(self) -> bytes:
+        """What the device is to be sent now; once."""
+
+
+class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where the device is, and the speed of a serial port (which USB devices ignore)."""
+
+    port: str
+    baud: int = 115_200
+
+    def __post_init__(self) -> None:
+        address.check(self.port, self.baud)
+
+
+class StreamDriver:
+    """A decoder behind a transport."""
+
+    def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
+        self.place = options.port
+        self.faults = decoder.faults
+        self._transport = address.transport(options.port, options.baud)
+        self._decoder = decoder
+
+    def open(self) -> None:
+        """Open the transport; raises DeviceUnavailable."""
+        self._transport.open()
+        self._decoder.opened()
+
+    def read(self, timeout_s: float) -> list[Event]:
+        """What came; raises DeviceLost."""
+        if data := self._decoder.to_send():
+            self._transport.write(data)
+        chunk = self._transport.read(timeout_s)
+        return self._decoder.feed(chunk.data, chunk.receive_time_ns)
+
+    def close(self) -> None:
+        """Close the transport, ending a read in another thread."""
+        self._transport.close()
+
+
+def stream_kind(
+    name: str, summary: str, options: type[StreamOptions], decoder: Callable[[Any], Decoder], *, auto: bool = True
+) -> DriverKind:
+    """The kind of driver that a decoder makes; `auto`: `bridge scan` tries it on bytes of unknown make, with no options."""
+    return DriverKind(
+        name=name,
+        summary=summary,
+        options=options,
+        make=lambda chosen: StreamDriver(chosen, decoder(chosen)),
+        state=lambda chosen: address.state(chosen.port),
+        decoder=decoder if auto else None,
+    )

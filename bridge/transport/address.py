@@ -1,0 +1,55 @@
+"""Where a device is, as one text: a serial port by its path, anything else as `scheme://...`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bridge.toml_file import nearest
+from bridge.transport import serial_port
+from bridge.transport.serial_port import SerialPort
+from bridge.transport.transport import Transport
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """One kind of transport: an example for people; `make(address, baud)`; `state(address)` in a few words, without opening.
+
+    Both raise ValueError with what is expected where the address cannot be understood.
+    """
+
+    example: str
+    make: Callable[[str, int], Transport]
+    state: Callable[[str], str]
+
+
+_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_port.state)
+SCHEMES: dict[str, Scheme] = {}
+
+
+def transport(port: str, baud: int) -> Transport:
+    """The transport of an address, not yet open; ValueError where it is none."""
+    scheme, address = _split(port)
+    return scheme.make(address, baud)
+
+
+def state(port: str) -> str:
+    """Whether it could be opened now, in a few words, without opening it."""
+    scheme, address = _split(port)
+    return scheme.state(address)
+
+
+def check(port: str, baud: int) -> None:
+    """Raise ValueError with what is expected where an address, or a speed, is none."""
+    if not port:
+        raise ValueError("port is empty; `truerate bridge scan` shows what is plugged in")
+    if not 300 <= baud <= 4_000_000:
+        raise ValueError(f"baud is {baud}; 300 to 4000000 is taken, 115200 is usual")
+    transport(port, baud)
+
+
+def _split(port: str) -> tuple[Scheme, str]:
+    name, separator, address = port.partition("://")
+    if not separator:
+        return _SERIAL, port
+    if name not in SCHEMES:
+        raise ValueError(f"port {port!r}: unknown scheme {name!r}; {nearest(name, SCHEMES)}")
+    return SCHEMES[name], address

@@ -1,0 +1,146 @@
+"""Boots and sample numbers of devices that send neither."""
+
+import itertools
+from collections.abc import Callable
+
+import pytest
+
+from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.driver import Identity, Readings
+from bridge.wire.refusal import Tally
+
+MS, S = 1_000_000, 1_000_000_000
+STEP = 10  # ms
+
+
+def assembly(rate_hz: float = 0.0, period_s: float | None = 1e-3, bits: int = 64) -> Assembly:
+    return Assembly(Tally(), About("m", rate_hz=rate_hz), period_s, bits, itertools.count(1).__next__)
+
+
+def send(to: Assembly, ticks: list[int], host_ns: int | None = None) -> None:
+    """Samples at these ms of the device, at the same host time or the one given."""
+    for tick in ticks:
+        to.add(tick, (0.1, 0.2, 0.3), receive_time_ns=tick * MS if host_ns is None else host_ns)
+
+
+def told(to: Assembly) -> list[str]:
+    """`boot cause rate` of identities, `boot:first+n` of readings."""
+    words = []
+    for event in to.events():
+        if isinstance(event, Identity):
+            words.append(f"{event.boot} {event.boot_cause.name} {event.rate_hz:g}")
+        elif isinstance(event, Readings):
+            words.append(f"{event.boot}:{event.sequence}+{len(event.ticks)}")
+    return words
+
+
+def steps(first: int, n: int) -> list[int]:
+    return list(range(first, first + n * STEP, STEP))
+
+
+def test_samples_wait_for_the_rate_and_nothing_is_lost() -> None:
+    one = assembly()
+    send(one, steps(0, 32))
+    assert told(one) == []
+    send(one, steps(320, 3))
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+35"]
+
+
+def test_a_missing_sample_has_a_number() -> None:
+    one = assembly(100.0)
+    send(one, [0, 10, 40, 51, 59])
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "1:4+3"]
+
+
+def test_without_a_clock_samples_are_counted() -> None:
+    one = assembly(50.0, None)
+    send(one, [0, 0, 0])
+    events = one.events()
+    assert isinstance(events[0], Identity)
+    assert (events[0].has_clock, events[0].tick_period_s) == (False, 0.02)
+    assert isinstance(events[1], Readings)
+    assert events[1].ticks.tolist() == [0, 1, 2]
+
+
+def test_a_clock_that_begins_anew_is_a_boot_and_costs_two_samples() -> None:
+    one = assembly(100.0)
+    send(one, steps(60_000, 3))
+    send(one, steps(5, 5), 60_100 * MS)
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+3", "2 POWER_UP 100", "2:0+3"]
+    assert one.faults.as_dict() == {"odd_time": 2}
+
+
+@pytest.mark.parametrize("damaged", [0, 1 << 40, 1])
+def test_one_damaged_time_is_dropped_and_is_no_boot(damaged: int) -> None:
+    one = assembly(100.0)
+    for tick in [60_000, 60_010, damaged, 60_030, damaged, 60_050]:
+        send(one, [tick], min(tick, 60_000) * MS)
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "1:3+1", "1:5+1"]
+    assert one.faults.as_dict() == {"odd_time": 2}
+
+
+def test_a_clock_that_wraps_goes_on() -> None:
+    one = assembly(100.0, bits=16)
+    for i in range(20):
+        send(one, [(65_500 + 10 * i) % 65_536], i * 10 * MS)
+    events = one.events()
+    assert isinstance(events[1], Readings)
+    assert events[1].ticks.tolist() == [65_500 + 10 * i for i in range(20)]
+
+
+def test_a_reboot_is_told_from_a_wrap() -> None:
+    one = assembly(100.0, bits=32)
+    high = 3_000_000_000
+    for i in range(5):
+        send(one, [high + 10 * i], i * 10 * MS)
+    for i in range(5, 10):
+        send(one, [10 * i], i * 10 * MS)
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+5", "2 POWER_UP 100", "2:0+3"]
+
+
+@pytest.mark.parametrize(
+    ("tick", "away_s", "expected"),
+    [
+        (lambda away_s: 60_000 + int(away_s * 1001), 20.0, "1:2003+1"),  # it went on, 0.1 % fast
+        (lambda _: 1_500, 20.0, "2 POWER_UP 100"),
+        (lambda _: 3_000_000, 20.0, "2 PORT_OPENED 100"),
+    ],
+)
+def test_a_port_opened_again_is_a_boot_unless_the_clock_went_on(
+    tick: Callable[[float], int], away_s: float, expected: str
+) -> None:
+    one = assembly(100.0)
+    send(one, [59_990, 60_000])
+    told(one)
+    one.opened()
+    send(one, [tick(away_s)], 60_000 * MS + int(away_s * S))
+    assert told(one)[0] == expected
+
+
+def test_without_a_clock_every_opened_port_is_a_boot() -> None:
+    one = assembly(100.0, None)
+    send(one, [0])
+    one.opened()
+    send(one, [0])
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+1", "2 PORT_OPENED 100", "2:0+1"]
+
+
+def test_the_device_s_own_word_is_a_boot() -> None:
+    one = assembly(100.0)
+    send(one, [0, 10])
+    one.rebooted()
+    send(one, [20, 30])
+    assert told(one) == ["1 PORT_OPENED 100", "1:0+2", "2 POWER_UP 100", "2:0+2"]
+
+
+def test_a_changed_rate_is_told_in_the_same_boot() -> None:
+    one = assembly(100.0)
+    send(one, steps(0, 40))
+    send(one, list(range(400, 400 + 40 * 20, 20)))
+    words = told(one)
+    assert words[0] == "1 PORT_OPENED 100"
+    assert "1 PORT_OPENED 50" in words
+    assert one.faults.as_dict() == {"rate_changed": 1}
+    send(one, [1200, 1220])
+    first = words[-1].split(":")[1].split("+")
+    assert told(one) == [f"1:{int(first[0]) + int(first[1])}+2"]
