@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bridge.record.kinds import KINDS, PACKAGE, Said
 from bridge.record.mcap_reader import Entry, McapReader
-from bridge.record.recorder import ABOUT
+from bridge.record.tape import ABOUT
 from bridge.recording_error import RecordingError
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally

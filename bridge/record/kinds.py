@@ -66,6 +66,7 @@ def log_ns(own_ns: int, now_ns: int) -> int:
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 
-def facts(key: keys.Key, text: str) -> dict[str, str]:
+def facts(key: str) -> dict[str, str]:
     """A channel's metadata: its whole key, and the ids in it."""
-    return {"key": text, "ward": key.ward, **key.ids}
+    place = keys.parse(key)
+    return {"key": key, "ward": place.ward, **place.ids}

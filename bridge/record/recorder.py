@@ -9,43 +9,18 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import Protocol
 
 from bridge.bus.contract import Message
 from bridge.record import kinds
 from bridge.record.kinds import KINDS, Kind, Said
-from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
+from bridge.record.mcap_writer import MAX_CHANNELS
+from bridge.record.tape import Item, Output, Tape
 from bridge.wire import keys
 from bridge.wire.messages import CorrectedBatch, SampleBatch
 from bridge.wire.refusal import Refusal, Tally
 
-#: the metadata record every file of ours begins with
-ABOUT = "truerate"
 _log = logging.getLogger(__name__)
-
-
-class Output(Protocol):
-    """A file to record into; see files.Output."""
-
-    @property
-    def path(self) -> Path:
-        """Its name when it is whole."""
-
-    @property
-    def file(self) -> BinaryIO:
-        """Where its bytes go."""
-
-    def sync(self) -> None:
-        """Return when it is safe."""
-
-    def finish(self) -> None:
-        """It is whole."""
-
-    def abandon(self) -> None:
-        """It stays as it is."""
-
-    def discard(self) -> None:
-        """There is nothing in it."""
 
 
 class Place(Protocol):
@@ -92,13 +67,6 @@ class Account:
     trouble: str = ""  # why nothing can be written now
 
 
-class _Latest(NamedTuple):
-    key: keys.Key
-    kind: Kind
-    own_ns: int
-    payload: bytes
-
-
 class WardRecorder:
     """One ward's recorder. `begin`, then `take` and `tick` as time goes by, then `close`; all from one thread."""
 
@@ -106,8 +74,8 @@ class WardRecorder:
         self.account = Account()
         self._place, self._ward, self._devices = place, ward, frozenset(devices)
         self._knobs = knobs or Knobs()
-        self._tape: _Tape | None = None
-        self._latest: dict[str, _Latest] = {}
+        self._tape: Tape | None = None
+        self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
 
     @property
@@ -118,27 +86,28 @@ class WardRecorder:
     def begin(self, wall_ns: int, now_s: float) -> None:
         """Begin a file; OSError where none can be."""
         self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
-        self._tape = _Tape(self._place.begin(wall_ns), self._ward)
+        self._tape = Tape(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
         self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
-        for text, latest in self._latest.items():
-            self._put(text, latest, wall_ns)
+        for item in self._latest.values():
+            self._put(item, wall_ns)
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
         """Record what came; what is not understood is counted, and what comes while nothing can be written."""
         for message in messages:
             if (understood := self._understood(message)) is None:
                 continue
-            key, kind, said = understood
-            self._count(said, now_s)
-            latest = _Latest(key, kind, kind.time_ns(said), message.payload)
-            if kind.repeated and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
-                self._latest[message.key] = latest
+            kind, said = understood
+            item = Item(message.key, kind, kind.time_ns(said), message.payload)
+            if isinstance(said, SampleBatch | CorrectedBatch):
+                self._count(said, now_s)
+            elif kind.repeated and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
+                self._latest[message.key] = item
             if self._tape is None:
                 self.account.not_recorded += 1
             else:
                 try:
-                    self._put(message.key, latest, wall_ns)
+                    self._put(item, wall_ns)
                 except OSError as error:
                     self._stall(error, now_s)
 
@@ -163,7 +132,7 @@ class WardRecorder:
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def _understood(self, message: Message) -> tuple[keys.Key, Kind, Said] | None:
+    def _understood(self, message: Message) -> tuple[Kind, Said] | None:
         try:
             key = keys.parse(message.key)
             kind = KINDS.get(key.what)
@@ -172,29 +141,28 @@ class WardRecorder:
                 return None
             if self._devices and key.device not in self._devices:
                 return None
-            return key, kind, kind.decode(message.key, message.payload)
+            return kind, kind.decode(message.key, message.payload)
         except Refusal as refusal:
             if self.account.refused.add(refusal.reason) == 1:
                 _log.warning("a message is not recorded, %s (more of this kind are only counted)", refusal)
             return None
 
-    def _count(self, said: Said, now_s: float) -> None:
-        if isinstance(said, SampleBatch | CorrectedBatch):
-            self.account.heard[said.device] = now_s
-            if isinstance(said, SampleBatch):
-                self.account.raw += len(said)
-            else:
-                self.account.corrected += len(said)
+    def _count(self, batch: SampleBatch | CorrectedBatch, now_s: float) -> None:
+        self.account.heard[batch.device] = now_s
+        if isinstance(batch, SampleBatch):
+            self.account.raw += len(batch)
+        else:
+            self.account.corrected += len(batch)
 
     # ---- the file -------------------------------------------------------------------------------------------------
 
-    def _put(self, text: str, latest: _Latest, wall_ns: int) -> None:
+    def _put(self, item: Item, wall_ns: int) -> None:
         if self._tape is None:
             return
-        if not self._tape.put(text, latest, kinds.log_ns(latest.own_ns, wall_ns)):
+        if self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
+            self.account.messages += 1
+        else:
             self.account.refused.add("too_many_channels")
-            return
-        self.account.messages += 1
 
     def _flush(self) -> None:
         if self._tape is None:
@@ -264,42 +232,3 @@ class WardRecorder:
             _log.warning(
                 "recording again, into %s; %d messages were not", self._tape.output.path, self.account.not_recorded
             )
-
-
-class _Tape:
-    """One file and its channels."""
-
-    def __init__(self, output: Output, ward: str) -> None:
-        self.output = output
-        try:
-            self.writer = McapWriter(output.file, ABOUT, {"ward": ward, "version": "1"})
-        except OSError:
-            output.discard()
-            raise
-        self._channels: dict[str, int] = {}
-
-    def put(self, text: str, latest: _Latest, log_ns: int) -> bool:
-        """Write a message; False when there would be too many channels."""
-        channel = self._channels.get(text)
-        if channel is None:
-            if len(self._channels) >= MAX_CHANNELS:
-                return False
-            channel = self._channels[text] = self.writer.channel(
-                kinds.topic(text), kinds.PACKAGE + latest.kind.schema, kinds.DESCRIPTORS, kinds.facts(latest.key, text)
-            )
-        self.writer.add(channel, log_ns, latest.own_ns, latest.payload)
-        return True
-
-    def left(self) -> str:
-        """Leave a file that refused; what is left of it, for a person."""
-        path = self.output.path
-        try:
-            if not self.writer.messages:
-                self.output.discard()
-                return ""
-            self.writer.finish()
-            self.output.finish()
-        except OSError:
-            self.output.abandon()
-            return f" What was recorded is in {path}.part: truerate recording recover {path}.part"
-        return f" What was recorded is whole, in {path}"

@@ -10,7 +10,7 @@ from bridge.record.files import PART, in_use, new_file
 from bridge.record.kinds import PACKAGE
 from bridge.record.mcap_reader import McapReader
 from bridge.record.mcap_writer import McapWriter
-from bridge.record.recorder import ABOUT
+from bridge.record.tape import ABOUT
 from bridge.recording_error import RecordingError
 
 Tell = Callable[[int, int], None]
