@@ -48,17 +48,22 @@ def _one_go(
         folder.mkdir()
         words = ["record", "--ward", WARD, "--connect", endpoint, "--out", str(folder), "--rotate", "10s"]
         recorders.append(subprocess.Popen([sys.executable, "-m", "estimator.cli", *words], stderr=subprocess.DEVNULL))
-    deadline = time.monotonic() + 30
-    while not all(any(folder.iterdir()) for folder in folders):
-        assert time.monotonic() < deadline, "no recorder has begun"
-        time.sleep(0.02)
-    began = time.monotonic()
-    moments = sorted((began + chance.uniform(0.0, longest_s), at) for at in range(len(folders)))
-    for moment, at in moments:
-        time.sleep(max(0.0, moment - time.monotonic()))
-        recorders[at].send_signal(signal.SIGKILL)
-        recorders[at].wait(10)
-        yield _what_is_left(folders[at], crowd, time.monotonic(), began)
+    try:
+        deadline = time.monotonic() + 30
+        while not all(any(folder.iterdir()) for folder in folders):
+            assert time.monotonic() < deadline, "no recorder has begun"
+            time.sleep(0.02)
+        began = time.monotonic()
+        moments = sorted((began + chance.uniform(0.0, longest_s), at) for at in range(len(folders)))
+        for moment, at in moments:
+            time.sleep(max(0.0, moment - time.monotonic()))
+            recorders[at].send_signal(signal.SIGKILL)
+            recorders[at].wait(10)
+            yield _what_is_left(folders[at], crowd, time.monotonic(), began)
+    finally:
+        for recorder in recorders:
+            recorder.kill()
+            recorder.wait(10)
 
 
 def _what_is_left(folder: Path, crowd: Crowd, moment_s: float, began_s: float) -> Killed:
