@@ -46,11 +46,13 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, what a recorder costs and loses.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
+	$(BIN)/python -m tests.bench.recorder
+	-$(BIN)/python -m tests.bench.kills
 
 # Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 # The estimator beside a bare relay: throughput, latency, CPU, memory; ARGS=--quick for a short look.

@@ -10,8 +10,7 @@ from bridge import cli_profiles
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, load
-from bridge.drivers import registry
-from bridge.drivers.replayed import ReplayedOptions
+from bridge.drivers import registry, replayed
 from bridge.process import connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
@@ -48,11 +47,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     replay = _parser(
         inner,
         "replay",
-        "publish a recording as if it were a device",
-        "truerate bridge replay walk.npz --device wrist-01",
+        "publish a recording as if it were a device, or a ward's as if it were the ward",
+        "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10",
     )
-    replay.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or .csv")
-    replay.add_argument("--device", required=True, metavar="ID", help="the device it stands for")
+    replay.add_argument("file", type=Path, metavar="FILE", help="a recording, .npz or .csv, or a ward's, .mcap")
+    replay.add_argument(
+        "--device", metavar="ID", help="the device it stands for; of a .mcap only this one (default: all)"
+    )
     replay.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
     replay.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, where the file does not say it")
     _add_ward(replay)
@@ -138,9 +139,12 @@ def _run(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     ward, connect = _ward_of(args)
-    load_recording(args.file, args.rate_hz)  # a bad file is said at once, not tried again and again
-    options = ReplayedOptions(file=str(args.file), speed=args.speed, rate_hz=args.rate_hz)
-    bridge = Bridge(id=f"replay-{args.device}"[:32], devices=(Device.from_table(_table(args.device, options)),))
+    # A bad file is said at once, not tried again and again.
+    tables = _of_a_ward(args) if args.file.suffix == ".mcap" else _of_a_device(args)
+    bridge = Bridge(
+        id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
+        devices=tuple(Device.from_table(table) for table in tables),
+    )
     return _serve(ward, bridge, connect, patient=False)
 
 
@@ -182,9 +186,25 @@ def _address(text: str | None, option: str) -> Address | None:
     return Address(host or "127.0.0.1", int(port))
 
 
-def _table(device: str, options: ReplayedOptions) -> dict[str, object]:
-    rate = {} if options.rate_hz is None else {"rate_hz": options.rate_hz}
-    return {"id": device, "driver": "replayed", "file": options.file, "speed": options.speed, **rate}
+def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
+    """A table for each device of a ward's recording, or for the one that is wanted."""
+    there = replayed.devices(args.file)
+    if args.device is not None and args.device not in there:
+        raise RecordingError(f"{args.file}: there are no samples of {args.device!r} in it; it has {', '.join(there)}")
+    played = [args.device] if args.device else there
+    return [{**_replayed(args), "id": device, "recorded_device": device} for device in played]
+
+
+def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
+    if args.device is None:
+        raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
+    load_recording(args.file, args.rate_hz)
+    rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}
+    return [{**_replayed(args), "id": args.device, **rate}]
+
+
+def _replayed(args: argparse.Namespace) -> dict[str, object]:
+    return {"driver": "replayed", "file": str(args.file), "speed": args.speed}
 
 
 def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool) -> int:

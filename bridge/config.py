@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
+from bridge.record.settings import Recorder
 from bridge.toml_file import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
@@ -124,6 +125,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bus: Bus = Bus()
     router: Router = Router()
     bridge: Bridge | None = None
+    recorder: Recorder = Recorder()
     estimator: Any = None
 
     def __post_init__(self) -> None:

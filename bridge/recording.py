@@ -1,4 +1,4 @@
-"""A recording of one device: samples at their own times, from NumPy's .npz or from CSV.
+"""A recording of one device: samples at their own times, from NumPy's .npz, from CSV, or from a ward's recording (.mcap).
 
 npz: `gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`. Other
 arrays are passed over; `arrival_s` is one of them, for bytes arrive in bursts: it is no sample time.
@@ -8,8 +8,10 @@ CSV: a header row, one row a sample. Columns, the unit in the name:
     accel_x_m_s2 ... accel_z_m_s2 | accel_x_g ... | accel_x_mg ...        also ax_g and so on
     temperature_c
 One of t and `rate_hz` (an argument where the file has none) is needed: a rate alone means evenly spaced samples.
+mcap: as `truerate record` writes it; the device, and which of its boots, must be said where there are several.
 """
 
+import logging
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,12 +20,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.record import stretches
+from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 
 __all__ = ["Recording", "RecordingError", "load"]
 
+_log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
 TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
@@ -41,7 +46,7 @@ _LIMITS = {
 class Recording:
     """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
 
-    rate_hz: as the file says, or the median of the steps of time.
+    rate_hz: as the file says, or the median of the steps of time. gyro_range: full scale, rad/s; 0 when unknown.
     """
 
     time_s: Floats
@@ -50,6 +55,7 @@ class Recording:
     temperature_c: Floats | None
     rate_hz: float
     name: str
+    gyro_range: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -67,8 +73,13 @@ class Recording:
         return np.arange(len(self)) + np.concatenate([[0], np.cumsum(missing)]).astype(np.int64)
 
 
-def load(path: Path | str, rate_hz: float | None = None) -> Recording:
-    """Read a recording; rate_hz is used where the file has neither times nor a rate. Raises RecordingError."""
+def load(
+    path: Path | str, rate_hz: float | None = None, *, device: str | None = None, boot: int | None = None
+) -> Recording:
+    """Read a recording; rate_hz is used where the file has neither times nor a rate. Raises RecordingError.
+
+    device and boot, counted from 1, choose from a ward's recording.
+    """
     path = Path(path)
     try:
         size = path.stat().st_size
@@ -76,13 +87,55 @@ def load(path: Path | str, rate_hz: float | None = None) -> Recording:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     if size > MAX_BYTES:
         raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
+    if path.suffix == ".part":
+        raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
+    if path.suffix == ".mcap":
+        return _of_stretch(path, _chosen(path, device, boot))
+    if device is not None or boot is not None:
+        raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
     if path.suffix == ".npz":
         columns = _read_npz(path)
     elif path.suffix in {".csv", ".txt"}:
         columns = read_csv(path)
     else:
-        raise RecordingError(f"{path}: a recording ends in .npz or .csv, not in {path.suffix!r}")
+        raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
     return _checked(path, columns, rate_hz)
+
+
+def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
+    """One boot of one device of a ward's recording."""
+    recorded = stretches.read([path], corrected=False)
+    for words in recorded.trouble:
+        _log.warning("%s", words)
+    found = recorded.stretches
+    if not found:
+        raise RecordingError(f"{path}: there are no samples in it")
+    if device is None and len(found) > 1:
+        raise RecordingError(f"{path}: it has {len(found)} devices; choose one by --device: {', '.join(found)}")
+    name = next(iter(found)) if device is None else device
+    if name not in found:
+        raise RecordingError(f"{path}: there are no samples of {name!r} in it; it has {', '.join(found)}")
+    boots = found[name]
+    if boot is None and len(boots) > 1:
+        said = ", ".join(f"{one.number} ({len(one)} samples, {one.time_s[-1]:.0f} s)" for one in boots)
+        raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
+    if boot is not None and not 1 <= boot <= len(boots):
+        raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
+    return boots[0 if boot is None else boot - 1]
+
+
+def _of_stretch(path: Path, of: Stretch) -> Recording:
+    if len(of) < 2:
+        raise RecordingError(f"{path}: {len(of)} samples of {of.device}; at least 2 are needed")
+    return Recording(
+        time_s=of.time_s,
+        gyro=of.gyro.astype(np.float64),
+        accel=None if of.accel is None else of.accel.astype(np.float64),
+        temperature_c=None if of.temperature_c is None else of.temperature_c.astype(np.float64),
+        rate_hz=of.rate_hz,
+        name=f"{path.stem}_{of.device}",
+        gyro_range=of.info.gyro_range if of.info else 0.0,
+    )
 
 
 def _read_npz(path: Path) -> dict[str, Floats]:

@@ -16,6 +16,7 @@ from rich.console import Console
 from bridge import cli as bridge_cli
 from bridge.bus.contract import BusError
 from bridge.config import LOCAL, ConfigError, check_endpoints, load
+from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
@@ -30,6 +31,8 @@ EPILOG = """examples:
   truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate watch chest --config configs/ward.toml
+  truerate record --config configs/ward.toml     all that the ward says, into files
+  truerate recording info FILE.mcap              what is in one
   truerate calibrate session.npz --json          calibrate from a recording
   truerate correct day.npz corrected.npz         correct a recording
   truerate allan night.npz                       the noise of a device, from a recording at rest"""
@@ -83,6 +86,7 @@ def build() -> argparse.ArgumentParser:
     verb.add_argument("--picture", type=Path, default=Path("out/demo.png"), help="where to leave the picture")
     verb.add_argument("--seed", type=int, default=None, help="the same seed gives the same devices (default: random)")
     bridge_cli.add_verbs(verbs)
+    record_cli.add_verbs(verbs)
     _add_estimator(verbs)
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
     _add_ward(verb)
@@ -99,6 +103,12 @@ def build() -> argparse.ArgumentParser:
         verb.add_argument("--reason", default="", help="kept in the audit beside your name")
         verb.set_defaults(verb=name)
         _add_ward(verb)
+    verb = add_verb(
+        verbs, "note", _note, "mark this moment of a device: it is kept, and in every recording of the ward"
+    )
+    verb.add_argument("device", help="its id, as `truerate devices` shows it")
+    verb.add_argument("text", help="what happened, in quotes: pseudonyms only, never a patient's name")
+    _add_ward(verb)
     cli_offline.add_calibrate(verbs)
     cli_correct.add_correct(verbs)
     cli_tracking.add_allan(verbs)
@@ -181,6 +191,17 @@ def _command(given: argparse.Namespace) -> int:
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
         reply = ask(device, getpass.getuser(), given.reason)
+    print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
+    return 0 if reply.accepted else 1
+
+
+def _note(given: argparse.Namespace) -> int:
+    from estimator.client import Client  # noqa: PLC0415
+
+    ward, endpoints = _ward_of(given)
+    device = check_id(given.device, "device")
+    with Client(endpoints, ward=ward) as client:
+        reply = client.note(device, getpass.getuser(), given.text)
     print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1
 

@@ -4,7 +4,6 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from math import radians
 from pathlib import Path
 from typing import Self
 
@@ -12,8 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.config import ConfigError
-from bridge.recording import load as load_recording
 from estimator.cli_offline import Verbs, add_verb
+from estimator.cli_recorded import add_choice, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
 
 HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
@@ -45,7 +44,10 @@ _PICTURES = (".png", ".svg", ".pdf")
 def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `correct IN OUT`."""
     verb = add_verb(
-        verbs, "correct", _correct, "correct a recording (.npz, .csv) as a ward would: rates, bias, deviations, quality"
+        verbs,
+        "correct",
+        _correct,
+        "correct a recording (.npz, .csv, .mcap) as a ward would: rates, bias, deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, metavar="IN", help="a recording; see bridge/recording.py for what is in it")
@@ -72,9 +74,7 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
     )
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-    verb.add_argument(
-        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
-    )
+    add_choice(verb)
     verb.add_argument(
         "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
     )
@@ -93,7 +93,7 @@ def _correct(given: argparse.Namespace) -> None:
     corrected_file.check(given.out, given.file)
     _check_picture(given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
-    recording = load_recording(given.file, given.rate_hz)
+    recording = recorded(given)
     with _Bar() as bar:
         corrected = correct(
             recording,
@@ -102,7 +102,7 @@ def _correct(given: argparse.Namespace) -> None:
             smooth=given.smooth,
             from_power_up=given.from_power_up,
             other_boot=given.other_boot,
-            gyro_range=radians(given.range_dps),
+            gyro_range=gyro_range(given, recording),
             progress=bar.on("correcting"),
         )
         corrected_file.save(given.out, corrected, recording, bar.on("writing"))

@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge.config import ConfigError
-from bridge.recording import load as load_recording
 from bridge.wire.messages import Verdict
+from estimator.cli_recorded import add_choice, gyro_range, recorded
 
 METHODS = """methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
@@ -47,10 +47,12 @@ def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verbs,
         "calibrate",
         _calibrate,
-        "calibrate from a recording (.npz, .csv): still, turn, still, turn, still, turn, still",
+        "calibrate from a recording (.npz, .csv, .mcap): still, turn, still, turn, still, turn, still",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, help="a recording, .npz or .csv; see bridge/recording.py for what is in it")
+    verb.add_argument(
+        "file", type=Path, help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
+    )
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(
         "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
@@ -58,9 +60,7 @@ def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
     )
-    verb.add_argument(
-        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
-    )
+    add_choice(verb)
     verb.add_argument(
         "--range-dps", type=float, default=0.0, metavar="DPS", help="full-scale range in °/s, to notice clipping"
     )
@@ -132,11 +132,11 @@ def _calibrate(given: argparse.Namespace) -> int:
         raise ConfigError(
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
         )
-    recording = load_recording(given.file, given.rate_hz)
+    recording = recorded(given)
     rates = tuple(map(radians, given.rates_dps))
-    result, passed_over = calibrate(recording, method, gyro_range=radians(given.range_dps), rates=rates)
+    result, passed_over = calibrate(recording, method, gyro_range=gyro_range(given, recording), rates=rates)
     if given.json:
-        print(json.dumps(as_json(result, of_result(result, recording, radians(given.range_dps)))))
+        print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)))))
     else:
         console = Console()
         for words in passed_over:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bridge.config import ConfigError
-from bridge.recording import load as load_recording
 from estimator.cli_offline import Verbs, add_verb
+from estimator.cli_recorded import add_choice, recorded
 
 if TYPE_CHECKING:
     from estimator.identification import AtRest
@@ -31,10 +31,10 @@ def add_allan(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
     verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, help="a recording, .npz or .csv; see bridge/recording.py for what is in it")
     verb.add_argument(
-        "--rate-hz", type=float, metavar="HZ", help="output data rate, where the file has no times and no rate"
+        "file", type=Path, help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
     )
+    add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
     verb.add_argument(
@@ -55,7 +55,7 @@ def _allan(given: argparse.Namespace) -> None:
 
     if given.write:
         _check_written(given.write, given.model)
-    rest = identify_noise(load_recording(given.file, given.rate_hz))
+    rest = identify_noise(recorded(given))
     if given.json:
         print(json.dumps(as_json(rest)))
     else:

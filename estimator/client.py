@@ -80,7 +80,7 @@ class Client:
         return self._command(device, "cancel", who, reason)
 
     def note(self, device: str, who: str, text: str) -> CommandReply:
-        """Write a note into the device's record."""
+        """Mark this moment of a device: kept in the audit, and published, so that it is in recordings."""
         return self._command(device, "note", who, text)
 
     def close(self) -> None:

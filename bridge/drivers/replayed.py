@@ -1,31 +1,44 @@
-"""A recording played as if it were a device, without a port: at its own pace, or `speed` times that."""
+"""A recording played as if it were a device, without a port: at its own pace, or `speed` times that.
 
+Of a ward's recording (.mcap) each driver plays one device; all that were opened together go on together, as they were.
+"""
+
+import functools
 import itertools
 import math
 import secrets
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Identity, Readings
-from bridge.recording import TICK_S, Recording, RecordingError, load
-from bridge.wire.messages import BootCause
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
+from bridge.drivers.takes import Take
+from bridge.record import stretches
+from bridge.record.stretches import Recorded
+from bridge.recording import MAX_BYTES, RecordingError, load
 from bridge.wire.refusal import Tally
 
 _CHUNK_S = 0.02  # host seconds between deliveries
 _MAX_CHUNK = 512  # samples
+_SALT = secrets.randbits(64)  # one for all devices of a playback: who shared a boot number still does
+_reading = threading.Lock()
 
 
 class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The recording (.npz or .csv), how many times faster than it was, its rate where the file does not say it."""
+    """The recording (.npz, .csv, .mcap), how many times faster than it was, its rate where the file does not say it.
+
+    recorded_device: whom of a .mcap to play, where it has several.
+    """
 
     file: str
     speed: float = 1.0
     rate_hz: float | None = None
     gyro_range_dps: float = 0.0
+    recorded_device: str | None = None
 
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
@@ -35,65 +48,91 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Playback:
-    """What of a recording is due: pure, host seconds since the start are an argument."""
+    """What of some takes is due: pure, host seconds since the start are an argument."""
 
-    def __init__(self, recording: Recording, speed: float, boot: int, gyro_range: float = 0.0) -> None:
-        self.recording = recording
-        self.speed = speed
-        self.boot = boot
-        self._gyro_range = gyro_range
-        self._ticks = recording.ticks
-        self._sequence = recording.sequence
-        self._next = 0
+    def __init__(self, takes: Sequence[Take], speed: float) -> None:
+        self._takes = [take for take in takes if len(take)]
+        self._speed = speed
+        self._at = 0  # which take
+        self._next = 0  # which of its samples
 
     @property
     def over(self) -> bool:
         """Everything has been played."""
-        return self._next >= len(self.recording)
-
-    def identity(self) -> Identity:
-        """Who plays; a recording knows no boot, so this one begins as the port is opened."""
-        return Identity(
-            boot=self.boot,
-            boot_cause=BootCause.PORT_OPENED,
-            model=self.recording.name,
-            firmware="recording",
-            rate_hz=self.recording.rate_hz,
-            gyro_range=self._gyro_range,
-            tick_period_s=TICK_S,
-            has_accel=self.recording.accel is not None,
-            has_temperature=self.recording.temperature_c is not None,
-            tick_bits=64,
-            sequence_bits=64,
-        )
+        return self._at >= len(self._takes)
 
     def wait_s(self, elapsed_s: float) -> float:
         """Host seconds until the next sample is due; 0 when it is, or all is over."""
         if self.over:
             return 0.0
-        return max(0.0, float(self.recording.time_s[self._next]) / self.speed - elapsed_s)
+        return max(0.0, float(self._takes[self._at].due_s[self._next]) / self._speed - elapsed_s)
 
-    def due(self, elapsed_s: float, receive_time_ns: int) -> list[Readings]:
-        """What is due by elapsed_s, in runs of consecutive samples."""
-        recording, first = self.recording, self._next
-        last = int(np.searchsorted(recording.time_s, elapsed_s * self.speed, side="right"))
-        last = min(last, first + _MAX_CHUNK)
-        self._next = max(first, last)
-        holes = np.flatnonzero(np.diff(self._sequence[first:last]) != 1) + 1
+    def due(self, elapsed_s: float, receive_time_ns: int) -> list[Event]:
+        """What is due by elapsed_s of one boot, in runs of consecutive samples; who it is, ahead of its first."""
+        if self.over or self.wait_s(elapsed_s):
+            return []
+        take, first = self._takes[self._at], self._next
+        last = int(np.searchsorted(take.due_s, elapsed_s * self._speed, side="right"))
+        last = min(max(last, first + 1), first + _MAX_CHUNK)
+        self._next = last
+        if last == len(take):
+            self._at, self._next = self._at + 1, 0
+        holes = np.flatnonzero(np.diff(take.sequence[first:last]) != 1) + 1
         edges = [first, *(first + holes).tolist(), last]
-        return [
-            Readings(
-                boot=self.boot,
-                sequence=int(self._sequence[start]),
-                receive_time_ns=receive_time_ns,
-                ticks=self._ticks[start:end],
-                gyro=recording.gyro[start:end],
-                accel=None if recording.accel is None else recording.accel[start:end],
-                temperature_c=None if recording.temperature_c is None else recording.temperature_c[start:end],
-            )
-            for start, end in itertools.pairwise(edges)
-            if end > start
-        ]
+        runs = [_run(take, slice(*edge), receive_time_ns) for edge in itertools.pairwise(edges)]
+        return [*([] if first else [take.identity]), *runs]
+
+
+def _run(take: Take, part: slice, receive_time_ns: int) -> Readings:
+    return Readings(
+        boot=take.identity.boot,
+        sequence=int(take.sequence[part.start]),
+        receive_time_ns=receive_time_ns,
+        ticks=take.ticks[part],
+        gyro=take.gyro[part],
+        accel=None if take.accel is None else take.accel[part],
+        temperature_c=None if take.temperature_c is None else take.temperature_c[part],
+    )
+
+
+def devices(path: Path) -> list[str]:
+    """The devices of a ward's recording; raises RecordingError when it cannot be played."""
+    found = list(_recorded(path).stretches)
+    if not found:
+        raise RecordingError(f"{path}: there are no samples in it")
+    return found
+
+
+def _recorded(path: Path) -> Recorded:
+    """A ward's recording, read once for all of its devices."""
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    if state.st_size > MAX_BYTES:
+        raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are taken")
+    with _reading:
+        return _read(path, state.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=1)
+def _read(path: Path, _changed_ns: int) -> Recorded:
+    return stretches.read([path], corrected=False)
+
+
+def _takes(options: ReplayedOptions) -> list[Take]:
+    gyro_range = math.radians(options.gyro_range_dps)
+    path = Path(options.file)
+    if path.suffix != ".mcap":
+        return [Take.of_recording(load(path, options.rate_hz), secrets.randbits(64), gyro_range)]
+    recorded, whom = _recorded(path), options.recorded_device
+    found = devices(path)
+    if whom is None and len(found) > 1:
+        raise RecordingError(f"{path}: say whose samples to play: recorded_device is one of {', '.join(found)}")
+    if whom is not None and whom not in found:
+        raise RecordingError(f"{path}: there are no samples of {whom!r} in it; it has {', '.join(found)}")
+    boots = recorded.stretches[whom or found[0]]
+    return [Take.of_stretch(boot, recorded.begin_ns, _SALT, gyro_range) for boot in boots]
 
 
 class ReplayedDriver:
@@ -106,18 +145,15 @@ class ReplayedDriver:
         self._closed = threading.Event()
         self._playback: Playback | None = None
         self._start_s = 0.0
-        self._greeted = False
 
     def open(self) -> None:
         """Load the recording; raises DeviceUnavailable."""
         try:
-            recording = load(self._options.file, self._options.rate_hz)
+            takes = _takes(self._options)
         except RecordingError as error:
             raise DeviceUnavailable(str(error)) from None
-        gyro_range = math.radians(self._options.gyro_range_dps)
-        self._playback = Playback(recording, self._options.speed, secrets.randbits(64), gyro_range)
+        self._playback = Playback(takes, self._options.speed)
         self._start_s = time.monotonic()
-        self._greeted = False
         self._closed.clear()
 
     def read(self, timeout_s: float) -> list[Event]:
@@ -125,14 +161,11 @@ class ReplayedDriver:
         playback = self._playback
         if playback is None:
             raise DeviceLost(f"{self.place}: closed")
-        if not self._greeted:
-            self._greeted = True
-            return [playback.identity()]
         if playback.over:
             raise DeviceLost(f"{self.place}: the recording is over", over=True)
         wait_s = max(_CHUNK_S, playback.wait_s(time.monotonic() - self._start_s))
         self._closed.wait(min(timeout_s, wait_s))
-        return list(playback.due(time.monotonic() - self._start_s, time.time_ns()))
+        return playback.due(time.monotonic() - self._start_s, time.time_ns())
 
     def close(self) -> None:
         """Stop playing, ending a read in another thread."""
@@ -146,7 +179,7 @@ def _state(options: ReplayedOptions) -> str:
 
 KIND = DriverKind(
     name="replayed",
-    summary="a recording (.npz or .csv) played as a device: file, speed, rate_hz, gyro_range_dps",
+    summary="a recording (.npz, .csv, .mcap) played as a device: file, speed, rate_hz, gyro_range_dps, recorded_device",
     options=ReplayedOptions,
     make=ReplayedDriver,
     state=_state,

@@ -74,6 +74,8 @@ def member(kind: type[E], value: int, name: str) -> E:
 def vector(values: Iterable[float], name: str, n: int, low: float, high: float) -> NDArray[np.float64]:
     """Exactly n finite numbers from low to high, as float64 (n,)."""
     array = np.array(values, dtype=np.float64)
+    if len(array) == n and all(low <= value <= high for value in array.tolist()):
+        return array
     if array.shape != (n,):
         raise Refusal(Reason.LENGTH, f"{name} has {array.size} values; {n} are expected")
     if not np.isfinite(array).all():

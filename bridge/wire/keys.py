@@ -3,6 +3,7 @@
 Every id is checked here, on the way out and on the way in: the bus itself accepts wildcards, newlines and quotes.
 """
 
+import functools
 import re
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "status": ("device",),
     "calibration": ("device",),
     "revision": ("device",),
+    "note": ("device",),
     "alive/device": ("device", "boot"),
     "alive/bridge": ("bridge",),
     "alive/estimator": ("estimator",),
@@ -69,13 +71,19 @@ def pattern(ward: str, what: str, **ids: str) -> str:
     return "/".join([ROOT, check_id(ward, "ward"), what, *(check_id(ids[n], n) if n in ids else "*" for n in shape)])
 
 
+def everything(ward: str) -> str:
+    """The key expression for subscribing to all that is published in a ward."""
+    return "/".join([ROOT, check_id(ward, "ward"), "**"])
+
+
 def boot_id(boot: int) -> str:
     """A boot number as it stands in a key."""
     return f"{boot:016x}"
 
 
+@functools.lru_cache(maxsize=8192)  # a ward says the same few keys for ever
 def parse(key: str) -> Key:
-    """The parts of a received key; raises Refusal for a wildcard, a foreign shape or a bad id."""
+    """The parts of a received key, not to be written into; raises Refusal for a wildcard, a foreign shape or a bad id."""
     if len(key) > MAX_KEY:
         raise Refusal(Reason.BAD_KEY, f"a key of {len(key)} characters; at most {MAX_KEY} are taken")
     if "*" in key or "$" in key:

@@ -96,6 +96,24 @@ class SampleBatch:
         """(n,) device seconds of each sample, since the device's own zero."""
         return np.asarray(self.ticks * self.tick_period_s, dtype=np.float64)
 
+    @property
+    def sample_time_ns(self) -> NDArray[np.int64]:
+        """(n,) host time of each sample, nanoseconds since the Unix epoch."""
+        return _host_ns(self)
+
+    def after(self, n: int) -> "SampleBatch":
+        """The batch without its first n samples."""
+        return replace(
+            self,
+            sequence=self.sequence + n,
+            start_time_ns=int(self.sample_time_ns[n]),
+            ticks=self.ticks[n:],
+            gyro=self.gyro[n:],
+            accel=None if self.accel is None else self.accel[n:],
+            temperature_c=None if self.temperature_c is None else self.temperature_c[n:],
+            flags=self.flags[n:],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedBatch:
@@ -129,8 +147,7 @@ class CorrectedBatch:
     @property
     def sample_time_ns(self) -> NDArray[np.int64]:
         """(n,) host time of each sample, nanoseconds since the Unix epoch."""
-        since_first = (self.ticks - self.ticks[0]) * (self.tick_period_s * self.clock_rate * 1e9)
-        return np.asarray(np.rint(since_first).astype(np.int64) + self.start_time_ns, dtype=np.int64)
+        return _host_ns(self)
 
     def after(self, n: int) -> "CorrectedBatch":
         """The batch without its first n samples."""
@@ -147,6 +164,11 @@ class CorrectedBatch:
     def rate_std(self) -> Floats:
         """(n, 3) standard deviation of each corrected rate: noise, bias, scale and misalignment together."""
         return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std)
+
+
+def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
+    since_first = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
+    return np.asarray(np.rint(since_first).astype(np.int64) + batch.start_time_ns, dtype=np.int64)
 
 
 def rate_std(
@@ -274,6 +296,17 @@ class BiasRevision:
 
     def __len__(self) -> int:
         return len(self.sequences)
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A moment somebody marked, and what they wrote of a device."""
+
+    device: str
+    boot: int
+    time_ns: int
+    who: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from bridge.wire.messages import (
     Command,
     CommandReply,
     DeviceInfo,
+    Note,
     Quality,
     State,
     Status,
@@ -202,6 +203,32 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
         rate_hz=checks.number(raw.rate_hz, "rate_hz", 0.0, 1e6),
         temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
         who=checks.text(raw.who, "who"),
+    )
+
+
+def encode_note(note: Note) -> bytes:
+    """The payload of note/<device>."""
+    return pb.Note(
+        version=VERSION,
+        device=note.device,
+        boot=note.boot,
+        time_ns=note.time_ns,
+        who=clean(note.who, checks.MAX_NAME),
+        text=clean(note.text, MAX_SENTENCE),
+    ).SerializeToString()
+
+
+def decode_note(key: str, payload: bytes) -> Note:
+    """What is published under note/<device>."""
+    place = parse_key(key, "note")
+    raw = read(pb.Note, payload)
+    same_id(raw.device, place, "device")
+    return Note(
+        device=raw.device,
+        boot=raw.boot,
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        who=checks.text(raw.who, "who"),
+        text=checks.text(raw.text, "text", MAX_SENTENCE),
     )
 
 

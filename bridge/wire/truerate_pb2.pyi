@@ -355,6 +355,22 @@ class BiasRevision(_message.Message):
     reason: str
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[str] = ...) -> None: ...
 
+class Note(_message.Message):
+    __slots__ = ("version", "device", "boot", "time_ns", "who", "text")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    WHO_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    time_ns: int
+    who: str
+    text: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., time_ns: _Optional[int] = ..., who: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
+
 class Command(_message.Message):
     __slots__ = ("version", "request_id", "who", "reason")
     VERSION_FIELD_NUMBER: _ClassVar[int]

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import Stencil
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, SampleBatch, Status
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
 from estimator.correction import Correction
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
 
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
-CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE = 512, 8, 8
+CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE, NOTE_CACHE = 512, 8, 8, 8
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
 #: calibrations that wait for a store that works again
@@ -86,6 +86,12 @@ class Device:
         if fit is not None and (self._publishers or self._announced()):
             self._publishers["revision"].put(codec.encode_revision(fit))
 
+    def say_note(self, time_ns: int, who: str, text: str) -> None:
+        """Publish what somebody wrote of it."""
+        if self._publishers or self._announced():
+            note = Note(self.name, self.session.boot or 0, time_ns, who, text)
+            self._publishers["note"].put(codec.encode_note(note))
+
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
         return published.status(self.session.status(time_ns))
@@ -110,6 +116,7 @@ class Device:
             "status": 1,
             "calibration": CALIBRATION_CACHE,
             "revision": REVISION_CACHE,
+            "note": NOTE_CACHE,
         }
         self._publishers = {
             what: self._bus.publisher(keys.build(self._ward, what, device=self.name), cache=cache)

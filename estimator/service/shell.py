@@ -266,6 +266,8 @@ class Service:
         refusals: list[str | None] = []
         if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
             return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")
+        if verb == "note" and refusals[0] is None:
+            self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
         self._guarded(device, lambda: device.say_status(self._now_ns()))
         message = refusals[0] or ("noted" if verb == "note" else device.session.reason)
         return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)

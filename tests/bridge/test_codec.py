@@ -19,6 +19,7 @@ from bridge.wire.messages import (
     CommandReply,
     CorrectedBatch,
     DeviceInfo,
+    Note,
     Quality,
     SampleBatch,
     SampleFlag,
@@ -35,6 +36,7 @@ CORRECTED = keys.build("ward", "corrected", device="d1")
 STATUS = keys.build("ward", "status", device="d1")
 CALIBRATION = keys.build("ward", "calibration", device="d1")
 REVISION = keys.build("ward", "revision", device="d1")
+NOTE = keys.build("ward", "note", device="d1")
 RPC = keys.build("ward", "rpc", device="d1", verb="recalibrate")
 
 U64 = st.integers(0, 2**64 - 1)
@@ -169,6 +171,11 @@ def test_revision_round_trip(data: st.DataObject) -> None:
     assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
 
 
+@given(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))
+def test_note_round_trip(note: Note) -> None:
+    assert codec.decode_note(NOTE, codec.encode_note(note)) == note
+
+
 @given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), TEXT))
 def test_command_and_reply_round_trip(command: Command, reply: CommandReply) -> None:
     assert codec.decode_command(RPC, codec.encode_command(command)) == command
@@ -231,6 +238,10 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "status": (lambda payload: codec.decode_status(STATUS, payload), codec.encode_status(STILL)),
     "calibration": (lambda payload: codec.decode_calibration(CALIBRATION, payload), codec.encode_calibration(CAL)),
     "revision": (lambda payload: codec.decode_revision(REVISION, payload), codec.encode_revision(REVISED)),
+    "note": (
+        lambda payload: codec.decode_note(NOTE, payload),
+        codec.encode_note(Note("d1", 7, 10**18, "anna", "sat up")),
+    ),
     "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
     "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, "done"))),
 }

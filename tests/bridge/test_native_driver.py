@@ -18,6 +18,7 @@ from bridge.drivers.native import ASK, KIND, NativeDecoder
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.drivers.stream import StreamDriver, StreamOptions
+from bridge.drivers.takes import Take
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 from bridge.recording import Recording
@@ -252,9 +253,10 @@ def recording(time_s: list[float]) -> Recording:
 
 
 def test_a_playback_gives_what_is_due_and_numbers_what_is_missing() -> None:
-    playback = Playback(recording([0, 0.1, 0.2, 0.5, 0.6]), 2.0, 5)
+    playback = Playback([Take.of_recording(recording([0, 0.1, 0.2, 0.5, 0.6]), 5)], 2.0)
     assert playback.wait_s(0.0) == 0.0
-    assert told(list(playback.due(0.05, 1))) == ["5:0+2"]
+    assert isinstance((events := playback.due(0.05, 1))[0], Identity)
+    assert told(events[1:]) == ["5:0+2"]
     assert playback.wait_s(0.05) == pytest.approx(0.05)
     assert told(list(playback.due(0.06, 1))) == []
     assert told(list(playback.due(9.0, 1))) == ["5:2+1", "5:5+2"]

@@ -102,7 +102,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "z.wav").write_bytes(b"")
     assert "not a readable" in refusal(tmp_path / "x.npz")
     assert "not a readable" in refusal(tmp_path / "y.npz")
-    assert "ends in .npz or .csv" in refusal(tmp_path / "z.wav")
+    assert "ends in .npz, .csv or .mcap" in refusal(tmp_path / "z.wav")
     assert "cannot be read" in refusal(tmp_path / "none.npz")
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.drivers.replayed import Playback
+from bridge.drivers.takes import Take
 from bridge.intake import Intake
 from bridge.recording import Recording, RecordingError, load
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
@@ -112,13 +113,12 @@ def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bo
     of = recorded(day.only(kept))
     # The fastest turn just reaches what counts as clipped.
     gyro_range = float(np.abs(day.gyro[: day.at(30.0)]).max()) / 0.995 if ranged else 0.0
-    playback = Playback(of, 1.0, 1, gyro_range)
+    playback = Playback([Take.of_recording(of, 1, gyro_range)], 1.0)
     intake = Intake(NAME, "bridge", "replayed", "file")
-    intake.take(playback.identity())
     batches = []
     for _, until in pairwise(np.arange(0.0, of.time_s[-1] + 1.0, 0.5)):
-        for readings in playback.due(until, int(until * 1e9) + 1):
-            batches += intake.take(readings)
+        for event in playback.due(until, int(until * 1e9) + 1):
+            batches += intake.take(event)
     live = feed(DeviceSession(NAME, knobs_of(load_model(GENERIC))), batches).corrected
     found = correct(of, gyro_range=gyro_range, from_power_up=True)
     np.testing.assert_array_equal(found.rate, rates(live))

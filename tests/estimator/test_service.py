@@ -12,7 +12,7 @@ import pytest
 from bridge.bus.contract import Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply, DeviceInfo, Quality, SampleBatch, State, Status, Verdict
+from bridge.wire.messages import CommandReply, DeviceInfo, Note, Quality, SampleBatch, State, Status, Verdict
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
 from estimator.service.shell import Service
@@ -259,6 +259,17 @@ def test_commands_are_done_audited_and_explained(ward: Ward, once: Stream) -> No
         ("note", "nurse", 1),
         ("note", "nurse", 0),
         ("recalibrate", "nurse", 0),
+    ]
+
+
+def test_a_note_is_published(ward: Ward, once: Stream) -> None:
+    notes = MemoryBus(ward.broker).subscribe(keys.pattern(WARD, "note"))
+    ward.send(once.batches()[:100], info(1))
+    ward.command(lambda: ward.client.note(NAME, "nurse", "fell down"))
+    ward.command(lambda: ward.client.note(NAME, "nurse", ""))
+    ward.command(lambda: ward.client.cancel(NAME, "nurse", "no note"))
+    assert [codec.decode_note(*message) for message in notes.drain(10, 0.1)] == [
+        Note(NAME, 1, 1_700_000_000_000_000_000, "nurse", "fell down")
     ]
 
 

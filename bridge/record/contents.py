@@ -1,0 +1,93 @@
+"""What is in recordings, as messages: through the same door as on the bus, whole or torn, several files as one."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from bridge.record.kinds import KINDS, PACKAGE, Said
+from bridge.record.mcap_reader import Entry, McapReader
+from bridge.record.tape import ABOUT
+from bridge.recording_error import RecordingError
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal, Tally
+
+Tell = Callable[[int, int], None]
+
+
+class Heard(NamedTuple):
+    """One message of a recording."""
+
+    key: keys.Key
+    said: Said
+    log_ns: int
+
+
+class Contents:
+    """The messages of some files, the earliest first. After iterating, what was wrong with them is known.
+
+    wanted: kinds to decode, by the first word of their topic; all when empty. refused: messages that are not understood.
+    trouble: what is wrong with a file, for a person. Raises RecordingError for a file that is none of ours.
+    """
+
+    def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:
+        self.refused = Tally()
+        self.trouble: list[str] = []
+        self.size = 0
+        self._wanted = frozenset(wanted or KINDS)
+        self._tell = tell
+        self._paths = sorted(paths, key=_begin_ns) if len(paths) > 1 else list(paths)
+
+    def __iter__(self) -> Iterator[Heard]:
+        total = sum(_size(path) for path in self._paths)
+        for path in self._paths:
+            for done, entry in _entries(path, self.trouble):
+                if (heard := self._heard(entry)) is not None:
+                    yield heard
+                self._tell(self.size + done, total)
+            self.size += _size(path)
+
+    def _heard(self, entry: Entry) -> Heard | None:
+        what = entry.topic.split("/", 1)[0]
+        if what not in self._wanted:
+            if what not in KINDS:
+                self.refused.add("foreign_topic")
+            return None
+        text = entry.facts.get("key", "")
+        try:
+            key = keys.parse(text)
+            return Heard(key, KINDS[what].decode(text, entry.payload), entry.log_ns)
+        except Refusal as refusal:
+            self.refused.add(refusal.reason)
+            return None
+
+
+def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
+    """Bytes read so far and an entry, for each; refuses a file that is no recording of a ward."""
+    try:
+        with path.open("rb") as file:
+            reader = McapReader(file, str(path))
+            ours, foreign = False, ""
+            for entry in reader.entries():
+                if entry.schema.startswith(PACKAGE):
+                    ours = True
+                    yield reader.good, entry
+                else:
+                    foreign = foreign or entry.topic or "a channel without a name"
+            if not ours and foreign and ABOUT not in reader.facts:
+                raise RecordingError(f"{path}: not a recording of a ward: it has {foreign!r}")
+            if not ours:
+                raise RecordingError(f"{path}: there is nothing in it: {'; '.join(reader.trouble) or 'no message'}")
+            trouble += [f"{path}: {words}" for words in reader.trouble]
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _begin_ns(path: Path) -> int:
+    return next((entry.log_ns for _, entry in _entries(path, [])), 0)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -1,0 +1,144 @@
+"""Recordings as files for others: a file for each boot of each device, .npz or .csv, which bridge/recording.py reads back.
+
+npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c`, `rate_hz` as there; of each sample `host_time_ns`, `sequence`, `flags`;
+where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s` (n, 3), NaN where there is none, and `quality`
+(n,), -1 there. `device`, `boot`. CSV: the same columns, an axis each, the quality as its number.
+`events.csv` beside them has boots, calibrations and notes.
+"""
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.record.files import new_file
+from bridge.record.stretches import Recorded, Stretch
+from bridge.recording_error import RecordingError
+from bridge.wire.keys import boot_id
+
+AXES = "xyz"
+_ROWS = 10_000
+Columns = dict[str, NDArray[np.generic]]
+Write = Callable[[BinaryIO, Stretch], None]
+
+
+class Event(NamedTuple):
+    """A moment of a device."""
+
+    time_ns: int
+    device: str
+    boot: int
+    event: str
+    text: str
+
+
+def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
+    """Write every stretch, and the events; the files made. Raises RecordingError; `ending` is one of WRITERS."""
+    make_folder(folder)
+    paths = []
+    for stretches in recorded.stretches.values():
+        for stretch in stretches:
+            suffix = f"_boot{stretch.number}" if len(stretches) > 1 else ""
+            paths.append(folder / f"{stretch.device}{suffix}{ending}")
+            with new_file(paths[-1]) as file:
+                WRITERS[ending](file, stretch)
+    paths.append(folder / "events.csv")
+    with new_file(paths[-1]) as file:
+        _write_events(file, recorded)
+    return paths
+
+
+def make_folder(folder: Path) -> None:
+    """Make the last part of a folder's name, if it is not there."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise RecordingError(f"{folder}: there is no folder {folder.parent}; make it first") from None
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be made: {error.strerror}") from None
+
+
+def columns(stretch: Stretch) -> Columns:
+    """The columns of a stretch by name, in the order of a CSV."""
+    found: Columns = {"t_s": stretch.time_s, "gyro_rad_s": stretch.gyro}
+    if stretch.accel is not None:
+        found["accel_m_s2"] = stretch.accel
+    if stretch.temperature_c is not None:
+        found["temperature_c"] = stretch.temperature_c
+    if (corrected := stretch.corrected) is not None:
+        found |= {
+            "rate_rad_s": corrected.rate,
+            "rate_std_rad_s": corrected.rate_std,
+            "bias_rad_s": corrected.bias,
+            "quality": corrected.quality,
+        }
+    return found | {"host_time_ns": stretch.time_ns, "sequence": stretch.sequence, "flags": stretch.flags}
+
+
+def events(recorded: Recorded) -> list[Event]:
+    """Boots, calibrations and notes, in order of time."""
+    boots = [
+        Event(int(s.time_ns[0]), s.device, s.boot, "boot", s.info.model if s.info else "")
+        for stretches in recorded.stretches.values()
+        for s in stretches
+    ]
+    calibrations = [
+        Event(c.time_ns, c.device, c.boot, f"calibration {c.verdict.name.lower()}", c.reason)
+        for c in recorded.calibrations
+    ]
+    notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
+    return sorted(boots + calibrations + notes)
+
+
+def _write_npz(file: BinaryIO, stretch: Stretch) -> None:
+    whose = {"device": np.array(stretch.device), "boot": np.array(boot_id(stretch.boot))}
+    arrays: Columns = {**columns(stretch), **whose}
+    if stretch.rate_hz:
+        arrays["rate_hz"] = np.array(stretch.rate_hz)
+    np.savez(file, allow_pickle=False, **arrays)
+
+
+def _write_csv(file: BinaryIO, stretch: Stretch) -> None:
+    found = columns(stretch)
+    names = [name for column, values in found.items() for name in _names(column, values)]
+    file.write((",".join(names) + "\n").encode())
+    file.writelines("".join(",".join(row) + "\n" for row in rows).encode() for rows in rows_of(list(found.values())))
+
+
+def rows_of(values: list[NDArray[np.generic]], missing: str = "nan") -> Iterator[list[tuple[str, ...]]]:
+    """Rows of columns (n,) or (n, 3) as text, some thousands at a time."""
+    for start in range(0, len(values[0]), _ROWS):
+        part = [column[start : start + _ROWS] for column in values]
+        texts = [_texts(axis, missing) for column in part for axis in np.atleast_2d(column.T)]
+        yield list(zip(*texts, strict=True))
+
+
+def _texts(column: NDArray[np.generic], missing: str) -> list[str]:
+    if column.dtype.kind != "f":
+        return [str(value) for value in column.tolist()]
+    form = "%.9g" if column.dtype == np.float32 else "%.9f"
+    return [form % value if value == value else missing for value in column.tolist()]  # noqa: PLR0124 - NaN is not itself
+
+
+def _names(column: str, values: NDArray[np.generic]) -> list[str]:
+    if values.ndim == 1:
+        return [column]
+    name, unit = next((column[: -len(unit)], unit) for unit in ("_rad_s", "_m_s2") if column.endswith(unit))
+    return [f"{name}_{axis}{unit}" for axis in AXES]
+
+
+def _write_events(file: BinaryIO, recorded: Recorded) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="", write_through=True)
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("host_time_ns", "t_s", "device", "boot", "event", "text"))
+    for event in events(recorded):
+        since_s = f"{(event.time_ns - recorded.begin_ns) * 1e-9:.3f}"
+        rows.writerow((event.time_ns, since_s, event.device, boot_id(event.boot), event.event, event.text))
+    text.detach()
+
+
+WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv}

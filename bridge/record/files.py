@@ -1,0 +1,144 @@
+"""The files of a recorder: NAME.mcap.part while it is written, locked; NAME.mcap when it is whole."""
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import BinaryIO
+
+from bridge.recording_error import RecordingError
+
+PART = ".part"
+_MB = 1_000_000
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+
+class Output:
+    """A file that is being recorded into; `file` is unbuffered."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file: BinaryIO = open_new(with_part(path))
+
+    def sync(self) -> None:
+        """Return when the disk has what was written."""
+        os.fsync(self.file.fileno())
+
+    def finish(self) -> None:
+        """The file is whole: give it its name."""
+        self.sync()
+        with_part(self.path).rename(self.path)
+        self.file.close()
+        sync_folder(self.path.parent)
+
+    def abandon(self) -> None:
+        """Leave it as it is."""
+        self.file.close()
+
+    def discard(self) -> None:
+        """There is nothing in it."""
+        with_part(self.path).unlink(missing_ok=True)
+        self.file.close()
+
+
+class Folder:
+    """Where a recorder's files go. Raises RecordingError when it cannot be used."""
+
+    def __init__(self, path: Path, ward: str) -> None:
+        self.path, self._ward = path, ward
+        if not path.exists():
+            raise RecordingError(f"{path}: there is no such folder; make it first: mkdir {path}")
+        if not path.is_dir():
+            raise RecordingError(f"{path}: is a file; a folder is needed to record into")
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise RecordingError(f"{path}: no permission to write there; give it, or record elsewhere with --out")
+
+    def begin(self, wall_ns: int) -> Output:
+        """A new file, named by ward and time."""
+        name = f"{self._ward}-{datetime.fromtimestamp(wall_ns // 1_000_000_000, UTC):%Y%m%dT%H%M%SZ}"
+        for number in range(1, 1000):
+            path = self.path / f"{name}{'' if number == 1 else f'-{number}'}.mcap"
+            if not path.exists():
+                with contextlib.suppress(FileExistsError):
+                    return Output(path)
+        raise FileExistsError(errno.EEXIST, "a thousand files of one second are there already", str(self.path))
+
+    def free_bytes(self) -> int:
+        """Room on the disk, for those who are not root."""
+        room = os.statvfs(self.path)
+        return room.f_bavail * room.f_frsize
+
+    def leftovers(self) -> list[Path]:
+        """Files of this ward that nobody finished, and nobody writes now."""
+        return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
+
+    def said(self, error: OSError) -> str:
+        """What keeps us from writing, for a person."""
+        if error.errno in _FULL:
+            with contextlib.suppress(OSError):
+                return f"the disk is full: {self.free_bytes() / _MB:.1f} MB are free in {self.path}"
+            return f"the disk is full: {self.path}"
+        if error.errno == errno.EFBIG:
+            return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
+        return f"{self.path} cannot be written to: {error.strerror or error}"
+
+
+def with_part(path: Path) -> Path:
+    """The name of a file while it is written."""
+    return path.with_name(path.name + PART)
+
+
+def open_new(path: Path) -> BinaryIO:
+    """A new, locked, unbuffered file; FileExistsError when there is one."""
+    file = path.open("xb", buffering=0)
+    with contextlib.suppress(OSError):  # a disk that knows no locks
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+@contextlib.contextmanager
+def new_file(path: Path) -> Iterator[BinaryIO]:
+    """A file that is there when the block ends well, whole and on the disk, and else is not.
+
+    Raises RecordingError when it is there already, or cannot be written.
+    """
+    if path.exists():
+        raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
+    unfinished = path.with_name(f".{path.name}.new")
+    try:
+        try:
+            with unfinished.open("wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.rename(path)
+            sync_folder(path.parent)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def in_use(path: Path) -> bool:
+    """Whether a recorder has the file open."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def sync_folder(path: Path) -> None:
+    """Return when the disk knows the names in a folder."""
+    with contextlib.suppress(OSError):
+        folder = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

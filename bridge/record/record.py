@@ -1,0 +1,140 @@
+"""`truerate record`: a subscriber that writes down all that a ward says, until it is asked to stop."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.process import stopped_by_signal
+from bridge.record.files import Folder
+from bridge.record.kinds import SAMPLES
+from bridge.record.progress import Screen, line
+from bridge.record.recorder import Knobs, WardRecorder
+from bridge.record.settings import Recorder
+from bridge.recording_error import RecordingError
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal
+
+#: messages kept while the disk is slow: at a hundred devices, some fifteen seconds
+QUEUE = 65_536
+_ROUND_S = 0.1
+_SHOW_S = 1.0
+_RETRY_S = 0.2
+_log = logging.getLogger(__name__)
+
+OpenBus = Callable[[Sequence[str]], Bus]
+
+
+def record(
+    ward: str,
+    endpoints: Sequence[str],
+    settings: Recorder,
+    console: Console,
+    *,
+    seconds: float | None = None,
+    open_bus: OpenBus = ZenohBus,
+) -> int:
+    """Record until stopped, or for so many seconds; 1 when something could not be recorded.
+
+    Raises RecordingError when there is nothing to record, or nowhere to, and BusError when there is no router.
+    """
+    folder = Folder(Path(settings.folder), ward)
+    for path in folder.leftovers():
+        _log.warning("%s was not finished: truerate recording recover %s", path, path)
+    knobs = Knobs(
+        rotate_s=settings.rotate_s,
+        rotate_bytes=settings.rotate_mb * 1e6,
+        keep_free_bytes=settings.keep_free_mb * 1e6,
+    )
+    with stopped_by_signal() as stop:
+        deadline = time.monotonic() + settings.wait_s
+        with _connected(open_bus, endpoints, stop, deadline) as bus:
+            subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
+            first = _first(subscription, settings.devices, stop, deadline)
+            if first is None:
+                if stop.is_set():
+                    raise RecordingError("stopped before any device was heard; nothing was recorded")
+                raise RecordingError(_nobody(ward, endpoints, settings))
+            recorder = WardRecorder(folder, ward, settings.devices, knobs)
+            try:
+                recorder.begin(time.time_ns(), time.monotonic())
+            except OSError as error:
+                raise RecordingError(f"recording cannot begin: {recorder.said(error)}") from None
+            _run(bus, subscription, recorder, first, stop, seconds, console)
+    for path in recorder.account.files:
+        console.print(f"recorded in {path}", highlight=False, soft_wrap=True)
+    return 1 if recorder.account.not_recorded or recorder.account.trouble else 0
+
+
+def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Event, deadline: float) -> Bus:
+    while True:
+        try:
+            return open_bus(endpoints)
+        except BusError:
+            if time.monotonic() >= deadline or stop.wait(_RETRY_S):
+                raise
+
+
+def _first(
+    subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
+) -> list[Message] | None:
+    """All that came until a device that is wanted sent samples; None when none did."""
+    heard: list[Message] = []
+    while not stop.is_set() and time.monotonic() < deadline:
+        came = subscription.drain(QUEUE, _ROUND_S)
+        heard += came
+        if any(_is_of_a_device(message, devices) for message in came):
+            return heard
+    return None
+
+
+def _is_of_a_device(message: Message, devices: Sequence[str]) -> bool:
+    try:
+        key = keys.parse(message.key)
+    except Refusal:
+        return False
+    return key.what in SAMPLES and (not devices or key.device in devices)
+
+
+def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:
+    whom = f"none of {', '.join(settings.devices)}" if settings.devices else "no device"
+    return (
+        f"{whom} was heard within {settings.wait_s:g} s, so nothing is recorded. Listened to {keys.everything(ward)} at "
+        f"{', '.join(endpoints)}. Is the ward's name right? Is a bridge running? `truerate devices` shows who is there"
+    )
+
+
+def _run(
+    bus: Bus,
+    subscription: Subscription,
+    recorder: WardRecorder,
+    first: list[Message],
+    stop: threading.Event,
+    seconds: float | None,
+    console: Console,
+) -> None:
+    began = time.monotonic()
+    messages, shown, there = first, 0.0, True
+    with Screen(console) as screen:
+        while True:
+            now = time.monotonic()
+            recorder.take(messages, time.time_ns(), now)
+            recorder.tick(time.time_ns(), now)
+            if now - shown >= _SHOW_S:
+                shown = now
+                screen.show(recorder, now - began, now, subscription.missed)
+                if bus.connected != there:
+                    there = bus.connected
+                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
+            if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
+                break
+            messages = subscription.drain(QUEUE, 0.0)  # what gathers in a round costs less than what comes one by one
+    now, missed = time.monotonic(), subscription.missed
+    recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)
+    recorder.close()
+    console.print(line(recorder, now - began, now, missed), highlight=False, soft_wrap=True)

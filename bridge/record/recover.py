@@ -1,0 +1,82 @@
+"""A recording that ended by accident, made whole: every message that can be read into a new file, and what is lost said."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import BinaryIO
+
+from bridge.record.files import PART, in_use, new_file
+from bridge.record.kinds import PACKAGE
+from bridge.record.mcap_reader import McapReader
+from bridge.record.mcap_writer import McapWriter
+from bridge.record.tape import ABOUT
+from bridge.recording_error import RecordingError
+
+Tell = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What came of it: messages kept from first_ns to last_ns (log time), and what is wrong with the file it came from."""
+
+    out: Path
+    messages: int
+    first_ns: int
+    last_ns: int
+    trouble: tuple[str, ...]
+    lost: tuple[tuple[int, int], ...]
+
+    def said(self) -> list[str]:
+        """For a person, a line each."""
+        kept = f"{self.messages} messages, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
+        lost = [f"lost: what began at {_clock(first)}" for first, _ in self.lost if first]
+        return [f"{self.out}: {kept}", *self.trouble, *lost]
+
+
+def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
+    """Write a whole file beside the torn one, which stays. Raises RecordingError, also when there is nothing to do."""
+    target = out or _name(path)
+    try:
+        if in_use(path):
+            raise RecordingError(f"{path}: is being recorded now; wait until that is over, or stop it")
+        with path.open("rb") as file:
+            reader = McapReader(file, str(path))
+            with new_file(target) as copy:
+                done = _copied(reader, copy, path, target, tell)
+                if reader.whole and not path.name.endswith(PART):
+                    raise RecordingError(f"{path}: it is whole; there is nothing to recover")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return done
+
+
+def _copied(reader: McapReader, copy: BinaryIO, path: Path, target: Path, tell: Tell) -> Recovered:
+    writer: McapWriter | None = None
+    channels: dict[tuple[str, str], int] = {}
+    first_ns = last_ns = 0
+    for entry in reader.entries():
+        if writer is None:
+            writer = McapWriter(copy, ABOUT, reader.facts.get(ABOUT, {}))
+        which = entry.topic, entry.schema
+        if which not in channels:
+            if not entry.schema.startswith(PACKAGE):
+                raise RecordingError(f"{path}: not a recording of a ward: it has {entry.schema or 'no schema'!r}")
+            channels[which] = writer.channel(*which, reader.descriptors[entry.schema], entry.facts)
+        writer.add(channels[which], entry.log_ns, entry.publish_ns, entry.payload)
+        first_ns, last_ns = min(first_ns or entry.log_ns, entry.log_ns), max(last_ns, entry.log_ns)
+        tell(reader.good, reader.size)
+    if writer is None:
+        raise RecordingError(f"{path}: nothing can be recovered; {'; '.join(reader.trouble) or 'it holds no message'}")
+    writer.finish()
+    return Recovered(target, writer.messages, first_ns, last_ns, tuple(reader.trouble), tuple(reader.lost))
+
+
+def _name(path: Path) -> Path:
+    if path.name.endswith(PART):
+        return path.with_name(path.name.removesuffix(PART))
+    return path.with_name(f"{path.stem}.recovered.mcap")
+
+
+def _clock(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns / 1e9, UTC):%Y-%m-%d %H:%M:%S.%f}"[:-3] + " UTC"

@@ -1,0 +1,84 @@
+"""One file of a recorder: messages onto channels, and what becomes of a file that refuses."""
+
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Protocol
+
+from bridge.record import kinds
+from bridge.record.kinds import Kind
+from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
+
+#: the metadata record every file of ours begins with
+ABOUT = "truerate"
+
+
+class Output(Protocol):
+    """A file to record into; see files.Output."""
+
+    @property
+    def path(self) -> Path:
+        """Its name when it is whole."""
+
+    @property
+    def file(self) -> BinaryIO:
+        """Where its bytes go."""
+
+    def sync(self) -> None:
+        """Return when it is safe."""
+
+    def finish(self) -> None:
+        """It is whole."""
+
+    def abandon(self) -> None:
+        """It stays as it is."""
+
+    def discard(self) -> None:
+        """There is nothing in it."""
+
+
+class Item(NamedTuple):
+    """A message to be written, and the time it says of itself."""
+
+    key: str
+    kind: Kind
+    own_ns: int
+    payload: bytes
+
+
+class Tape:
+    """One file and its channels."""
+
+    def __init__(self, output: Output, ward: str) -> None:
+        self.output = output
+        try:
+            self.writer = McapWriter(output.file, ABOUT, {"ward": ward, "version": "1"})
+        except OSError:
+            output.discard()
+            raise
+        self._channels: dict[str, int] = {}
+
+    def put(self, item: Item, log_ns: int) -> bool:
+        """Write a message; False when there would be too many channels."""
+        channel = self._channels.get(item.key)
+        if channel is None:
+            if len(self._channels) >= MAX_CHANNELS:
+                return False
+            schema = kinds.PACKAGE + item.kind.schema
+            facts = kinds.facts(item.key)
+            channel = self.writer.channel(kinds.topic(item.key), schema, kinds.DESCRIPTORS, facts)
+            self._channels[item.key] = channel
+        self.writer.add(channel, log_ns, item.own_ns, item.payload)
+        return True
+
+    def left(self) -> str:
+        """Leave a file that refused; what is left of it, for a person."""
+        path = self.output.path
+        try:
+            if not self.writer.messages:
+                self.output.discard()
+                return ""
+            self.writer.finish()
+            self.output.finish()
+        except OSError:
+            self.output.abandon()
+            return f" What was recorded is in {path}.part: truerate recording recover {path}.part"
+        return f" What was recorded is whole, in {path}"
