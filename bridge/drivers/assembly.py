@@ -15,6 +15,7 @@ ODD_TIME, RATE_CHANGED = "odd_time", "rate_changed"
 _STEPS = 32  # between samples, before a rate is believed
 _CHANGED = 0.15  # of the rate
 _MISSING = 1.75  # periods: beyond, a sample is missing between two
+_NOMINAL = 0.01  # of the rate: an oscillator errs by less
 _MAX_BATCH = 256
 _LARGEST = 1 << 64
 
@@ -24,6 +25,8 @@ class About:
     """What is known of a device beside its samples. rate_hz 0: measured by its clock, or guessed where it has none.
 
     gyro_range: rad/s, 0 when unknown.
+    divided_hz: a measured rate that is this divided by a whole number is told as that: no two boots measure the same, and
+    a calibration is found again by its rate.
     """
 
     model: str
@@ -31,6 +34,7 @@ class About:
     gyro_range: float = 0.0
     rate_hz: float = 0.0
     guessed_rate_hz: float = 100.0
+    divided_hz: float = 0.0
 
 
 class _Sample(NamedTuple):
@@ -66,6 +70,7 @@ class Assembly:
         self._period_s = tick_period_s
         self._boots = Boots(tick_period_s, tick_bits, draw)
         self._events: list[Event] = []
+        self._rate_hz = 0.0
         self._begin()
 
     def opened(self) -> None:
@@ -75,6 +80,13 @@ class Assembly:
     def rebooted(self) -> None:
         """The device said that it has booted."""
         self._boots.said()
+
+    def paced(self, rate_hz: float) -> None:
+        """The device was told to sample at another rate, and from the next sample on it does."""
+        if self._rate_hz:
+            self._flush()
+            self._rate_hz = rate_hz
+            self._steps.clear()
 
     def add(
         self,
@@ -137,11 +149,16 @@ class Assembly:
         low, step, high = np.percentile(self._steps, (25, 50, 75)) * (self._period_s or 1.0)
         self._steps.clear()
         if not self._rate_hz:
-            self._rate_hz = float(1 / step)
+            self._rate_hz = self._nominal(float(1 / step))
         elif low * self._rate_hz > 1 + _CHANGED or high * self._rate_hz < 1 - _CHANGED:
             self.faults.add(RATE_CHANGED)
             self._flush()
-            self._rate_hz = float(1 / step)
+            self._rate_hz = self._nominal(float(1 / step))
+
+    def _nominal(self, rate_hz: float) -> float:
+        divisor = max(1, round(self.about.divided_hz / rate_hz))
+        nominal = self.about.divided_hz / divisor
+        return nominal if abs(nominal / rate_hz - 1) < _NOMINAL else rate_hz
 
     def _number_held(self) -> None:
         for sample in self._held:

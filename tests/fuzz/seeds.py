@@ -4,6 +4,7 @@ import numpy as np
 
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from tests.bridge.witmotion_device import WitDevice
 
 _ONES = np.ones((3, 3), np.float32)
 
@@ -13,7 +14,14 @@ def _native(sequence: int) -> bytes:
     return frame(encode_data(Data(1, sequence, ticks, _ONES, 9 * _ONES, 20 * _ONES[:, 0])))
 
 
+def _witmotion() -> list[bytes]:
+    device = WitDevice()
+    device.registers[0x02] = 0x1F
+    return [device.cycle() for _ in range(3)]
+
+
 # A list of messages for each driver that has a decoder.
 SEEDS: dict[str, list[bytes]] = {
     "native": [frame(encode_hello(Hello(1, 1e-6, 104.0, 4.3, True, True, "model", "1.2"))), _native(0), _native(3)],
+    "witmotion": _witmotion(),
 }
