@@ -4,11 +4,11 @@ import functools
 import logging
 from importlib.metadata import entry_points
 
-from bridge.drivers import native, replayed, simulated, witmotion
+from bridge.drivers import mtdata2, native, replayed, simulated, witmotion
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-OURS = (native.KIND, witmotion.KIND, replayed.KIND, simulated.KIND)
+OURS = (native.KIND, witmotion.KIND, mtdata2.KIND, replayed.KIND, simulated.KIND)
 
 _log = logging.getLogger(__name__)
 

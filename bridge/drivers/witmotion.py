@@ -6,6 +6,7 @@ from math import log
 from bridge.drivers.assembly import About, Assembly
 from bridge.drivers.driver import Event, Identity, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.timed import Timed
 from bridge.drivers.witmotion_cycle import GYRO_RANGE, Cycles, Sample
 from bridge.drivers.witmotion_settings import RATES_HZ, Settings
 from bridge.framing.witmotion import MOTION_REGISTERS, REGISTERS, WitFrames
@@ -13,7 +14,7 @@ from bridge.wire.refusal import Tally
 
 UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
 _MODEL = "WitMotion"
-_SURE, _CHANGED, _FORGOTTEN = 2, 32, 8  # cycles in a row
+_FORGOTTEN = 8  # cycles in a row without their time
 _COUNTED_S = 1.0
 _SEEN = 0.25  # of a period that was told
 _BITS_A_CYCLE = 330  # time, acceleration and rate, ten bits a byte
@@ -65,7 +66,8 @@ class WitMotionDecoder:
         self._frames = WitFrames(self.faults)
         self._cycles = Cycles(self.faults)
         self._assembly: Assembly | None = None
-        self._clocked = self._calibrating = False
+        self._timed = Timed()
+        self._calibrating = False
         self._time_ms = 0  # of the latest sample
         self._boot = 0  # that was told
         self.opened()
@@ -77,7 +79,6 @@ class WitMotionDecoder:
         if self._assembly is not None:
             self._assembly.opened()
         self._asked = False
-        self._leaning, self._agreeing = False, 0
         self._counted, self._since_ns = 0, 0
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
@@ -108,7 +109,7 @@ class WitMotionDecoder:
 
     def _pace(self) -> None:
         fast = self._options.calibration_rate_hz
-        self._settings.want(fast if fast and self._calibrating and self._clocked else self._options.rate_hz)
+        self._settings.want(fast if fast and self._calibrating and self._timed.tells else self._options.rate_hz)
 
     def _answered(self, data: bytes) -> list[Notice]:
         settings = self._settings
@@ -138,19 +139,15 @@ class WitMotionDecoder:
 
     def _decided(self, *, timed: bool, now_ns: int) -> Assembly | None:
         """Where a sample goes; None while, or as long as, it does not fit what the device is: one that tells time, or none."""
-        self._agreeing = self._agreeing + 1 if timed == self._leaning else 1
-        self._leaning = timed
         assembly = self._assembly
-        if assembly is not None and timed == self._clocked:
+        if self._timed.fits(timed=timed):
             return assembly
-        if assembly is not None and not timed and self._agreeing == _FORGOTTEN and self._asked:
+        if assembly is not None and not timed and self._timed.in_a_row == _FORGOTTEN and self._asked:
             assembly.rebooted()  # it had been told to send its time: what it was told is lost with power
             self._ask()
-        enough = self._agreeing >= (_SURE if assembly is None else _CHANGED)
         rate_hz = 0.0 if timed else self._promised_hz(now_ns)
-        if not enough or not self._settled or not (timed or rate_hz):
+        if not self._settled or not (timed or rate_hz) or not self._timed.settle():
             return None
-        self._clocked = timed
         self._assembly = Assembly(self.faults, self._about(rate_hz), 1e-3 if timed else None)
         self._pace()
         return self._assembly
@@ -182,7 +179,7 @@ class WitMotionDecoder:
 
     def _about(self, rate_hz: float | None = None) -> About:
         if rate_hz is None:
-            rate_hz = 0.0 if self._clocked or self._assembly is None else self._assembly.about.rate_hz
+            rate_hz = 0.0 if self._timed.tells or self._assembly is None else self._assembly.about.rate_hz
         return About(_MODEL, self._settings.firmware, GYRO_RANGE, rate_hz, divided_hz=_FASTEST_HZ)
 
     def _celsius(self, sample: Sample) -> float | None:

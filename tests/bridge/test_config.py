@@ -89,7 +89,7 @@ DEVICE = (
         ),
         (
             DEVICE + 'id = "d2"\ndriver = 3',
-            "[[bridge.devices]] #2: unknown driver 3; there are native, replayed, simulated, witmotion",
+            "[[bridge.devices]] #2: unknown driver 3; there are mtdata2, native, replayed, simulated, witmotion",
         ),
         (
             DEVICE + 'id = "d2"\ndriver = ["native"]',

@@ -4,6 +4,7 @@ import numpy as np
 
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from tests.bridge.mtdata2_device import MtDevice
 from tests.bridge.witmotion_device import WitDevice
 
 _ONES = np.ones((3, 3), np.float32)
@@ -20,8 +21,14 @@ def _witmotion() -> list[bytes]:
     return [device.cycle() for _ in range(3)]
 
 
+def _mtdata2() -> list[bytes]:
+    device = MtDevice()
+    return [device.measure() for _ in range(3)] + [device.power_up()]
+
+
 # A list of messages for each driver that has a decoder.
 SEEDS: dict[str, list[bytes]] = {
     "native": [frame(encode_hello(Hello(1, 1e-6, 104.0, 4.3, True, True, "model", "1.2"))), _native(0), _native(3)],
+    "mtdata2": _mtdata2(),
     "witmotion": _witmotion(),
 }
