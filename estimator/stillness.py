@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from estimator.gyro import spread
 
 Floats = NDArray[np.float64]
+#: times the rate at which noise was learnt: beyond, the device was told to send faster
+_FASTER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,11 @@ class Window:
         """How many samples it has."""
         return self.end - self.start
 
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second."""
+        return (self.samples - 1) / (self.end_time - self.start_time)
+
 
 class Stillness:
     """Samples in, judged windows out; the cut depends on the samples alone, never on how they were batched."""
@@ -66,6 +73,7 @@ class Stillness:
         self.knobs = knobs or StillnessKnobs()
         self.noise_std = np.full(3, self.knobs.noise_guess)
         self.noise_known = False
+        self._noise_hz = 0.0  # the rate of the samples that showed it; 0 until then
         self._reference: Floats | None = None
         self._anchor: Floats | None = None  # the reference when this rest began: a slow turn must not drag it along
         self._last_time: float | None = None
@@ -129,7 +137,10 @@ class Stillness:
         return self._adopt_odd(window)
 
     def _quiet(self, window: Window) -> bool:
-        limit = np.clip(self.knobs.noise_factor * self.noise_std, self.knobs.std_floor, self.knobs.std_ceiling)
+        # A device that is told to send faster averages over less: a reading's noise grows until it is learnt anew.
+        ratio = window.rate_hz / self._noise_hz if self._noise_hz else 1.0
+        denser = ratio**0.5 if ratio > _FASTER else 1.0
+        limit = np.clip(self.knobs.noise_factor * denser * self.noise_std, self.knobs.std_floor, self.knobs.std_ceiling)
         calm = window.accel_std is None or bool(np.all(window.accel_std <= self.knobs.accel_std))
         return calm and bool(np.all(window.std <= limit))
 
@@ -163,3 +174,4 @@ class Stillness:
         if len(recent) >= 8:
             self.noise_std = np.median([w.std for w in recent], axis=0)
             self.noise_known = True
+            self._noise_hz = float(np.median([w.rate_hz for w in recent]))
