@@ -70,6 +70,7 @@ class WitMotionDecoder:
         self._calibrating = False
         self._time_ms = 0  # of the latest sample
         self._boot = 0  # that was told
+        self._notices: list[Notice] = []
         self.opened()
 
     def opened(self) -> None:
@@ -91,7 +92,8 @@ class WitMotionDecoder:
                 self._take(sample, receive_time_ns)
         if not self._asked and self._frames.checked is not None and not self._options.keep_settings:
             self._ask()
-        events += self._settings.passed(receive_time_ns)
+        events += [*self._settings.passed(receive_time_ns), *self._notices]
+        self._notices.clear()
         return events + self._assembled()
 
     def to_send(self) -> bytes:
@@ -149,6 +151,9 @@ class WitMotionDecoder:
         if not self._settled or not (timed or rate_hz) or not self._timed.settle():
             return None
         self._assembly = Assembly(self.faults, self._about(rate_hz), 1e-3 if timed else None)
+        if self._options.calibration_rate_hz:
+            untold = "" if timed else "it sends no time, so its rate is left as it is during a calibration"
+            self._notices.append(Notice("calibration rate", untold))
         self._pace()
         return self._assembly
 

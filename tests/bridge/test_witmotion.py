@@ -180,6 +180,15 @@ def test_the_rate_goes_up_for_a_calibration_and_down_after_it_with_nothing_lost(
     assert "rate_changed" not in bench.decoder.faults.as_dict()
 
 
+def test_a_device_that_tells_no_time_keeps_its_rate_and_that_is_said() -> None:
+    decoder = WitMotionDecoder(options(rate_hz=50.0, calibration_rate_hz=200.0))
+    bench = Bench(WitDevice(bluetooth=True), decoder).run(4)
+    decoder.calibrating(True)
+    bench.run(4)
+    assert bench.device.rate_hz == 50.0
+    assert "it sends no time, so its rate is left as it is during a calibration" in bench.notices
+
+
 def test_every_lost_sample_of_a_device_with_a_clock_is_counted() -> None:
     bench = Bench(WitDevice(), WitMotionDecoder(options(rate_hz=100.0))).run(6)
     intake = Intake("d", "b", "witmotion", "p")
