@@ -137,6 +137,8 @@ class Intake:
             elif self.samples_in:
                 self.events.add(BEFORE_IDENTITY, self.samples_in)
                 self._begin()
+        elif identity.rate_hz != self._identity.rate_hz:
+            self._rate_from = None
         self._identity = identity
 
     def _read(self, readings: Readings) -> list[SampleBatch]:

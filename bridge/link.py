@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Paced
 from bridge.intake import Intake
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
@@ -44,9 +44,19 @@ class Link:
         self._queue: deque[SampleBatch] = deque()
         self._queued = 0
         self._there = False
+        self._calibrating = self._told = False
         self._faults: dict[str, int] = {}  # a copy, for other threads
         self._complaint = ""
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
+
+    @property
+    def paced(self) -> bool:
+        """Whether it is of use to tell when the device is calibrated."""
+        return isinstance(self._driver, Paced)
+
+    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - it is all there is to say
+        """Whether the device is being calibrated now; its driver is told from the thread that reads."""
+        self._calibrating = on
 
     def start(self) -> None:
         """Begin to read."""
@@ -98,6 +108,7 @@ class Link:
     def _read_on(self) -> None:
         heard_s = time.monotonic()
         while not self._stop.is_set():
+            self._pace()
             events = self._driver.read(_READ_S)
             with self._lock:
                 self._faults = self._driver.faults.as_dict()
@@ -112,6 +123,12 @@ class Link:
                 self._complain(
                     f"{self._driver.place}: open, but nothing that is understood comes; on, and the right speed?"
                 )
+
+    def _pace(self) -> None:
+        on = self._calibrating
+        if on != self._told and isinstance(self._driver, Paced):
+            self._told = on
+            self._driver.calibrating(on)
 
     def _recover(self) -> None:
         self._there = True

@@ -7,6 +7,7 @@ from collections import deque
 from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
+from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
 from bridge.intake import Intake
 from bridge.link import Link, Taken
@@ -89,6 +90,8 @@ class Ward:
         cache = max(1, round(_CACHE_S / self._batch_s))
         self._links = [_link(device, config.id) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
+        # Who can send faster during a calibration must hear of it.
+        self._calibrating = Calibrating(bus, ward) if any(link.paced for link in self._links) else None
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
@@ -114,6 +117,8 @@ class Ward:
         self._publish(last=True)
         for outlet in self._outlets:
             outlet.close()
+        if self._calibrating is not None:
+            self._calibrating.close()
         self._alive.close()
 
     def _run(self) -> None:
@@ -125,8 +130,12 @@ class Ward:
 
     def _publish(self, *, last: bool = False) -> None:
         now_s = time.monotonic()
+        if self._calibrating is not None:
+            self._calibrating.hear(now_s)
         for link, outlet in zip(self._links, self._outlets, strict=True):
             taken = link.take()
+            if self._calibrating is not None:
+                link.calibrating(self._calibrating.now(link.device, taken.info.boot, now_s))
             try:
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:

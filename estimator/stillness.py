@@ -22,6 +22,8 @@ Three = list[float]
 _RECENT = 16
 #: a window is made longer by so many samples at most, so as not to end at a spike
 _SPIKE_AND_BACK = 2
+#: times the rate at which noise was learnt: beyond, the device was told to send faster
+_FASTER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,11 @@ class Window:
         """How many samples it has."""
         return self.end - self.start
 
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second."""
+        return (self.samples - 1) / (self.end_time - self.start_time)
+
 
 class Stillness:
     """Samples in, judged windows out; the cut depends on the samples alone, never on how they were batched."""
@@ -82,11 +89,13 @@ class Stillness:
     def __init__(self, knobs: StillnessKnobs | None = None) -> None:
         self.knobs = knobs or StillnessKnobs()
         self.noise_known = False
+        self._noise_hz = 0.0  # the rate of the samples that showed it; 0 until then
         self._learnt(np.full(3, self.knobs.noise_guess))
         self._reference: Three | None = None
         self._anchor: Three | None = None  # the reference when this rest began: a slow turn must not drag it along
         self._last: tuple[float, Floats] | None = None  # time and reading
         self._rest = np.zeros((_RECENT, 2, 3))  # mean and std of the latest windows of a rest
+        self._rates = [0.0] * _RECENT  # and their rates
         self._rested = 0  # how many of them there are
         self._odd: list[tuple[float, Three]] = []  # start and mean
         self._count = 0
@@ -132,8 +141,12 @@ class Stillness:
         if gap:
             self._odd.clear()
         aided = means[3] == means[3]  # a window with an accelerometer in a part of it only is judged without
-        still = not gap and self._judge(begun, ended, means[:3], stds[:3], stds[3:] if aided else None)
-        self._learn(mean[:3], std[:3], still=still)
+        rate_hz = (n - 1) / (ended - begun) if ended > begun else 0.0
+        # A device that is told to send faster averages over less: a reading's noise grows until it is learnt anew.
+        denser = sqrt(rate_hz / self._noise_hz) if self._noise_hz and rate_hz > _FASTER * self._noise_hz else 1.0
+        limits = self._limits if denser == 1.0 else self._limits_at(denser)
+        still = not gap and self._judge(begun, ended, means[:3], stds[:3], limits, stds[3:] if aided else None)
+        self._learn(mean[:3], std[:3], rate_hz, still=still)
         return Window(
             start,
             self._count,
@@ -151,9 +164,11 @@ class Stillness:
             still,
         )
 
-    def _judge(self, begun: float, ended: float, mean: Three, std: Three, accel_std: Three | None) -> bool:
+    def _judge(
+        self, begun: float, ended: float, mean: Three, std: Three, limits: Three, accel_std: Three | None
+    ) -> bool:
         calm = accel_std is None or max(accel_std) <= self.knobs.accel_std
-        (x, y, z), (a, b, c) = std, self._limits
+        (x, y, z), (a, b, c) = std, limits
         if not calm or x > a or y > b or z > c:
             self._odd.clear()
             return False
@@ -179,13 +194,14 @@ class Stillness:
         self._odd.clear()
         return True
 
-    def _learn(self, mean: Floats, std: Floats, *, still: bool) -> None:
+    def _learn(self, mean: Floats, std: Floats, rate_hz: float, *, still: bool) -> None:
         if not still:
             self._rested, self._anchor = 0, None
             return
         rest = self._rest
         rest[:-1] = rest[1:]
         rest[-1] = mean, std
+        self._rates = [*self._rates[1:], rate_hz]
         recent = self._rested = min(self._rested + 1, _RECENT)
         # The first windows of a stream may still be the end of a movement: wait for some in a row.
         if self._reference is None and recent < 4:
@@ -198,10 +214,17 @@ class Stillness:
             ordered.sort(axis=0)
             self._learnt((ordered[(recent - 1) // 2] + ordered[recent // 2]) / 2)
             self.noise_known = True
+            self._noise_hz = sorted(self._rates[-recent:])[recent // 2]
 
     def _learnt(self, noise_std: Floats) -> None:
         """From now on noise_std (3,) rad/s is the white noise of one reading."""
-        knobs, self.noise_std = self.knobs, noise_std
-        self._limits = [
-            min(max(knobs.noise_factor * std, knobs.std_floor), knobs.std_ceiling) for std in noise_std.tolist()
+        self.noise_std = noise_std
+        self._limits = self._limits_at(1.0)
+
+    def _limits_at(self, denser: float) -> Three:
+        """What a still window's standard deviations stay below, with so many times the noise."""
+        knobs = self.knobs
+        return [
+            min(max(knobs.noise_factor * denser * std, knobs.std_floor), knobs.std_ceiling)
+            for std in self.noise_std.tolist()
         ]

@@ -43,6 +43,7 @@ class _Sample(NamedTuple):
     accel: Vector | None
     temperature_c: float | None
     receive_time_ns: int
+    missing: int  # before it, where no clock tells
 
     @property
     def columns(self) -> tuple[bool, bool]:
@@ -96,8 +97,12 @@ class Assembly:
         temperature_c: float | None = None,
         *,
         receive_time_ns: int,
+        missing: int = 0,
     ) -> None:
-        """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C."""
+        """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C.
+
+        missing: samples known to be lost before it; where the device has a clock that tells by itself.
+        """
         placed = self._boots.observe(tick, receive_time_ns)
         if placed is Time.ODD:
             self.faults.add(ODD_TIME)
@@ -105,7 +110,7 @@ class Assembly:
         if placed is Time.BEGINS:
             self._finish()
             self._begin()
-        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns)
+        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns, missing)
         if self._period_s is not None:
             self._measure(sample.tick)
         self._held.append(sample)
@@ -177,8 +182,10 @@ class Assembly:
         self._held = []
 
     def _missing_before(self, sample: _Sample) -> int:
-        if self._period_s is None or self._sequence == 0:
+        if self._sequence == 0:
             return 0
+        if self._period_s is None:
+            return sample.missing
         periods = (sample.tick - self._numbered_tick) * self._period_s * self._rate_hz
         return round(periods) - 1 if periods > _MISSING else 0
 

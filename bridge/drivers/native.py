@@ -10,19 +10,37 @@ from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 
 ASK = frame(packets.encode_identify())
+_TELLS = 5  # a rate, to a device that does not obey
 _MAX_HELD = 64  # packets kept while nobody has said whose they are: over a second at the usual 50 a second
 _ASK_AGAIN = 16  # packets
 
 
+class NativeOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """rate_hz: what the device is told to send; 0: what it sends is left as it is. calibration_rate_hz: during a calibration."""
+
+    rate_hz: float = 0.0
+    calibration_rate_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
+            if rate_hz and not 0.1 <= rate_hz <= 100_000:
+                raise ValueError(f"{name} is {rate_hz:g}; 0.1 to 100000 is taken")
+        if self.calibration_rate_hz and not self.rate_hz:
+            raise ValueError("calibration_rate_hz needs rate_hz, to go back to")
+
+
 class NativeDecoder:
-    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are.
+    """The decoder of the native protocol; it sends ASK when it needs to know whose the packets are, and rates where chosen.
 
     Readings come out after the identity of their boot only. Packets of an unknown boot are held back, and the device is
     asked; what cannot be held, or turns out to be of another boot, is counted in `faults` by samples.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: float = 0.0, calibration_rate_hz: float = 0.0) -> None:
         self.faults = Tally()
+        self._rates_hz = (rate_hz, calibration_rate_hz or rate_hz)
+        self._wanted_hz = rate_hz
         self.opened()
 
     def opened(self) -> None:
@@ -33,6 +51,13 @@ class NativeDecoder:
         self._boot: int | None = None
         self._held: deque[Readings] = deque()
         self._unknown = 0  # packets of an unknown boot since the last HELLO
+        self._tell, self._told = False, 0  # the rate: whether to, and how often it was
+
+    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
+        """Send at the other rate, where one was chosen for calibrations."""
+        wanted_hz = self._rates_hz[on]
+        if wanted_hz != self._wanted_hz:
+            self._wanted_hz, self._told, self._tell = wanted_hz, 0, True
 
     def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
         """The events these bytes complete, in order."""
@@ -50,13 +75,18 @@ class NativeDecoder:
         return events
 
     def to_send(self) -> bytes:
-        """ASK, when it is time."""
+        """ASK, and the rate, when it is time."""
         ask, self._ask = self._ask, False
-        return ASK if ask else b""
+        tell, self._tell = self._tell, False
+        self._told += tell
+        return (ASK if ask else b"") + (frame(packets.encode_rate(self._wanted_hz)) if tell else b"")
 
     def _greeted(self, hello: packets.Hello) -> list[Event]:
+        if hello.boot != self._boot:
+            self._told = 0
         self._boot = hello.boot
         self._ask = False
+        self._tell = self._wanted_hz not in (0, hello.rate_hz) and self._told < _TELLS
         self._unknown = 0
         identity = Identity(
             boot=hello.boot,
@@ -108,9 +138,15 @@ class NativeDecoder:
         )
 
 
+def _decoder(options: StreamOptions | None) -> NativeDecoder:
+    if isinstance(options, NativeOptions):
+        return NativeDecoder(options.rate_hz, options.calibration_rate_hz)
+    return NativeDecoder()
+
+
 KIND = stream_kind(
     "native",
-    "truerate's own serial protocol (COBS frames with a CRC-32): port, baud",
-    StreamOptions,
-    lambda _: NativeDecoder(),
+    "truerate's own serial protocol (COBS frames with a CRC-32): port, baud, rate_hz, calibration_rate_hz",
+    NativeOptions,
+    _decoder,
 )

@@ -4,11 +4,20 @@ import functools
 import logging
 from importlib.metadata import entry_points
 
-from bridge.drivers import mavlink, native, replayed, simulated, text_profile, ximu3
+from bridge.drivers import mavlink, mtdata2, native, replayed, simulated, text_profile, witmotion, ximu3
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-OURS = (mavlink.KIND, native.KIND, replayed.KIND, simulated.KIND, text_profile.KIND, ximu3.KIND)
+OURS = (
+    native.KIND,
+    ximu3.KIND,
+    witmotion.KIND,
+    mtdata2.KIND,
+    text_profile.KIND,
+    mavlink.KIND,
+    replayed.KIND,
+    simulated.KIND,
+)
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from msgspec import Struct
 
-from bridge.drivers.driver import DriverKind, Event
+from bridge.drivers.driver import DriverKind, Event, Paced
 from bridge.transport import address
 from bridge.wire.refusal import Tally
 
@@ -13,7 +13,7 @@ from bridge.wire.refusal import Tally
 class Decoder(Protocol):
     """One device's protocol: any chunking of its bytes in, events out. Without I/O and clock; lives as long as the driver.
 
-    faults: counts what could not be understood, by label.
+    faults: counts what could not be understood, by label. One that is Paced, too, is told of calibrations.
     """
 
     faults: Tally
@@ -39,13 +39,15 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport."""
+    """A decoder behind a transport; Paced where the decoder is."""
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
         self.place = options.port
         self.faults = decoder.faults
         self._transport = address.transport(options.port, options.baud)
         self._decoder = decoder
+        if isinstance(decoder, Paced):
+            self.calibrating = decoder.calibrating
 
     def open(self) -> None:
         """Open the transport; raises DeviceUnavailable."""

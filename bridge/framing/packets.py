@@ -3,10 +3,12 @@
     HELLO     01 version boot tick_period_s rate_hz gyro_range has model 00 firmware    device -> host
     DATA      02 n boot sequence (ticks gyro[3] accel[3] temperature)[n]                device -> host
     IDENTIFY  81                                                                        host -> device: say HELLO
+    RATE      82 rate_hz                                                                host -> device: send so often
 
 A device says HELLO at boot, once a second and when asked. `boot` is a number drawn at power-up, `sequence` counts
 samples since then, `ticks` is the device's clock (32 bits, wraps). Gyro in rad/s, accelerometer in m/s², temperature in
-°C, as float32; `has` says which of the last two are real.
+°C, as float32; `has` says which of the last two are real. A device need not obey RATE; one that does says HELLO with its
+new rate, which it has until it loses power.
 """
 
 import struct
@@ -16,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 VERSION = 1
-HELLO, DATA, IDENTIFY = 0x01, 0x02, 0x81
+HELLO, DATA, IDENTIFY, RATE = 0x01, 0x02, 0x81, 0x82
 HAS_ACCEL, HAS_TEMPERATURE = 1, 2
 MAX_SAMPLES = 24  # keeps a DATA packet well under the frame limit
 
 _HELLO = struct.Struct("<BBQdddB")
 _DATA = struct.Struct("<BBQI")
+_RATE = struct.Struct("<Bd")
 _SAMPLE = np.dtype([("ticks", "<u4"), ("gyro", "<f4", 3), ("accel", "<f4", 3), ("temperature_c", "<f4")])
 
 
@@ -80,6 +83,19 @@ def encode_data(data: Data) -> bytes:
 def encode_identify() -> bytes:
     """The payload that asks a device to say HELLO."""
     return bytes([IDENTIFY])
+
+
+def encode_rate(rate_hz: float) -> bytes:
+    """The payload that tells a device how often to send."""
+    return _RATE.pack(RATE, rate_hz)
+
+
+def decode_rate(payload: bytes) -> float | None:
+    """The rate that a payload to the device tells; None where it tells none that can be."""
+    if payload[0] != RATE or len(payload) != _RATE.size:
+        return None
+    _, rate_hz = _RATE.unpack(payload)
+    return float(rate_hz) if 0.1 <= rate_hz <= 100_000 else None
 
 
 def decode(payload: bytes) -> Hello | Data:

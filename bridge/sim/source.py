@@ -1,7 +1,7 @@
 """Where a virtual device's samples come from: a simulated body, or a recording. Times are on the device's own clock."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -74,6 +74,9 @@ class Source(Protocol):
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth | None:
         """Begin a boot, drawing what differs at each from rng; what is then true of the sensor, where it is known."""
 
+    def pace(self, rate_hz: float) -> None:
+        """Another rate from the next read on, until the next power-up, where it can have one: `sensor` tells."""
+
     def read(self) -> Samples | None:
         """The next samples, about a second of them; None after the last."""
 
@@ -87,22 +90,31 @@ class SimulatedSource:
         self.spec = spec or ImuSpec()
         self.sensor = Sensor(rate_hz, float(np.radians(self.spec.range_dps)))
         self._script = script
-        self._block = max(1, round(rate_hz * _BLOCK_S))
+        self._usual = self.sensor
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
         """See Source."""
+        self.sensor = self._usual
         self._motion = self._script(rng)
         self._imperfection = Imperfection(self.spec, rng)
         self._true_s_per_clock_s = true_s_per_clock_s
-        self._sent = 0
+        self._ticks, self._sent = 0.0, 0  # when this rate began, and samples since then
         return self._imperfection.truth
+
+    def pace(self, rate_hz: float) -> None:
+        """See Source."""
+        self._ticks, self._sent = self._ticks + self._sent * (_TICKS_PER_S / self.sensor.rate_hz), 0
+        self.sensor = replace(self.sensor, rate_hz=rate_hz)
 
     def read(self) -> Samples:
         """See Source; never ends."""
-        number = np.arange(self._sent + 1, self._sent + self._block + 1)
-        self._sent += self._block
+        block = max(1, round(self.sensor.rate_hz * _BLOCK_S))
+        number = np.arange(self._sent + 1, self._sent + block + 1)
+        self._sent += block
         # On whole ticks, so that nobody loses anything to the clock's resolution.
-        clock_s: Array = np.asarray(np.round(number * (_TICKS_PER_S / self.sensor.rate_hz)) / _TICKS_PER_S)
+        clock_s: Array = np.asarray(
+            np.round(self._ticks + number * (_TICKS_PER_S / self.sensor.rate_hz)) / _TICKS_PER_S
+        )
         motion = self._motion.advance(clock_s * self._true_s_per_clock_s)
         readings = self._imperfection.read(motion)
         truth = TrueSamples(motion.rate, motion.attitude, readings.bias)
@@ -141,6 +153,9 @@ class RecordedSource:
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> None:  # noqa: ARG002
         """See Source: from the beginning, the same at every boot."""
         self._sent = 0
+
+    def pace(self, rate_hz: float) -> None:
+        """See Source: it has none but its own."""
 
     def read(self) -> Samples | None:
         """See Source."""

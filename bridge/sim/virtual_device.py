@@ -1,6 +1,7 @@
 """A device that speaks the native serial protocol, without I/O and without a clock: time is an argument.
 
-Power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked.
+Power-up: a new boot number, 0.3 s of silence, HELLO, then DATA about every 20 ms; HELLO each second and when asked. Told
+another rate it has it within a second, until it loses power.
 """
 
 import zlib
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.framing.deframer import Deframer, frame
-from bridge.framing.packets import MAX_SAMPLES, Data, Hello, encode_data, encode_hello, encode_identify
+from bridge.framing.packets import MAX_SAMPLES, Data, Hello, decode_rate, encode_data, encode_hello, encode_identify
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec, Truth
 from bridge.sim.script import demo_script
 from bridge.sim.source import Samples, SimulatedSource, Source, TrueSamples
@@ -80,10 +81,10 @@ class VirtualDevice:
         self._draw_boot = draw_boot
         self._rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
         self._truth = TruthLog(round(self.spec.truth_s * source.sensor.rate_hz))
-        self._per_packet = int(np.clip(round(_PACKET_S * source.sensor.rate_hz), 1, MAX_SAMPLES))
         self._clock_pace = 1 + self.spec.skew_ppm * 1e-6
         self._deframer = Deframer()
         self._asked = self._host_seen = False
+        self._rate_hz: float | None  # it was told, not yet obeyed
         self._switches: deque[bool] = deque()
         self._time_s = 0.0
         self._sent: dict[int, int] = {}
@@ -125,8 +126,11 @@ class VirtualDevice:
 
     def receive(self, data: bytes) -> None:
         """Bytes from the host; answered at the next advance."""
-        if encode_identify() in self._deframer.feed(data):
-            self._asked = self._host_seen = True
+        for payload in self._deframer.feed(data):
+            if payload == encode_identify():
+                self._asked = self._host_seen = True
+            elif (rate_hz := decode_rate(payload)) is not None:
+                self._rate_hz = rate_hz
 
     def advance(self, time_s: float) -> bytes:
         """Live until time_s (s, true, since the device was made; never less than before); what it sent meanwhile."""
@@ -141,6 +145,9 @@ class VirtualDevice:
             return b""
         if now.stream_s is None and (self._host_seen or not self.spec.wait_for_host):
             now.stream_s = max(self.spec.silence_s, last_clock_s)
+        if self._rate_hz is not None:
+            self._source.pace(self._rate_hz)
+            self._rate_hz, self._asked = None, True
         out = []
         if self._asked:
             self._asked = False
@@ -159,6 +166,7 @@ class VirtualDevice:
             self._now = None
 
     def _power_up(self) -> _Boot:
+        self._rate_hz = None
         boot = int(self._rng.integers(2**64, dtype=np.uint64))  # drawn in any case: what follows is the seed's
         if self._draw_boot is not None:
             boot = self._draw_boot()
@@ -189,20 +197,21 @@ class VirtualDevice:
 
     def _packets(self, now: _Boot, stream_s: float, clock_s: float) -> Iterator[tuple[float, bytes]]:
         """The DATA frames complete by clock_s, each with the time of its last sample."""
+        per_packet = int(np.clip(round(_PACKET_S * self._source.sensor.rate_hz), 1, MAX_SAMPLES))
         while True:
-            ready = self._ready(now)
+            ready = self._ready(now, per_packet)
             if ready is None:
                 return
-            samples = ready[: self._per_packet]
+            samples = ready[:per_packet]
             complete_s = stream_s + float(samples.clock_s[-1])
             if complete_s > clock_s:
                 return
             now.ready = ready[len(samples) :]
             yield complete_s, self._data(now, stream_s, samples)
 
-    def _ready(self, now: _Boot) -> Samples | None:
+    def _ready(self, now: _Boot, per_packet: int) -> Samples | None:
         """At least a packet of samples, fewer at the end of a recording, None after it."""
-        while not now.ended and (now.ready is None or len(now.ready) < self._per_packet):
+        while not now.ended and (now.ready is None or len(now.ready) < per_packet):
             more = self._source.read()
             if more is None:
                 now.ended = True

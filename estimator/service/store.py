@@ -187,15 +187,13 @@ class Store:
         return Remembered(calibration, bias, (now_ns - kept_ns) / 1e9 if bias is not None else 0.0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of an earlier boot under the same restore key: device, model, firmware, range and rate."""
-        where = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND rate_hz = ? AND boot != ?"
-        return self._calibration(where, (info.device, *_restore_key(info), keys.boot_id(info.boot)))
+        """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
+        return self._calibration(_EARLIER, _earlier(info))
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
-        where = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND rate_hz = ? AND boot != ?"
-        query = f"SELECT boot, time_ns FROM boots WHERE {where} ORDER BY time_ns DESC LIMIT ?"  # noqa: S608 - our own words
-        boots = self._read(query, (info.device, *_restore_key(info), keys.boot_id(info.boot), BOOTS))
+        query = f"SELECT boot, time_ns FROM boots WHERE {_EARLIER} ORDER BY time_ns DESC LIMIT ?"  # noqa: S608 - our own words
+        boots = self._read(query, (*_earlier(info), BOOTS))
         return [found for boot in boots if (found := self._points(info.device, *boot)) is not None]
 
     def _points(self, device: str, boot: str, since_ns: int) -> Points | None:
@@ -249,6 +247,14 @@ class Store:
                 self._db.execute(statement, values)
         except sqlite3.Error as error:
             raise StoreError(f"store {self.path}: {error}; is the disk full or read-only?") from error
+
+
+#: a device with a clock of its own may be told another rate, as for a calibration; without one its scale hangs on its rate
+_EARLIER = "device = ? AND model = ? AND firmware = ? AND gyro_range = ? AND (rate_hz = ? OR ?) AND boot != ?"
+
+
+def _earlier(info: DeviceInfo) -> tuple[object, ...]:
+    return info.device, *_restore_key(info), info.has_clock, keys.boot_id(info.boot)
 
 
 def _restore_key(of: Calibration | DeviceInfo) -> tuple[str, str, float, float]:

@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from bridge.config import ConfigError, Device, Root, check_endpoints, load
 from bridge.drivers import registry
+from bridge.drivers.native import NativeOptions
 from bridge.drivers.stream import StreamDriver, StreamOptions
 
 GOOD = """
@@ -48,7 +49,7 @@ def test_a_good_file_is_typed(tmp_path: Path) -> None:
     root = load(path, Root)
     assert root.bridge is not None
     first, second = root.bridge.devices
-    assert (first.id, first.driver, first.options) == ("wrist-01", "native", StreamOptions(port="/dev/x"))
+    assert (first.id, first.driver, first.options) == ("wrist-01", "native", NativeOptions(port="/dev/x"))
     assert isinstance(first.make(), StreamDriver)
     assert second.driver == "replayed"
     assert root.bridge.batch_ms == 40

@@ -53,6 +53,23 @@ def test_consecutive_readings_come_out_as_they_are() -> None:
     account(intake)
 
 
+def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(100):
+        intake.take(readings(5 * i))
+    assert intake.info(NOW, {}).measured_rate_hz == pytest.approx(100.0, rel=1e-3)
+    intake.take(replace(HELLO, rate_hz=400.0))
+    ticks = 500 * DT + np.arange(800) * DT // 4
+    for i in range(0, 800, 5):
+        fast = replace(readings(500 + i), ticks=ticks[i : i + 5].astype(np.uint32))
+        intake.take(replace(fast, receive_time_ns=NOW + int(ticks[i + 4]) * 1000))
+    info = intake.info(NOW, {})
+    assert (info.boot, info.rate_hz, info.samples, info.events) == (7, 400.0, 1300, {})
+    assert info.measured_rate_hz == pytest.approx(400.0, rel=1e-2)
+    account(intake)
+
+
 def test_nothing_is_published_before_the_device_said_who_it_is() -> None:
     intake = made()
     assert intake.take(readings(0)) == []

@@ -20,7 +20,7 @@ from bridge.drivers.simulated import SimulatedDriver, SimulatedOptions
 from bridge.drivers.stream import StreamDriver, StreamOptions
 from bridge.drivers.takes import Take
 from bridge.framing.deframer import frame
-from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from bridge.framing.packets import Data, Hello, encode_data, encode_hello, encode_rate
 from bridge.recording import Recording
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
@@ -28,8 +28,8 @@ from bridge.transport import serial_port
 from bridge.transport.serial_port import SerialPort
 
 
-def hello(boot: int = 1, *, has_accel: bool = True) -> bytes:
-    return frame(encode_hello(Hello(boot, 1e-6, 100.0, 4.0, has_accel, True, "model", "1.2")))
+def hello(boot: int = 1, *, has_accel: bool = True, rate_hz: float = 100.0) -> bytes:
+    return frame(encode_hello(Hello(boot, 1e-6, rate_hz, 4.0, has_accel, True, "model", "1.2")))
 
 
 def data(sequence: int, n: int = 2, boot: int = 1) -> bytes:
@@ -47,6 +47,37 @@ def told(events: list[Event]) -> list[str]:
         else str(event)
         for event in events
     ]
+
+
+def rate(rate_hz: float) -> bytes:
+    return frame(encode_rate(rate_hz))
+
+
+def test_a_device_is_told_its_rate_until_it_has_it_but_not_for_ever() -> None:
+    decoder = NativeDecoder(100.0, 200.0)
+    assert decoder.to_send() == ASK
+    decoder.feed(hello(), 1)
+    assert decoder.to_send() == b""
+    decoder.calibrating(True)
+    assert decoder.to_send() == rate(200.0)
+    decoder.feed(hello(rate_hz=200.0), 1)
+    assert decoder.to_send() == b""
+    decoder.calibrating(False)
+    said = []
+    for _ in range(9):
+        said.append(decoder.to_send())
+        decoder.feed(hello(rate_hz=200.0), 1)
+    assert said == 5 * [rate(100.0)] + 4 * [b""]
+    decoder.feed(hello(2, rate_hz=104.0), 1)
+    assert decoder.to_send() == rate(100.0), "another boot has forgotten it"
+
+
+def test_a_device_of_no_chosen_rate_is_told_none() -> None:
+    decoder = NativeDecoder()
+    decoder.to_send()
+    decoder.feed(hello(), 1)
+    decoder.calibrating(True)
+    assert decoder.to_send() == b""
 
 
 STREAM = hello() + data(0) + data(2) + hello() + data(4) + hello(2) + data(0, boot=2)

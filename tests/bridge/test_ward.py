@@ -16,8 +16,10 @@ import pytest
 from bridge import cli
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
+from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.stream import StreamOptions
 from bridge.intake import Intake
@@ -27,7 +29,7 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.ward import Outlet, Ward
 from bridge.wire import codec, keys
-from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
+from bridge.wire.messages import BootCause, DeviceInfo, Quality, SampleBatch, SampleFlag, State, Status
 from bridge.wire.refusal import Tally
 
 
@@ -196,6 +198,55 @@ def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: Memory
     assert np.array_equal(np.concatenate([batch.gyro for batch in listener.batches["d1"]]), gyro)
     listener.until(lambda: listener.infos["d1"].samples == 1000)  # its last account comes behind its last sample
     assert listener.infos["d1"].boot_cause is BootCause.PORT_OPENED
+
+
+def status_of(device: str, boot: int, state: State) -> bytes:
+    three = (0.0, 0.0, 0.0)
+    return codec.encode_status(
+        Status(device, boot, 1, state, Quality.NONE, "", 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
+    )
+
+
+def test_a_device_sends_faster_while_it_is_calibrated_and_none_of_its_samples_is_lost(
+    tmp_path: Path, broker: MemoryBroker, listener: Listener
+) -> None:
+    def comes(rate_hz: float) -> None:
+        listener.until(lambda: "d1" in listener.infos and listener.infos["d1"].rate_hz == rate_hz)
+
+    port = PtyPort(demo_device("d1", 1), tmp_path / "d1", speed=5.0, lossless=True)
+    with port, MemoryBus(broker) as estimator:
+        said = estimator.publisher(keys.build("w", "status", device="d1"))
+        options = NativeOptions(port=str(port.link), rate_hz=52.0, calibration_rate_hz=208.0)
+        config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "native", options),))
+        with MemoryBus(broker) as bus, Ward("w", config, bus):
+            comes(52.0)
+            boot = port.device.boot or 0
+            said.put(b"rubbish")
+            said.put(status_of("d1", boot + 1, State.TURNING))
+            listener.until(lambda: listener.count() > 100)
+            assert listener.infos["d1"].rate_hz == 52.0, "of another boot"
+            said.put(status_of("d1", boot, State.TURNING))
+            comes(208.0)
+            said.put(status_of("d1", boot, State.TRACKING))
+            comes(52.0)
+            here = listener.count()
+            listener.until(lambda: listener.count() > here + 100)
+    assert {batch.boot for batch in listener.batches["d1"]} == {boot}
+    assert unbroken(listener.batches["d1"])
+    listener.until(partial(accounted, listener, "d1"))
+    assert listener.infos["d1"].dropped == {}
+    steps = np.diff(np.concatenate([batch.ticks for batch in listener.batches["d1"]]).astype(np.int64))
+    assert {52, 208} <= {round(1e6 / step) for step in steps.tolist()} <= {52, 104, 208}, "104 is what it begins with"
+
+
+def test_a_calibration_that_nobody_speaks_of_any_more_is_over(broker: MemoryBroker) -> None:
+    with MemoryBus(broker) as bus:
+        calibrating = Calibrating(bus, "w")
+        bus.publisher(keys.build("w", "status", device="d1")).put(status_of("d1", 7, State.AWAITING_STILL))
+        calibrating.hear(100.0)
+        said = [calibrating.now("d1", 7, at_s) for at_s in (100.0, 109.0, 111.0)]
+        assert said == [True, True, False]
+        assert not calibrating.now("d2", 7, 100.0)
 
 
 class Scripted:

@@ -35,6 +35,19 @@ def test_a_noisy_device_rests_too(dps: float) -> None:
     assert still_share(windows(noise(2000, dps))) > 0.99
 
 
+def test_a_device_that_is_told_to_send_faster_rests_on_though_its_readings_are_noisier() -> None:
+    stillness, slow, fast = Stillness(), 10.0, 400.0
+    per_root_hz = 0.04
+    list(stillness.feed(np.arange(1, 301) / slow, noise(300, per_root_hz * (slow / 2) ** 0.5), None))
+    before = stillness.noise_std
+    time = 30.0 + np.arange(1, 4001) / fast
+    found = list(stillness.feed(time, noise(4000, per_root_hz * (fast / 2) ** 0.5, seed=1), None))
+    assert still_share(found) > 0.99
+    assert stillness.noise_std / before == pytest.approx(np.full(3, (fast / slow) ** 0.5), rel=0.2)
+    list(stillness.feed(time[-1] + np.arange(1, 301) / slow, noise(300, per_root_hz * (slow / 2) ** 0.5, seed=2), None))
+    assert stillness.noise_std / before == pytest.approx(np.ones(3), rel=0.3)
+
+
 def test_readings_that_never_differ_are_still() -> None:
     stillness = Stillness()
     found = list(stillness.feed(np.arange(1, 1001) / RATE, np.full((1000, 3), radians(0.061)), None))

@@ -6,6 +6,8 @@ from pymavlink.dialects.v20 import common
 from bridge.framing import ximu3_encode
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
+from tests.bridge.mtdata2_device import MtDevice
+from tests.bridge.witmotion_device import WitDevice
 
 _ONES = np.ones((3, 3), np.float32)
 
@@ -25,6 +27,17 @@ def _mavlink(i: int) -> bytes:
     return bytes(message.pack(common.MAVLink(None, srcSystem=1, srcComponent=1)))
 
 
+def _witmotion() -> list[bytes]:
+    device = WitDevice()
+    device.registers[0x02] = 0x1F
+    return [device.cycle() for _ in range(3)]
+
+
+def _mtdata2() -> list[bytes]:
+    device = MtDevice()
+    return [device.measure() for _ in range(3)] + [device.power_up()]
+
+
 # A list of messages for each driver that has a decoder.
 SEEDS: dict[str, list[bytes]] = {
     "mavlink": [_mavlink(i) for i in range(40)],
@@ -37,4 +50,6 @@ SEEDS: dict[str, list[bytes]] = {
         b'{"ping":{"interface":"USB","name":"x-IMU3","sn":"0123-4567-89AB-CDEF"}}\n{"firmware_version":"v1.2"}\n',
         b'{"gyroscope_offset_correction_enabled":true}\n{"inertial_message_rate_divisor":8}\n',
     ],
+    "mtdata2": _mtdata2(),
+    "witmotion": _witmotion(),
 }

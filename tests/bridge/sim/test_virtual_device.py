@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bridge.framing.deframer import Deframer, frame
-from bridge.framing.packets import Data, Hello, decode, encode_identify
+from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
 from bridge.sim.motion import Motion, Still
 from bridge.sim.source import RecordedSource, SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
@@ -53,6 +53,25 @@ def test_a_boot_is_silence_then_hello_then_data() -> None:
     assert first.tick_period_s == 1e-6
     assert first.gyro_range == pytest.approx(np.radians(500))
     assert len(host.hellos()) == 3  # at 0.3, 1.3 and 2.3 s
+
+
+def test_a_rate_that_it_is_told_comes_within_a_second_and_goes_with_power() -> None:
+    host = Host(demo_device("a", 1, rate_hz=50.0))
+    host.hear(3.0)
+    host.device.receive(frame(encode_rate(200.0)))
+    host.device.receive(frame(encode_rate(0.0)))
+    host.hear(3.0)
+    host.device.receive(frame(encode_rate(50.0)))
+    host.hear(3.0)
+    steps = np.diff(ticks_of(host.data()))
+    assert set(steps.tolist()) == {20_000, 5_000}
+    assert np.count_nonzero(np.diff(steps)) == 2, "up once, down once"
+    assert np.count_nonzero(steps == 5_000) == pytest.approx(600, abs=210)
+    assert [hello.rate_hz for hello in host.hellos()] == [50.0] * 3 + [200.0] * 4 + [50.0] * 4
+    host.device.receive(frame(encode_rate(200.0)))
+    host.device.reboot()
+    host.hear(2.0)
+    assert host.hellos()[-1].rate_hz == 50.0
 
 
 def test_samples_come_at_the_rate_in_small_packets_and_in_order() -> None:

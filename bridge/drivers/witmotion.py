@@ -1,0 +1,201 @@
+"""A WitMotion sensor (WT901, HWT905, JY901, WT901BLE …): its rates, its clock where it sends one, its settings."""
+
+from enum import StrEnum
+from math import log
+
+from bridge.drivers.assembly import About, Assembly
+from bridge.drivers.driver import Event, Identity, Notice
+from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.drivers.timed import Timed
+from bridge.drivers.witmotion_cycle import GYRO_RANGE, Cycles, Sample
+from bridge.drivers.witmotion_settings import RATES_HZ, Settings
+from bridge.framing.witmotion import MOTION_REGISTERS, REGISTERS, WitFrames
+from bridge.wire.refusal import Tally
+
+UNSETTLED, UNTIMED = "samples_before_settled", "time_missing"
+_MODEL = "WitMotion"
+_FORGOTTEN = 8  # cycles in a row without their time
+_COUNTED_S = 1.0
+_SEEN = 0.25  # of a period that was told
+_BITS_A_CYCLE = 330  # time, acceleration and rate, ten bits a byte
+_FASTEST_HZ = 200.0
+
+
+class Word(StrEnum):
+    """Where the temperature is: which frame's fourth word the device means so."""
+
+    ACCEL = "accel"
+    GYRO = "gyro"
+    NONE = "none"
+
+
+class WitMotionOptions(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """rate_hz: what it is told to send, together with its time; 0: what it sends is left as it is.
+
+    calibration_rate_hz: its rate during a calibration, of a device that sends its time.
+    keep_settings: tell it nothing and ask nothing; rate_hz is then what it is known to send.
+    """
+
+    baud: int = 9600
+    rate_hz: float = 0.0
+    calibration_rate_hz: float = 0.0
+    keep_settings: bool = False
+    temperature: Word = Word.ACCEL
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
+            if rate_hz and rate_hz not in RATES_HZ.values():
+                raise ValueError(
+                    f"{name} is {rate_hz:g}; {', '.join(f'{rate:g}' for rate in RATES_HZ.values())} is taken"
+                )
+            if "://" not in self.port and rate_hz * _BITS_A_CYCLE > self.baud:
+                need = f"{rate_hz * _BITS_A_CYCLE:.0f}"
+                raise ValueError(f"{name} is {rate_hz:g}, which needs a baud of {need} or more, here and in the device")
+        if self.calibration_rate_hz and (self.keep_settings or not self.rate_hz):
+            raise ValueError("calibration_rate_hz needs rate_hz, to go back to, and settings that may be changed")
+
+
+class WitMotionDecoder:
+    """The decoder. Without options it listens only. Samples are dropped, and counted, until it is clear whether it tells time."""
+
+    def __init__(self, options: WitMotionOptions | None = None) -> None:
+        self.faults = Tally()
+        self._options = options or WitMotionOptions(port="unknown", keep_settings=True)
+        self._settings = Settings(self._options.rate_hz, writes=not self._options.keep_settings)
+        self._frames = WitFrames(self.faults)
+        self._cycles = Cycles(self.faults)
+        self._assembly: Assembly | None = None
+        self._timed = Timed()
+        self._calibrating = False
+        self._time_ms = 0  # of the latest sample
+        self._boot = 0  # that was told
+        self._notices: list[Notice] = []
+        self.opened()
+
+    def opened(self) -> None:
+        """Ask everything anew."""
+        self._frames.opened()
+        self._cycles.opened()
+        if self._assembly is not None:
+            self._assembly.opened()
+        self._asked = False
+        self._counted, self._since_ns = 0, 0
+
+    def feed(self, data: bytes, receive_time_ns: int) -> list[Event]:
+        """The events these bytes complete, in order."""
+        events: list[Event] = []
+        for frame in self._frames.feed(data):
+            if frame.kind in (REGISTERS, MOTION_REGISTERS):
+                events += self._answered(frame.data)
+            elif (sample := self._cycles.take(frame)) is not None:
+                self._take(sample, receive_time_ns)
+        if not self._asked and self._frames.checked is not None and not self._options.keep_settings:
+            self._ask()
+        events += [*self._settings.passed(receive_time_ns), *self._notices]
+        self._notices.clear()
+        return events + self._assembled()
+
+    def to_send(self) -> bytes:
+        """The next command."""
+        return self._settings.command()
+
+    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
+        """Send faster during a calibration, where that was chosen; a rate that changes needs a clock that goes on."""
+        self._calibrating = on
+        self._pace()
+
+    def _ask(self) -> None:
+        self._asked = True
+        self._settings.begin(checked=bool(self._frames.checked))
+
+    def _pace(self) -> None:
+        fast = self._options.calibration_rate_hz
+        self._settings.want(fast if fast and self._calibrating and self._timed.tells else self._options.rate_hz)
+
+    def _answered(self, data: bytes) -> list[Notice]:
+        settings = self._settings
+        notices = settings.answered(data)
+        if self._assembly is not None:
+            self._assembly.about = self._about()
+            if settings.coming_hz and settings.coming_hz == settings.sends_hz:
+                self._paced(self._assembly)
+        return notices
+
+    def _take(self, sample: Sample, receive_time_ns: int) -> None:
+        assembly = self._decided(timed=sample.time_ms is not None, now_ns=receive_time_ns)
+        if assembly is None:
+            self.faults.add(UNSETTLED if self._assembly is None else UNTIMED)
+            return
+        time_ms = sample.time_ms or 0
+        coming_hz = self._settings.coming_hz
+        if coming_hz and abs((time_ms - self._time_ms) * 1e-3 * coming_hz - 1) < _SEEN:
+            self._paced(assembly)
+        self._time_ms = time_ms
+        celsius = self._celsius(sample)
+        assembly.add(time_ms, sample.gyro, sample.accel, celsius, receive_time_ns=receive_time_ns)
+
+    def _paced(self, assembly: Assembly) -> None:
+        assembly.paced(self._settings.coming_hz)
+        self._settings.coming_hz = 0.0
+
+    def _decided(self, *, timed: bool, now_ns: int) -> Assembly | None:
+        """Where a sample goes; None while, or as long as, it does not fit what the device is: one that tells time, or none."""
+        assembly = self._assembly
+        if self._timed.fits(timed=timed):
+            return assembly
+        if assembly is not None and not timed and self._timed.in_a_row == _FORGOTTEN and self._asked:
+            assembly.rebooted()  # it had been told to send its time: what it was told is lost with power
+            self._ask()
+        rate_hz = 0.0 if timed else self._promised_hz(now_ns)
+        if not self._settled or not (timed or rate_hz) or not self._timed.settle():
+            return None
+        self._assembly = Assembly(self.faults, self._about(rate_hz), 1e-3 if timed else None)
+        if self._options.calibration_rate_hz:
+            untold = "" if timed else "it sends no time, so its rate is left as it is during a calibration"
+            self._notices.append(Notice("calibration rate", untold))
+        self._pace()
+        return self._assembly
+
+    @property
+    def _settled(self) -> bool:
+        return self._options.keep_settings or (self._asked and self._settings.settled)
+
+    def _promised_hz(self, now_ns: int) -> float:
+        """The rate of a device that tells no time: as it says, or as was said of it, or the nearest to what comes in."""
+        self._since_ns = self._since_ns or now_ns
+        self._counted += 1
+        if told_hz := self._settings.sends_hz or self._options.rate_hz:
+            return told_hz
+        passed_s = (now_ns - self._since_ns) * 1e-9
+        if passed_s < _COUNTED_S:
+            return 0.0
+        counted_hz = (self._counted - 1) / passed_s
+        return min(RATES_HZ.values(), key=lambda rate_hz: abs(log(rate_hz / max(counted_hz, 0.1))))
+
+    def _assembled(self) -> list[Event]:
+        events = [] if self._assembly is None else self._assembly.events()
+        for event in events:
+            if isinstance(event, Identity) and event.boot != self._boot:
+                if self._boot and self._asked:
+                    self._ask()  # what it was told is lost
+                self._boot = event.boot
+        return events
+
+    def _about(self, rate_hz: float | None = None) -> About:
+        if rate_hz is None:
+            rate_hz = 0.0 if self._timed.tells or self._assembly is None else self._assembly.about.rate_hz
+        return About(_MODEL, self._settings.firmware, GYRO_RANGE, rate_hz, divided_hz=_FASTEST_HZ)
+
+    def _celsius(self, sample: Sample) -> float | None:
+        words = {Word.ACCEL: sample.accel_word, Word.GYRO: sample.gyro_word}
+        word = words.get(self._options.temperature)
+        return None if word is None else word / 100
+
+
+KIND = stream_kind(
+    "witmotion",
+    "WitMotion's sensors, serial or Bluetooth: port, baud, rate_hz, calibration_rate_hz, keep_settings, temperature",
+    WitMotionOptions,
+    WitMotionDecoder,
+)

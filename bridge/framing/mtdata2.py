@@ -1,0 +1,153 @@
+"""Xsens' messages on a byte stream, and the items of MTData2, without I/O. All numbers are big-endian.
+
+    message    FA FF kind length data sum          length FF: two more bytes say it
+    item       identifier[2] length data           its low nibble is the format of its numbers
+
+All bytes of a message but the first add up to 0 modulo 256. After any damage bytes are dropped one at a time until a
+message is found. Source: MT Low Level Communication Protocol Documentation, MT0101P.
+"""
+
+import struct
+from typing import NamedTuple
+
+from bridge.framing.packets import BadPacket
+from bridge.wire.refusal import Tally
+
+REQ_DEVICE, GOTO_MEASUREMENT, REQ_FIRMWARE, REQ_PRODUCT = 0x00, 0x10, 0x12, 0x1C
+GOTO_CONFIG, MTDATA2, WAKE_UP, WAKE_UP_ACK, ERROR, SET_OUTPUT = 0x30, 0x36, 0x3E, 0x3F, 0x42, 0xC0
+TEMPERATURE, PACKET_COUNTER, SAMPLE_TIME = 0x0810, 0x1020, 0x1060
+ACCELERATION, RATE_OF_TURN, STATUS = 0x4020, 0x8020, 0xE020
+BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+MAX_DATA = 2048
+_HEAD = b"\xfa\xff"
+_LONG = 0xFF
+_GYRO_CLIPPED = 0x3800  # of the status: x, y, z
+_PACKED = {0: ("f", 4), 1: ("i", 4), 3: ("d", 8)}
+_FP_12_20, _FP_16_32 = 1, 2
+
+
+class Message(NamedTuple):
+    """Of the device, or to it."""
+
+    kind: int
+    data: bytes
+
+
+class Data(NamedTuple):
+    """What is of use in an MTData2: rad/s, m/s², °C, a count of messages (16 bits), time in 0.1 ms (32 bits)."""
+
+    gyro: tuple[float, float, float] | None
+    accel: tuple[float, float, float] | None
+    celsius: float | None
+    counter: int | None
+    time: int | None
+    gyro_clipped: bool
+
+
+def encode(kind: int, data: bytes = b"") -> bytes:
+    """A message to the device."""
+    body = bytes((0xFF, kind, len(data))) + data
+    return b"\xfa" + body + bytes((-sum(body) & 0xFF,))
+
+
+class Messages:
+    """Any chunking of bytes in, messages out; faults are counted, memory is bounded."""
+
+    def __init__(self, faults: Tally) -> None:
+        self.faults = faults
+        self.opened()
+
+    def opened(self) -> None:
+        """What was begun is not to be finished."""
+        self._bytes = bytearray()
+        self._dropped = 0  # since the last message
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages these bytes complete, in order."""
+        self._bytes += data
+        held, at, messages = self._bytes, 0, []
+        while (span := self._span(held, at)) is not None:
+            begin, end = span
+            if not begin:
+                at += 1
+                self._dropped += 1
+                continue
+            messages.append(Message(held[at + 2], bytes(held[begin:end])))
+            if self._dropped:
+                self.faults.add(GARBAGE, self._dropped)
+                self._dropped = 0
+            at = end + 1
+        del held[:at]
+        return messages
+
+    def _span(self, held: bytearray, at: int) -> tuple[int, int] | None:
+        """Where the data of the message at this place are, (0, 0) where there is none, None where that is not known yet."""
+        head = held[at : at + 6]
+        if not _HEAD.startswith(head[:2]):
+            return 0, 0
+        if len(head) < 4 or (head[3] == _LONG and len(head) < 6):
+            return None
+        begin, length = at + 4, head[3]
+        if length == _LONG:
+            begin, length = at + 6, int.from_bytes(head[4:6], "big")
+        if length > MAX_DATA:
+            return 0, 0
+        end = begin + length
+        if len(held) <= end:
+            return None
+        if sum(held[at + 1 : end + 1]) & 0xFF:
+            if not self._dropped:  # where a message was to be; in rubbish anything may look like one
+                self.faults.add(BAD_SUM)
+            return 0, 0
+        return begin, end
+
+
+def decode(data: bytes) -> Data:
+    """The items of an MTData2, those that are not known passed over; BadPacket where they do not fill it."""
+    items: dict[int, tuple[int, bytes]] = {}
+    at = 0
+    while at < len(data):
+        end = at + 3 + data[at + 2] if at + 3 <= len(data) else len(data) + 1
+        if end > len(data):
+            raise BadPacket("packet_length")
+        identifier = int.from_bytes(data[at : at + 2], "big")
+        items[identifier & 0xFFF0] = identifier & 0x3, data[at + 3 : end]
+        at = end
+    celsius = _numbers(items, TEMPERATURE, 1)
+    status = _whole(items, STATUS, 4)
+    return Data(
+        gyro=_vector(_numbers(items, RATE_OF_TURN, 3)),
+        accel=_vector(_numbers(items, ACCELERATION, 3)),
+        celsius=celsius[0] if celsius else None,
+        counter=_whole(items, PACKET_COUNTER, 2),
+        time=_whole(items, SAMPLE_TIME, 4),
+        gyro_clipped=bool((status or 0) & _GYRO_CLIPPED),
+    )
+
+
+def _vector(numbers: list[float]) -> tuple[float, float, float] | None:
+    return (numbers[0], numbers[1], numbers[2]) if numbers else None
+
+
+def _whole(items: dict[int, tuple[int, bytes]], what: int, size: int) -> int | None:
+    if what not in items:
+        return None
+    _, data = items[what]
+    if len(data) != size:
+        raise BadPacket("packet_content")
+    return int.from_bytes(data, "big")
+
+
+def _numbers(items: dict[int, tuple[int, bytes]], what: int, n: int) -> list[float]:
+    """N numbers, none where there is no such item. Of a 16.32 the 32 bits behind the point come first."""
+    if what not in items:
+        return []
+    form, data = items[what]
+    letter, size = _PACKED.get(form, ("", 6))
+    if len(data) != n * size:
+        raise BadPacket("packet_content")
+    if form == _FP_16_32:
+        parts = struct.unpack(">" + n * "Ih", data)
+        return [whole + part / 2**32 for part, whole in zip(parts[::2], parts[1::2], strict=True)]
+    scale = 2.0**-20 if form == _FP_12_20 else 1.0
+    return [scale * number for number in struct.unpack(f">{n}{letter}", data)]

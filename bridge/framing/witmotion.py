@@ -1,0 +1,102 @@
+"""WitMotion's frames on a byte stream, without I/O: 55, a kind, data, and mostly a sum.
+
+    serial       55 kind data[8] sum      the sum of the ten bytes before it, modulo 256
+    Bluetooth    55 61 data[18]           acceleration, rate, angle; nothing checks it
+                 55 71 data[18]           a register's number, and eight registers from it on
+
+A device speaks one of the two. After any damage bytes are dropped one at a time until a frame is found; where nothing
+checks a frame it is then taken only if another one follows it. Source: WIT Standard Communication Protocol, vendor's C SDK.
+"""
+
+from typing import NamedTuple
+
+from bridge.wire.refusal import Tally
+
+HEAD = 0x55
+TIME, ACCEL, GYRO, REGISTERS = 0x50, 0x51, 0x52, 0x5F
+MOTION, MOTION_REGISTERS = 0x61, 0x71
+BAD_SUM, GARBAGE = "frame_bad_sum", "bytes_between_frames"
+_CHECKED, _UNCHECKED = 11, 20  # bytes
+_KINDS = frozenset((*range(TIME, 0x5B), REGISTERS))
+_UNCHECKED_KINDS = frozenset((MOTION, MOTION_REGISTERS))
+
+
+class Frame(NamedTuple):
+    """Data of 8 or 18 bytes; after_fault: bytes were dropped before it, be they frames or not."""
+
+    kind: int
+    data: bytes
+    after_fault: bool
+
+
+class WitFrames:
+    """Any chunking of bytes in, frames out; faults are counted, memory is bounded.
+
+    checked: whether the device speaks the serial form, None until it was heard.
+    """
+
+    def __init__(self, faults: Tally) -> None:
+        self.faults = faults
+        self.opened()
+
+    def opened(self) -> None:
+        """What comes may be of another device."""
+        self.checked: bool | None = None
+        self._bytes = bytearray()
+        self._dropped = 0  # since the last frame
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames these bytes complete, in order."""
+        self._bytes += data
+        held, at, frames = self._bytes, 0, []
+        while (size := self._size(held, at)) >= 0:
+            if size == 0:
+                at += 1
+                self._dropped += 1
+                continue
+            end = at + size - (size == _CHECKED)
+            frames.append(Frame(held[at + 1], bytes(held[at + 2 : end]), self._dropped > 0))
+            self._tell_dropped()
+            at += size
+        del held[:at]
+        return frames
+
+    def _size(self, held: bytearray, at: int) -> int:
+        """How many bytes the frame at this place has; 0 where there is none, -1 where it cannot be known yet."""
+        left = len(held) - at
+        if left > 0 and held[at] != HEAD:
+            return 0
+        if left < 2:
+            return -1
+        if self.checked is not False and held[at + 1] in _KINDS:
+            return self._checked_size(held, at, left)
+        if self.checked is not True and held[at + 1] in _UNCHECKED_KINDS:
+            return self._unchecked_size(held, at, left)
+        return 0
+
+    def _checked_size(self, held: bytearray, at: int, left: int) -> int:
+        if left < _CHECKED:
+            return -1
+        if sum(held[at : at + _CHECKED - 1]) & 0xFF == held[at + _CHECKED - 1]:
+            self.checked = True
+            return _CHECKED
+        if not self._dropped and self.checked:  # where a frame was to be; in rubbish anything may look like one
+            self.faults.add(BAD_SUM)
+        return 0
+
+    def _unchecked_size(self, held: bytearray, at: int, left: int) -> int:
+        """In the right place a frame is one unless something else follows it; elsewhere only if another one follows it."""
+        sure = self.checked is False and not self._dropped
+        if left < _UNCHECKED + (0 if sure else 2):
+            return -1
+        if left > _UNCHECKED and held[at + _UNCHECKED] != HEAD:
+            return 0
+        if not sure and held[at + _UNCHECKED + 1] not in _UNCHECKED_KINDS:
+            return 0
+        self.checked = False
+        return _UNCHECKED
+
+    def _tell_dropped(self) -> None:
+        if self._dropped:
+            self.faults.add(GARBAGE, self._dropped)
+            self._dropped = 0
