@@ -45,6 +45,7 @@ class StreamDriver:
         self.place = options.port
         self.faults = decoder.faults
         self._transport = address.transport(options.port, options.baud)
+        self._transport.faults = decoder.faults
         self._decoder = decoder
 
     def open(self) -> None:

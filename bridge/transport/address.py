@@ -4,9 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bridge.toml_file import nearest
-from bridge.transport import serial_port
+from bridge.transport import file_port, serial_port, tcp_port, udp_port
+from bridge.transport.file_port import FilePort
 from bridge.transport.serial_port import SerialPort
+from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Transport
+from bridge.transport.udp_port import UdpPort
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +25,11 @@ class Scheme:
 
 
 _SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_port.state)
-SCHEMES: dict[str, Scheme] = {}
+SCHEMES: dict[str, Scheme] = {
+    "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
+    "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),
+    "file": Scheme(file_port.EXAMPLE, FilePort, file_port.state),
+}
 
 
 def transport(port: str, baud: int) -> Transport:

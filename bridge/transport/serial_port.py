@@ -17,6 +17,7 @@ import serial
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport.transport import Chunk
+from bridge.wire.refusal import Tally
 
 _FAULTS = (serial.SerialException, OSError, termios.error)
 _WRITE_TIMEOUT_S = 1.0
@@ -27,6 +28,7 @@ class SerialPort:
 
     def __init__(self, port: str, baud: int) -> None:
         self.place = port
+        self.faults = Tally()
         self.baud = baud
         self._serial: serial.Serial | None = None
 

@@ -1,0 +1,114 @@
+"""A device that is a TCP server: `tcp://host:port`."""
+
+import contextlib
+import socket
+import time
+
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.transport import net_fault, url
+from bridge.transport.transport import Chunk
+from bridge.wire.refusal import Tally
+
+EXAMPLE = "tcp://10.0.0.5:8000"
+_CONNECT_S = 1.5  # less than a bridge waits for a device's thread to end
+_WRITE_S = 1.0
+_MOST_BYTES = 65_536
+# A device that lost power says no goodbye: after 3 s of silence it is asked, and given up 3 s later.
+_IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
+
+
+class TcpPort:
+    """One connection. Whatever came before the device closed it is read before the loss is told."""
+
+    def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
+        self.place = f"tcp://{address}"
+        self.faults = Tally()
+        self._address = parsed(address)
+        self._socket: socket.socket | None = None
+        self._timeout_s = -1.0
+
+    def open(self) -> None:
+        """Connect; raises DeviceUnavailable."""
+        self.close()
+        try:
+            self._socket = _connected(self._address)
+        except OSError as error:
+            raise DeviceUnavailable(net_fault.cause(error, self.place)) from None
+        self._timeout_s = -1.0
+
+    def read(self, timeout_s: float) -> Chunk:
+        """What came; raises DeviceLost."""
+        opened = self._opened()
+        try:
+            self._wait_at_most(opened, timeout_s)
+            data = opened.recv(_MOST_BYTES)
+        except TimeoutError as error:
+            if error.errno is not None:  # not ours: the device does not answer
+                raise DeviceLost(net_fault.loss(error, self.place)) from None
+            return Chunk(b"", time.time_ns())
+        except OSError as error:
+            raise DeviceLost(self._loss(error)) from None
+        if not data:
+            what = "closed" if self._socket is None else "the device closed the connection"
+            raise DeviceLost(f"{self.place}: {what}")
+        return Chunk(data, time.time_ns())
+
+    def write(self, data: bytes) -> None:
+        """Send; raises DeviceLost when it is not taken. A connection that broke is told of by read, behind what came over it."""
+        opened = self._opened()
+        try:
+            self._wait_at_most(opened, _WRITE_S)
+            opened.sendall(data)
+        except TimeoutError:
+            raise DeviceLost(f"{self.place}: the device does not take what is sent to it") from None
+        except ConnectionError:
+            pass
+        except OSError as error:
+            raise DeviceLost(self._loss(error)) from None
+
+    def close(self) -> None:
+        """Disconnect, ending a read in another thread."""
+        opened, self._socket = self._socket, None
+        if opened is not None:
+            with contextlib.suppress(OSError):
+                opened.shutdown(socket.SHUT_RDWR)
+            opened.close()
+
+    def _wait_at_most(self, opened: socket.socket, timeout_s: float) -> None:
+        if timeout_s != self._timeout_s:  # a system call, so not each time
+            opened.settimeout(timeout_s)
+            self._timeout_s = timeout_s
+
+    def _opened(self) -> socket.socket:
+        opened = self._socket
+        if opened is None:
+            raise DeviceLost(f"{self.place}: closed")
+        return opened
+
+    def _loss(self, error: OSError) -> str:
+        return f"{self.place}: closed" if self._socket is None else net_fault.loss(error, self.place)
+
+
+def parsed(address: str) -> tuple[str, int]:
+    """Host and port; ValueError where they are none."""
+    before, _ = url.options(address, (), EXAMPLE)
+    return url.host_port(before, EXAMPLE)
+
+
+def state(address: str) -> str:
+    """Whether it can be connected to now, in a few words; connects for a moment."""
+    try:
+        _connected(parsed(address)).close()
+    except OSError as error:
+        return net_fault.cause(error, "").removeprefix(": ")
+    return "present"
+
+
+def _connected(address: tuple[str, int]) -> socket.socket:
+    made = socket.create_connection(address, _CONNECT_S)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    for name, value in (("TCP_KEEPIDLE", _IDLE_S), ("TCP_KEEPINTVL", _ASK_EVERY_S), ("TCP_KEEPCNT", _ASKS)):
+        if hasattr(socket, name):  # macOS has not all of them
+            made.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+    return made
