@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -50,6 +50,10 @@ study: setup
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
+
+# The bridge by itself: a device pulled a thousand times. Takes minutes.
+bench-bridge: setup-dev
+	$(BIN)/python -m tests.bench.hotplug
 
 # Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev

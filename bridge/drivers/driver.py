@@ -16,7 +16,14 @@ from bridge.wire.refusal import Tally
 
 
 class DeviceUnavailable(Exception):
-    """The device cannot be opened now; the message says what was tried and what to do. Tried again later."""
+    """The device cannot be opened now; the message says what was tried and what to do. Tried again later.
+
+    soon: to try again costs next to nothing and disturbs nobody, so it is done often.
+    """
+
+    def __init__(self, message: str, *, soon: bool = False) -> None:
+        super().__init__(message)
+        self.soon = soon
 
 
 class DeviceLost(Exception):

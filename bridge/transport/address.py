@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bridge.toml_file import nearest
-from bridge.transport import file_port, serial_port, tcp_port, udp_port
+from bridge.transport import file_port, serial_state, tcp_port, udp_port
 from bridge.transport.file_port import FilePort
 from bridge.transport.serial_port import SerialPort
 from bridge.transport.tcp_port import TcpPort
@@ -24,7 +24,7 @@ class Scheme:
     state: Callable[[str], str]
 
 
-_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_port.state)
+_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_state.state)
 SCHEMES: dict[str, Scheme] = {
     "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
     "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),
