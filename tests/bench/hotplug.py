@@ -73,7 +73,7 @@ class Ears:
     def close(self) -> None:
         self._bus.close()
 
-    def _alive(self, _: str, there: bool) -> None:  # noqa: FBT001 - as the bus calls it
+    def _alive(self, _: str, there: bool) -> None:
         self.there = there
 
 
@@ -109,12 +109,11 @@ def pull(folder: Path, times: int) -> Outcome:
 def waiting_percent(folder: Path, devices: int, seconds: float) -> float:
     """CPU time, in percent of a core, of a bridge whose devices are all missing."""
     missing = tuple(Device(f"d{i}", "native", StreamOptions(port=str(folder / f"gone-{i}"))) for i in range(devices))
-    with MemoryBus(MemoryBroker()) as bus:
-        with Ward("w", Bridge(id="b1", batch_ms=1000, devices=missing), bus):
-            time.sleep(1.0)
-            spent, begun = time.process_time(), time.monotonic()
-            time.sleep(seconds)
-            return 100 * (time.process_time() - spent) / (time.monotonic() - begun)
+    with MemoryBus(MemoryBroker()) as bus, Ward("w", Bridge(id="b1", batch_ms=1000, devices=missing), bus):
+        time.sleep(1.0)
+        spent, begun = time.process_time(), time.monotonic()
+        time.sleep(seconds)
+        return 100 * (time.process_time() - spent) / (time.monotonic() - begun)
 
 
 def _open_files() -> int:
