@@ -44,6 +44,7 @@ class Intake:
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
+        self.driver = driver
         self._names = (device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell

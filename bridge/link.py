@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver
 from bridge.intake import Intake
+from bridge.unheard import why
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
@@ -112,9 +113,8 @@ class Link:
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _SILENT_S:
                 self._there = False
-                self._complain(
-                    f"{self._driver.place}: open, but nothing that is understood comes; on, and the right speed?"
-                )
+                self._complain(why(self._driver, self._intake.driver))
+                heard_s = time.monotonic()
 
     def _recover(self) -> None:
         self._there = True

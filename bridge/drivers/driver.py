@@ -3,7 +3,7 @@
 A driver opens its device, reads, and closes. It knows nothing of the bus, of clocks or of gaps: `intake` does that for all.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -116,7 +116,9 @@ class DriverKind:
 
     summary: one line for people. options: the Struct of what it takes beside `id` and `driver`; `make` and `state` are
     given one. state says in a few words whether the device could be opened now, without opening it. decoder makes what
-    understands its bytes, of options or of None; without one, unknown bytes are not tried as its.
+    understands its bytes, of options or of None; without one, unknown bytes are not tried as its. variants: what options,
+    beside port and baud, to try on unknown bytes, one table each, where the bytes alone do not say; decoder is then given
+    those.
     """
 
     name: str
@@ -125,3 +127,4 @@ class DriverKind:
     make: Callable[[Any], Driver]
     state: Callable[[Any], str]
     decoder: Callable[[Any], Any] | None = None
+    variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},)
