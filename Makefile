@@ -51,8 +51,9 @@ bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 
-# The bridge by itself: a device pulled a thousand times. Takes minutes.
+# The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
 bench-bridge: setup-dev
+	$(BIN)/python -m tests.bench.bridge_load
 	$(BIN)/python -m tests.bench.hotplug
 
 # Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.

@@ -71,6 +71,11 @@ class Intake:
             return None
         return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
 
+    @property
+    def has_clock(self) -> bool:
+        """Whether the device is known to tell time; if not, when each reading came in is all there is."""
+        return self._identity is not None and self._identity.has_clock
+
     def take(self, event: Event) -> list[SampleBatch]:
         """What may be published of an event, in order."""
         if isinstance(event, Identity):

@@ -1,12 +1,13 @@
 """Every driver of a device that sends bytes: a decoder of its protocol on a transport, which know nothing of each other."""
 
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from msgspec import Struct
 
-from bridge.drivers.driver import DriverKind, Event
+from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.transport import address
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -43,13 +44,14 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport."""
+    """A decoder behind a transport. keeps: what came waits to be read, and `read_kept` is all it takes."""
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
         self.place = options.port
         self.faults = decoder.faults
         self._transport = address.transport(options.port, options.baud)
         self._transport.faults = decoder.faults
+        self.keeps = self._transport.keeps
         self._decoder = decoder
         self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)
 
@@ -63,7 +65,22 @@ class StreamDriver:
         """What came; raises DeviceLost."""
         if data := self._decoder.to_send():
             self._transport.write(data)
-        chunk = self._transport.read(timeout_s)
+        return self._feed(self._transport.read(timeout_s))
+
+    def read_kept(self) -> list[Event]:
+        """All that came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read."""
+        events: list[Event] = []
+        if data := self._decoder.to_send():
+            self._transport.write(data)
+        try:
+            while (chunk := self._transport.read(0.0)).data:
+                events += self._feed(chunk)
+        except DeviceLost:
+            if not events:  # else the next call says so
+                raise
+        return events + self._feed(Chunk(b"", time.time_ns()))
+
+    def _feed(self, chunk: Chunk) -> list[Event]:
         events = self._decoder.feed(chunk.data, chunk.receive_time_ns)
         if events:
             self._unread.clear()

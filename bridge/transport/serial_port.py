@@ -6,8 +6,11 @@ calls a termios.error, which is none.
 
 import contextlib
 import os
+import select
 import termios
+import threading
 import time
+from typing import NamedTuple
 
 import serial
 
@@ -19,6 +22,15 @@ from bridge.wire.refusal import Tally
 
 _FAULTS = (serial.SerialException, OSError, termios.error)
 _WRITE_TIMEOUT_S = 1.0
+_MOST_BYTES = 4096
+
+
+class _Open(NamedTuple):
+    """An open port, what waits for it, and what ends the waiting."""
+
+    port: serial.Serial
+    poll: select.poll
+    wake: int
 
 
 class SerialPort:
@@ -29,11 +41,14 @@ class SerialPort:
     boot the board. (To lower them would silence boards with a USB of their own, and reset an ESP32.)
     """
 
+    keeps = False
+
     def __init__(self, port: str, baud: int) -> None:
         self.place = port
         self.faults = Tally()
         self.baud = baud
-        self._serial: serial.Serial | None = None
+        self._closing = threading.Lock()
+        self._open: _Open | None = None
 
     def open(self) -> None:
         """Open and lock; raises DeviceUnavailable with the cause and what to do."""
@@ -49,43 +64,63 @@ class SerialPort:
             _close(opened)
             said = f"{self.place}: {serial_state.cause(error, self.place)}"
             raise DeviceUnavailable(said, soon=serial_state.settling(error)) from None
-        self._serial = opened
+        wake = os.eventfd(0)
+        poll = select.poll()
+        for fd in (opened.fileno(), wake):
+            poll.register(fd, select.POLLIN)
+        self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost."""
+        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost.
+
+        As pyserial's read(in_waiting or 1), at a third of its cost: pyserial asks the system several times.
+        """
         opened = self._opened()
         try:
-            if opened.timeout != timeout_s:
-                opened.timeout = timeout_s  # a system call, so not each time
-            waiting = opened.in_waiting
-            data = opened.read(waiting or 1)
-            if data and not waiting:  # that was the first byte only
-                data += opened.read(opened.in_waiting)
+            fd = opened.port.fileno()
+            if not opened.poll.poll(timeout_s * 1e3):
+                return Chunk(b"", time.time_ns())
+            if self._open is not opened:  # closed meanwhile: the number may be of another file
+                raise DeviceLost(f"{self.place}: closed")
+            data = os.read(fd, _MOST_BYTES)
         except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
-            raise DeviceLost(f"{self.place}: {_loss(error, self.place)}") from None
+            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
+        if not data:  # ready, but nothing comes
+            raise DeviceLost(f"{self.place}: {self._loss(OSError())}")
         return Chunk(data, time.time_ns())
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost, also when the device does not take it within a second."""
         opened = self._opened()
         try:
-            opened.write(data)
+            opened.port.write(data)
         except (*_FAULTS, TypeError) as error:
-            raise DeviceLost(f"{self.place}: {_loss(error, self.place)}") from None
+            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
 
     def close(self) -> None:
         """Close, ending a read in another thread; never raises."""
-        opened, self._serial = self._serial, None
+        with self._closing:
+            opened, self._open = self._open, None
         if opened is not None:
-            with contextlib.suppress(*_FAULTS, AttributeError):
-                opened.cancel_read()
-            _close(opened)
+            os.eventfd_write(opened.wake, 1)
+            _close(opened.port)
+            os.close(opened.wake)
 
-    def _opened(self) -> serial.Serial:
-        opened = self._serial
+    def _opened(self) -> _Open:
+        opened = self._open
         if opened is None:
             raise DeviceLost(f"{self.place}: closed")
         return opened
+
+    def _loss(self, error: Exception) -> str:
+        if isinstance(error, serial.SerialTimeoutException):
+            return "the device does not take what is sent to it"
+        if self._open is None:
+            return "closed"
+        others = [holder for holder in holders(self.place) if holder.pid != os.getpid()]
+        if others:
+            return f"lost; {', '.join(map(str, others))} has it open too, and takes bytes away: close that one"
+        return "lost; unplugged or powered off"
 
 
 def _stay_powered(fd: int) -> None:
@@ -98,14 +133,3 @@ def _stay_powered(fd: int) -> None:
 def _close(opened: serial.Serial) -> None:
     with contextlib.suppress(*_FAULTS, TypeError):
         opened.close()
-
-
-def _loss(error: Exception, port: str) -> str:
-    if isinstance(error, serial.SerialTimeoutException):
-        return "the device does not take what is sent to it"
-    if isinstance(error, TypeError) or "not open" in str(error):
-        return "closed"
-    others = [holder for holder in holders(port) if holder.pid != os.getpid()]
-    if others:
-        return f"lost; {', '.join(map(str, others))} has it open too, and takes bytes away: close that one"
-    return "lost; unplugged or powered off"

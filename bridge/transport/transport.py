@@ -15,10 +15,12 @@ class Chunk(NamedTuple):
 class Transport(Protocol):
     """One way to one device. It can be opened again after a close or a loss.
 
+    keeps: what comes is stamped and kept in the background, so that read may be late, and with a timeout of 0 never waits.
     place: where it leads, for people. faults: counts what it had to drop, by label; a driver gives it its own tally.
     read and write are called from one thread, close from any.
     """
 
+    keeps: bool
     place: str
     faults: Tally
 

@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import time
-from queue import Empty
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import net_fault, udp_listener, url
@@ -22,6 +21,8 @@ class UdpPort:
 
     Several devices may send to one port, told apart by `from`.
     """
+
+    keeps = True
 
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - a network has no speed
         self.place = f"udp://{address}"
@@ -49,21 +50,15 @@ class UdpPort:
     def read(self, timeout_s: float) -> Chunk:
         """The next datagram; raises DeviceLost once closed."""
         listener, channel = self._opened()
-        try:
-            datagram = channel.queue.get(timeout=timeout_s)
-        except Empty:
-            datagram = None
-            self._opened()
         self._account(listener, channel)
-        if datagram is None:
-            self._opened()
-            return Chunk(b"", time.time_ns())
-        data, host, sender, receive_time_ns = datagram
-        if self._peer is not None and host != self._peer[0] and receive_time_ns - self._heard_ns < _FORGOTTEN_NS:
+        while (datagram := channel.kept.take(timeout_s)) is not None:
+            data, host, sender, receive_time_ns = datagram
+            if self._peer is None or host == self._peer[0] or receive_time_ns - self._heard_ns >= _FORGOTTEN_NS:
+                self._peer, self._heard_ns = (host, sender), receive_time_ns
+                return Chunk(data, receive_time_ns)
             self.faults.add(OTHERS)  # two devices in one stream would be no stream
-            return Chunk(b"", receive_time_ns)
-        self._peer, self._heard_ns = (host, sender), receive_time_ns
-        return Chunk(data, receive_time_ns)
+        self._opened()
+        return Chunk(b"", time.time_ns())
 
     def write(self, data: bytes) -> None:
         """Send to where the latest datagram came from; nowhere before there was one. Raises DeviceLost once closed."""

@@ -50,7 +50,6 @@ def test_the_lines_are_not_lowered_on_close_at_any_speed(pty: PtyPort, baud: int
     port = SerialPort(str(pty.link), baud)
     port.open()
     port.read(0.5)
-    port.read(0.1)  # another timeout, which sets the terminal anew
     assert not cflag(pty.link) & termios.HUPCL
     port.close()
     assert not cflag(pty.link) & termios.HUPCL
@@ -102,7 +101,7 @@ def test_closing_while_another_thread_reads_and_opens_leaves_nothing_behind(pty:
             except (DeviceLost, DeviceUnavailable):
                 continue
 
-    reader = threading.Thread(target=read)
+    reader = threading.Thread(target=read, daemon=True)
     before = open_files()
     reader.start()
     for _ in range(200):
