@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking fuzz clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -46,10 +46,11 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
+	$(BIN)/python -m tests.bench.frames
 
 # The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
 bench-bridge: setup-dev
@@ -60,6 +61,10 @@ bench-bridge: setup-dev
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
+
+# Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
+fuzz: setup-dev
+	$(BIN)/python -m tests.fuzz $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Bytes that no device sends, for every decoder there is."""
