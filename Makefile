@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking bench-load fuzz clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load fuzz clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -54,11 +54,16 @@ bench: setup-dev
 	$(BIN)/python -m tests.bench.recorder
 	-$(BIN)/python -m tests.bench.kills
 
-# Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
+# The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
+bench-bridge: setup-dev
+	$(BIN)/python -m tests.bench.bridge_load
+	$(BIN)/python -m tests.bench.hotplug
+
 # The estimator beside a bare relay: throughput, latency, CPU, memory; ARGS=--quick for a short look.
 bench-load: setup-dev
 	$(BIN)/python -m tests.bench.load $(ARGS)
 
+# Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)

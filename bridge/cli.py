@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from bridge import cli_profiles
+from bridge import cli_profiles, cli_scan
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, load
@@ -43,6 +43,15 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     listed.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file")
     listed.set_defaults(run=_guarded(_list))
+
+    scan = _parser(
+        inner,
+        "scan",
+        "listen at every port, and guess which device is there",
+        "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000",
+    )
+    cli_scan.add_arguments(scan)
+    scan.set_defaults(run=_guarded(cli_scan.scan))
 
     replay = _parser(
         inner,

@@ -44,6 +44,7 @@ class Intake:
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
+        self.driver = driver
         self._names = (device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell
@@ -69,6 +70,11 @@ class Intake:
         if self._identity is None:
             return None
         return (self._identity.boot + self._unsaid * _ODD) % 2**64 or _INSTEAD_OF_0
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the device is known to tell time; if not, when each reading came in is all there is."""
+        return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:
         """What may be published of an event, in order."""

@@ -5,18 +5,32 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Paced
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Paced, Readings
 from bridge.intake import Intake
+from bridge.join import joined
+from bridge.unheard import why
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
 _READ_S = 0.2
+_WATCH_S = 0.5
 _KEPT_SAMPLES = 20_000
+_AT_ONCE = 256  # samples, or events, before the door is not waited with
 _SILENT_S = 3.0
 
 _log = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class Keeps(Protocol):
+    """A driver that can be read late: if `keeps`, what its device says waits, stamped, and read_kept never waits for more."""
+
+    keeps: bool
+
+    def read_kept(self) -> list[Event]:
+        """All that came meanwhile; raises DeviceLost."""
 
 
 class Taken(NamedTuple):
@@ -30,8 +44,9 @@ class Taken(NamedTuple):
 class Link:
     """A device and its thread. `take` may be called from any thread and never waits for the device.
 
-    A device that vanishes is opened again by its own name: after 0.1 s, then ever later, up to 2 s. Batches wait in a
-    bounded queue; when nobody takes them the oldest are dropped and counted.
+    A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for a port that
+    is not plugged in; else ever later, up to 2 s. Batches wait in a bounded queue; when nobody takes them the oldest are
+    dropped and counted.
     """
 
     def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
@@ -40,7 +55,13 @@ class Link:
         self._driver = driver
         self._intake = intake
         self._stop = threading.Event()
-        self._lock = threading.Lock()
+        self._ended = threading.Event()  # of a device that is pulled: it is lost, or the bridge stops
+        self._error: Exception | None = None
+        self._pulled: Keeps | None = None
+        self._heard_s = 0.0
+        self._lock = threading.RLock()
+        self._heard: list[Event] = []  # not yet through the door
+        self._unread = 0  # samples of it
         self._queue: deque[SampleBatch] = deque()
         self._queued = 0
         self._there = False
@@ -65,6 +86,9 @@ class Link:
     def take(self) -> Taken:
         """What came since the last take."""
         with self._lock:
+            if self._pulled is not None:
+                self._pull(self._pulled)
+            self._let_in()
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
@@ -79,6 +103,10 @@ class Link:
     def stop(self, timeout_s: float = 2.0) -> None:
         """End the thread and close the device; what was read can still be taken."""
         self._stop.set()
+        with self._lock:
+            if self._pulled is not None:
+                self._pull(self._pulled)
+        self._ended.set()
         if self._thread.is_alive():
             self._driver.close()  # ends a read
             self._thread.join(timeout_s)
@@ -91,8 +119,13 @@ class Link:
             wait_s = min(max(2 * wait_s, _FIRST_WAIT_S), _LONGEST_WAIT_S)
             try:
                 self._driver.open()
-                self._read_on()
+                if isinstance(self._driver, Keeps) and self._driver.keeps:
+                    self._watch(self._driver)
+                else:
+                    self._read_on()
             except DeviceUnavailable as error:
+                if error.soon:
+                    wait_s = _FIRST_WAIT_S
                 self._complain(str(error))
             except DeviceLost as error:
                 if self._there:  # it had been read from, so try again soon
@@ -102,27 +135,56 @@ class Link:
             except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
                 self._complain(f"its driver failed: {error!r}", trace=True)
             finally:
+                with self._lock:
+                    self._pulled = self._error = None
                 self._there = False
                 self._driver.close()
 
     def _read_on(self) -> None:
-        heard_s = time.monotonic()
+        self._heard_s = time.monotonic()
         while not self._stop.is_set():
             self._pace()
-            events = self._driver.read(_READ_S)
-            with self._lock:
-                self._faults = self._driver.faults.as_dict()
-                if events and not self._there:
-                    self._recover()
-                for event in events:
-                    self._keep(self._intake.take(event))
-            if events:
-                heard_s = time.monotonic()
-            elif time.monotonic() - heard_s > _SILENT_S:
-                self._there = False
-                self._complain(
-                    f"{self._driver.place}: open, but nothing that is understood comes; on, and the right speed?"
-                )
+            self._hear(self._driver.read(_READ_S))
+            self._look()
+
+    def _watch(self, driver: Keeps) -> None:
+        """As _read_on, of a device whose bytes wait until they are taken: it is read by whoever takes."""
+        self._heard_s = time.monotonic()
+        with self._lock:
+            self._ended.clear()
+            self._pulled = driver
+        while not self._ended.wait(_WATCH_S) and not self._stop.is_set():
+            self._look()
+        if self._error is not None:
+            raise self._error
+
+    def _pull(self, driver: Keeps) -> None:
+        try:
+            self._pace()
+            self._hear(driver.read_kept())
+        except Exception as error:  # noqa: BLE001 - raised where the device is opened again
+            self._pulled, self._error = None, error
+            self._ended.set()
+
+    def _hear(self, events: list[Event]) -> None:
+        with self._lock:
+            self._faults = self._driver.faults.as_dict()
+            if not events:
+                return
+            self._heard_s = time.monotonic()
+            if not self._there:
+                self._recover()
+            self._heard += events
+            self._unread += sum(len(event.ticks) for event in events if isinstance(event, Readings))
+            if self._unread >= _AT_ONCE or len(self._heard) >= _AT_ONCE:
+                self._let_in()
+
+    def _look(self) -> None:
+        """Whether it has been silent for long."""
+        if time.monotonic() - self._heard_s > _SILENT_S:
+            self._there = False
+            self._complain(why(self._driver, self._intake.driver))
+            self._heard_s = time.monotonic()
 
     def _pace(self) -> None:
         on = self._calibrating
@@ -136,6 +198,15 @@ class Link:
             self._intake.events.add("reconnections")
         _log.info("%s: %s %s", self.device, "back on" if self._complaint else "reading", self._driver.place)
         self._complaint = ""
+
+    def _let_in(self) -> None:
+        """What was heard, through the door: of a device that tells time many readings at once, which costs no more than one."""
+        heard, self._heard, self._unread = self._heard, [], 0
+        try:
+            for event in joined(heard) if self._intake.has_clock else heard:
+                self._keep(self._intake.take(event))
+        except Exception as error:  # noqa: BLE001 - in the pump it would silence all devices
+            self._complain(f"what it says cannot be taken: {error!r}", trace=True)
 
     def _keep(self, batches: list[SampleBatch]) -> None:
         for batch in batches:

@@ -1,12 +1,15 @@
 """Batches that go on where the last ended, made one: fewer, larger messages cost everybody less."""
 
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.codec import MAX_SAMPLES
 from bridge.wire.messages import SampleBatch, SampleFlag
+
+T = TypeVar("T", bound="np.generic[Any]")
 
 
 def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
@@ -48,12 +51,13 @@ def _one(group: list[SampleBatch]) -> SampleBatch:
         clock_rate=last.clock_rate,
         ticks=np.concatenate([batch.ticks for batch in group]),
         gyro=np.concatenate([batch.gyro for batch in group]),
-        accel=_column([batch.accel for batch in group]),
-        temperature_c=_column([batch.temperature_c for batch in group]),
+        accel=column([batch.accel for batch in group]),
+        temperature_c=column([batch.temperature_c for batch in group]),
         flags=np.concatenate([batch.flags for batch in group]),
     )
 
 
-def _column(parts: list[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+def column(parts: Sequence[NDArray[T] | None]) -> NDArray[T] | None:
+    """Columns one behind the other; None where there are none."""
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None

@@ -20,7 +20,7 @@ from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator import cli_correct, cli_offline, cli_tracking
+from estimator import cli_correct, cli_doctor, cli_offline, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
 EPILOG = """examples:
@@ -119,6 +119,7 @@ def build() -> argparse.ArgumentParser:
         config, "check", _config_check, "is the file right? unknown keys are named with the nearest valid one"
     )
     verb.add_argument("file", type=Path, help="the ward's TOML file, such as configs/demo.toml")
+    cli_doctor.add_doctor(verbs)
     cli_offline.add_study(verbs)
     return parser
 

@@ -3,7 +3,7 @@
 A driver opens its device, reads, and closes. It knows nothing of the bus, of clocks or of gaps: `intake` does that for all.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,7 +16,14 @@ from bridge.wire.refusal import Tally
 
 
 class DeviceUnavailable(Exception):
-    """The device cannot be opened now; the message says what was tried and what to do. Tried again later."""
+    """The device cannot be opened now; the message says what was tried and what to do. Tried again later.
+
+    soon: to try again costs next to nothing and disturbs nobody, so it is done often.
+    """
+
+    def __init__(self, message: str, *, soon: bool = False) -> None:
+        super().__init__(message)
+        self.soon = soon
 
 
 class DeviceLost(Exception):
@@ -117,7 +124,9 @@ class DriverKind:
 
     summary: one line for people. options: the Struct of what it takes beside `id` and `driver`; `make` and `state` are
     given one. state says in a few words whether the device could be opened now, without opening it. decoder makes what
-    understands its bytes, of options or of None; without one, unknown bytes are not tried as its.
+    understands its bytes, of options or of None; without one, unknown bytes are not tried as its. variants: what options,
+    beside port and baud, to try on unknown bytes, one table each, where the bytes alone do not say; decoder is then given
+    those.
     """
 
     name: str
@@ -126,3 +135,4 @@ class DriverKind:
     make: Callable[[Any], Driver]
     state: Callable[[Any], str]
     decoder: Callable[[Any], Any] | None = None
+    variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},)

@@ -49,7 +49,7 @@ class NativeDecoder:
         self._deframer = Deframer()
         self._deframer.faults = self.faults
         self._boot: int | None = None
-        self._held: deque[Readings] = deque()
+        self._held: deque[tuple[packets.Data, int]] = deque()  # and when they came
         self._unknown = 0  # packets of an unknown boot since the last HELLO
         self._tell, self._told = False, 0  # the rate: whether to, and how often it was
 
@@ -100,20 +100,17 @@ class NativeDecoder:
             has_temperature=hello.has_temperature,
         )
         held, self._held = self._held, deque()
-        mine = [self._only(readings, hello) for readings in held if readings.boot == hello.boot]
-        self._forget(sum(len(readings.ticks) for readings in held if readings.boot != hello.boot))
+        mine = [_readings(data, came_ns, hello) for data, came_ns in held if data.boot == hello.boot]
+        self._forget(sum(len(data.ticks) for data, _ in held if data.boot != hello.boot))
         self._hello = hello
         return [identity, *mine]
 
     def _read(self, data: packets.Data, receive_time_ns: int) -> list[Event]:
-        readings = Readings(
-            data.boot, data.sequence, receive_time_ns, data.ticks, data.gyro, data.accel, data.temperature_c
-        )
         if data.boot == self._boot:
-            return [self._only(readings, self._hello)]
+            return [_readings(data, receive_time_ns, self._hello)]
         if len(self._held) == _MAX_HELD:
-            self._forget(len(self._held.popleft().ticks))
-        self._held.append(readings)
+            self._forget(len(self._held.popleft()[0].ticks))
+        self._held.append((data, receive_time_ns))
         # At the first packet of an unknown boot, and again if no answer comes.
         if self._unknown % _ASK_AGAIN == 0:
             self._ask = True
@@ -124,18 +121,18 @@ class NativeDecoder:
         if samples:
             self.faults.add("samples_of_unknown_boot", samples)
 
-    @staticmethod
-    def _only(readings: Readings, hello: packets.Hello) -> Readings:
-        """The columns that are real."""
-        return Readings(
-            readings.boot,
-            readings.sequence,
-            readings.receive_time_ns,
-            readings.ticks,
-            readings.gyro,
-            readings.accel if hello.has_accel else None,
-            readings.temperature_c if hello.has_temperature else None,
-        )
+
+def _readings(data: packets.Data, receive_time_ns: int, hello: packets.Hello) -> Readings:
+    """The columns that are real."""
+    return Readings(
+        data.boot,
+        data.sequence,
+        receive_time_ns,
+        data.ticks,
+        data.gyro,
+        data.accel if hello.has_accel else None,
+        data.temperature_c if hello.has_temperature else None,
+    )
 
 
 def _decoder(options: StreamOptions | None) -> NativeDecoder:

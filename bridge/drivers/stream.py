@@ -1,13 +1,18 @@
 """Every driver of a device that sends bytes: a decoder of its protocol on a transport, which know nothing of each other."""
 
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from msgspec import Struct
 
-from bridge.drivers.driver import DriverKind, Event, Paced
+from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced
 from bridge.transport import address
+from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
+
+_UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # and as many of each
 
 
 class Decoder(Protocol):
@@ -39,27 +44,58 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport; Paced where the decoder is."""
+    """A decoder behind a transport; Paced where the decoder is.
+
+    keeps: what came waits to be read, and `read_kept` is all it takes.
+    """
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
         self.place = options.port
         self.faults = decoder.faults
         self._transport = address.transport(options.port, options.baud)
+        self._transport.faults = decoder.faults
+        self.keeps = self._transport.keeps
         self._decoder = decoder
         if isinstance(decoder, Paced):
             self.calibrating = decoder.calibrating
+        self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)
 
     def open(self) -> None:
         """Open the transport; raises DeviceUnavailable."""
         self._transport.open()
+        self._unread.clear()
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
         """What came; raises DeviceLost."""
         if data := self._decoder.to_send():
             self._transport.write(data)
-        chunk = self._transport.read(timeout_s)
-        return self._decoder.feed(chunk.data, chunk.receive_time_ns)
+        return self._feed(self._transport.read(timeout_s))
+
+    def read_kept(self) -> list[Event]:
+        """All that came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read."""
+        events: list[Event] = []
+        if data := self._decoder.to_send():
+            self._transport.write(data)
+        try:
+            while (chunk := self._transport.read(0.0)).data:
+                events += self._feed(chunk)
+        except DeviceLost:
+            if not events:  # else the next call says so
+                raise
+        return events + self._feed(Chunk(b"", time.time_ns()))
+
+    def _feed(self, chunk: Chunk) -> list[Event]:
+        events = self._decoder.feed(chunk.data, chunk.receive_time_ns)
+        if events:
+            self._unread.clear()
+        elif chunk.data:
+            self._unread.append(chunk._replace(data=chunk.data[-_UNREAD_BYTES:]))
+        return events
+
+    def unread(self) -> list[Chunk]:
+        """The latest of what came since the last event: bytes that the decoder makes nothing of. For the reading thread."""
+        return list(self._unread)
 
     def close(self) -> None:
         """Close the transport, ending a read in another thread."""
@@ -67,9 +103,18 @@ class StreamDriver:
 
 
 def stream_kind(
-    name: str, summary: str, options: type[StreamOptions], decoder: Callable[[Any], Decoder], *, auto: bool = True
+    name: str,
+    summary: str,
+    options: type[StreamOptions],
+    decoder: Callable[[Any], Decoder],
+    *,
+    auto: bool = True,
+    variants: Callable[[], Sequence[dict[str, Any]]] = lambda: ({},),
 ) -> DriverKind:
-    """The kind of driver that a decoder makes; `auto`: `bridge scan` tries it on bytes of unknown make, with no options."""
+    """The kind of driver that a decoder makes.
+
+    auto: `bridge scan` tries it on bytes of unknown make, with each of the variants of its options, {} being none.
+    """
     return DriverKind(
         name=name,
         summary=summary,
@@ -77,4 +122,5 @@ def stream_kind(
         make=lambda chosen: StreamDriver(chosen, decoder(chosen)),
         state=lambda chosen: address.state(chosen.port),
         decoder=decoder if auto else None,
+        variants=variants,
     )

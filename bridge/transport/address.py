@@ -4,10 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bridge.toml_file import nearest
-from bridge.transport import ble_port, serial_port
+from bridge.transport import ble_port, file_port, serial_state, tcp_port, udp_port
 from bridge.transport.ble_port import BlePort
+from bridge.transport.file_port import FilePort
 from bridge.transport.serial_port import SerialPort
+from bridge.transport.tcp_port import TcpPort
 from bridge.transport.transport import Transport
+from bridge.transport.udp_port import UdpPort
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +25,11 @@ class Scheme:
     state: Callable[[str], str]
 
 
-_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_port.state)
+_SERIAL = Scheme("/dev/serial/by-id/usb-...", SerialPort, serial_state.state)
 SCHEMES: dict[str, Scheme] = {
+    "tcp": Scheme(tcp_port.EXAMPLE, TcpPort, tcp_port.state),
+    "udp": Scheme(udp_port.EXAMPLE, UdpPort, udp_port.state),
+    "file": Scheme(file_port.EXAMPLE, FilePort, file_port.state),
     "ble": Scheme(ble_port.EXAMPLE, BlePort, ble_port.state),
 }
 

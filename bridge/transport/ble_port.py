@@ -42,6 +42,8 @@ class Place(NamedTuple):
 class BlePort:
     """One connection. Notifications wait in a bounded inbox; of those nobody takes the oldest go, and are counted."""
 
+    keeps = False
+
     def __init__(self, address: str, baud: int) -> None:  # noqa: ARG002 - the air has no speed
         self.place = f"ble://{address}"
         self.faults = Tally()

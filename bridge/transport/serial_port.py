@@ -1,38 +1,60 @@
-"""A serial port, and what its faults mean: the only file that imports pyserial.
+"""A serial port: the only file that imports pyserial.
 
 Not every fault of a port is a SerialException: `in_waiting` of an unplugged one raises a plain OSError, the terminal's own
 calls a termios.error, which is none.
 """
 
 import contextlib
-import errno
-import fcntl
 import os
-import stat
+import select
 import termios
+import threading
 import time
-from pathlib import Path
+from typing import NamedTuple
 
 import serial
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.transport import serial_state
+from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk
+from bridge.wire.refusal import Tally
 
 _FAULTS = (serial.SerialException, OSError, termios.error)
 _WRITE_TIMEOUT_S = 1.0
+_MOST_BYTES = 4096
+
+
+class _Open(NamedTuple):
+    """An open port, what waits for it, and what ends the waiting."""
+
+    port: serial.Serial
+    poll: select.poll
+    wake: int
 
 
 class SerialPort:
-    """One port, locked for us alone. Give it a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not."""
+    """One port, locked for us alone. Give it a stable name: /dev/serial/by-id/... stays, /dev/ttyUSB0 does not.
+
+    Many boards boot when DTR falls or rises. To open a port raises DTR and RTS, whatever a program does; they are then
+    never lowered, neither here nor by the system on close, so only the first to open a port after it was plugged in may
+    boot the board. (To lower them would silence boards with a USB of their own, and reset an ESP32.)
+    """
+
+    keeps = False
 
     def __init__(self, port: str, baud: int) -> None:
         self.place = port
+        self.faults = Tally()
         self.baud = baud
-        self._serial: serial.Serial | None = None
+        self._closing = threading.Lock()
+        self._open: _Open | None = None
 
     def open(self) -> None:
         """Open and lock; raises DeviceUnavailable with the cause and what to do."""
         self.close()
+        if not os.path.exists(self.place):  # noqa: PTH110 - asked often, of many missing ports: half the cost of Path
+            raise DeviceUnavailable(f"{self.place}: {serial_state.MISSING}", soon=True)
         opened = serial.Serial(exclusive=True, write_timeout=_WRITE_TIMEOUT_S, timeout=0.2)
         try:
             opened.port, opened.baudrate = self.place, self.baud
@@ -40,61 +62,65 @@ class SerialPort:
             _stay_powered(opened.fileno())
         except (*_FAULTS, ValueError) as error:
             _close(opened)
-            raise DeviceUnavailable(f"{self.place}: {_cause(error)}") from None
-        self._serial = opened
+            said = f"{self.place}: {serial_state.cause(error, self.place)}"
+            raise DeviceUnavailable(said, soon=serial_state.settling(error)) from None
+        wake = os.eventfd(0)
+        poll = select.poll()
+        for fd in (opened.fileno(), wake):
+            poll.register(fd, select.POLLIN)
+        self._open = _Open(opened, poll, wake)
 
     def read(self, timeout_s: float) -> Chunk:
-        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost."""
+        """What came, waiting at most timeout_s for a first byte; empty if none. Raises DeviceLost.
+
+        As pyserial's read(in_waiting or 1), at a third of its cost: pyserial asks the system several times.
+        """
         opened = self._opened()
         try:
-            if opened.timeout != timeout_s:
-                opened.timeout = timeout_s  # a system call, so not each time
-            waiting = opened.in_waiting
-            data = opened.read(waiting or 1)
-            if data and not waiting:  # that was the first byte only
-                data += opened.read(opened.in_waiting)
+            fd = opened.port.fileno()
+            if not opened.poll.poll(timeout_s * 1e3):
+                return Chunk(b"", time.time_ns())
+            if self._open is not opened:  # closed meanwhile: the number may be of another file
+                raise DeviceLost(f"{self.place}: closed")
+            data = os.read(fd, _MOST_BYTES)
         except (*_FAULTS, TypeError) as error:  # a TypeError when another thread closes it meanwhile
-            raise DeviceLost(f"{self.place}: {_loss(error)}") from None
+            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
+        if not data:  # ready, but nothing comes
+            raise DeviceLost(f"{self.place}: {self._loss(OSError())}")
         return Chunk(data, time.time_ns())
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost, also when the device does not take it within a second."""
         opened = self._opened()
         try:
-            opened.write(data)
+            opened.port.write(data)
         except (*_FAULTS, TypeError) as error:
-            raise DeviceLost(f"{self.place}: {_loss(error)}") from None
+            raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
 
     def close(self) -> None:
         """Close, ending a read in another thread; never raises."""
-        opened, self._serial = self._serial, None
+        with self._closing:
+            opened, self._open = self._open, None
         if opened is not None:
-            with contextlib.suppress(*_FAULTS, AttributeError):
-                opened.cancel_read()
-            _close(opened)
+            os.eventfd_write(opened.wake, 1)
+            _close(opened.port)
+            os.close(opened.wake)
 
-    def _opened(self) -> serial.Serial:
-        opened = self._serial
+    def _opened(self) -> _Open:
+        opened = self._open
         if opened is None:
             raise DeviceLost(f"{self.place}: closed")
         return opened
 
-
-def state(port: str) -> str:
-    """Whether a port could be opened now, in a few words; opens it for a moment, without waking the device's modem lines."""
-    try:
-        fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError as error:
-        return _cause(error)
-    try:
-        if not stat.S_ISCHR(os.fstat(fd).st_mode) or not os.isatty(fd):
-            return "not a serial port"
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        return _cause(error)
-    finally:
-        os.close(fd)
-    return "present"
+    def _loss(self, error: Exception) -> str:
+        if isinstance(error, serial.SerialTimeoutException):
+            return "the device does not take what is sent to it"
+        if self._open is None:
+            return "closed"
+        others = [holder for holder in holders(self.place) if holder.pid != os.getpid()]
+        if others:
+            return f"lost; {', '.join(map(str, others))} has it open too, and takes bytes away: close that one"
+        return "lost; unplugged or powered off"
 
 
 def _stay_powered(fd: int) -> None:
@@ -107,30 +133,3 @@ def _stay_powered(fd: int) -> None:
 def _close(opened: serial.Serial) -> None:
     with contextlib.suppress(*_FAULTS, TypeError):
         opened.close()
-
-
-def _cause(error: Exception) -> str:
-    """Why a port cannot be opened, and what to do."""
-    number = error.errno if isinstance(error, OSError) else (error.args or [None])[0]
-    if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
-        return f"missing; plug the device in, or choose one of {_present()}"
-    if number in {errno.EACCES, errno.EPERM}:
-        return "no permission; add the user to group dialout (sudo usermod -aG dialout $USER) and log in again"
-    if number in {errno.EBUSY, errno.EAGAIN}:
-        return "busy; another program has it open: close that one"
-    if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR} or "configure port" in str(error):
-        return "not a serial port"
-    return str(error)
-
-
-def _present() -> str:
-    names = sorted(str(path) for path in Path("/dev/serial/by-id").glob("*"))
-    return ", ".join(names) if names else "/dev/serial/by-id/... (now empty: no serial device is plugged in)"
-
-
-def _loss(error: Exception) -> str:
-    if isinstance(error, serial.SerialTimeoutException):
-        return "the device does not take what is sent to it"
-    if isinstance(error, TypeError) or "not open" in str(error):
-        return "closed"
-    return f"lost ({error}); unplugged or powered off"

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple, Protocol
 
+from bridge.wire.refusal import Tally
+
 
 class Chunk(NamedTuple):
     """Bytes, and the host time (ns since the Unix epoch) right after they came; of datagrams, one each."""
@@ -13,10 +15,14 @@ class Chunk(NamedTuple):
 class Transport(Protocol):
     """One way to one device. It can be opened again after a close or a loss.
 
-    place: where it leads, for people. read and write are called from one thread, close from any.
+    keeps: what comes is stamped and kept in the background, so that read may be late, and with a timeout of 0 never waits.
+    place: where it leads, for people. faults: counts what it had to drop, by label; a driver gives it its own tally.
+    read and write are called from one thread, close from any.
     """
 
+    keeps: bool
     place: str
+    faults: Tally
 
     def open(self) -> None:
         """Open; raises DeviceUnavailable with the cause and what to do."""

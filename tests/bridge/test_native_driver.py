@@ -24,7 +24,7 @@ from bridge.framing.packets import Data, Hello, encode_data, encode_hello, encod
 from bridge.recording import Recording
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.transport import serial_port
+from bridge.transport import serial_state
 from bridge.transport.serial_port import SerialPort
 
 
@@ -192,12 +192,12 @@ def test_an_unplugged_device_is_lost_and_found_again(pty: PtyPort) -> None:
 
 def test_a_port_is_ours_alone(pty: PtyPort) -> None:
     driver = port_driver(pty)
-    assert serial_port.state(str(pty.link)) == "present"
+    assert serial_state.state(str(pty.link)) == "present"
     driver.open()
     try:
-        with pytest.raises(DeviceUnavailable, match="busy; another program has it open"):
+        with pytest.raises(DeviceUnavailable, match=rf"busy; .* \(process {os.getpid()}\) has it open"):
             port_driver(pty).open()
-        assert serial_port.state(str(pty.link)).startswith("busy")
+        assert serial_state.state(str(pty.link)).startswith("busy")
     finally:
         driver.close()
 
@@ -229,7 +229,7 @@ def test_what_is_no_port_is_unavailable_with_its_cause(tmp_path: Path) -> None:
     ]:
         with pytest.raises(DeviceUnavailable, match=cause):
             SerialPort(str(path), 115_200).open()
-        assert serial_port.state(str(path)).startswith(cause)
+        assert serial_state.state(str(path)).startswith(cause)
     with pytest.raises(DeviceUnavailable):
         SerialPort(str(tmp_path), 115_200).open()
     with pytest.raises(DeviceLost, match="closed"):

@@ -1,0 +1,186 @@
+"""Serial ports: may we open them, who else has them, does anybody probe them, are they held up."""
+
+import grp
+import os
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from bridge.doctor.finding import Finding, ok, trouble, warning
+from bridge.transport.holders import PROC, Holder, holders
+
+RULES = "configs/udev/99-truerate.rules"
+_INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
+_RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/run/udev/rules.d"))
+_USB_SERIAL = Path("/sys/bus/usb-serial/devices")
+_IGNORED = "ID_MM_DEVICE_IGNORE"
+_SLOW_MS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Me:
+    """Who asks: user id and the ids of the groups of this login."""
+
+    uid: int
+    gids: frozenset[int]
+
+
+def me() -> Me:
+    """Whoever runs this."""
+    return Me(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
+
+
+def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
+    """Whether each port that is there may be opened."""
+    there = [(port, os.stat(port)) for port in ports if os.path.exists(port)]  # noqa: PTH110, PTH116 - names, as everywhere
+    closed = [(port, status) for port, status in there if not _may(status, who)]
+    if not there:
+        return [ok("permissions", "no serial port is plugged in")]
+    if not closed:
+        return [ok("permissions", f"{_count(len(there), 'serial port')} may be opened")]
+    groups = " ".join(sorted({_group(status.st_gid) for _, status in closed}))
+    return [
+        trouble(
+            "permissions",
+            f"{', '.join(port for port, _ in closed)}: may not be opened",
+            f"sudo usermod -aG {groups} $USER, then log out and in again (a running service: restart it)",
+        )
+    ]
+
+
+def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
+    """Whether ModemManager, which writes to every new port to see if it is a modem, leaves ours alone."""
+    if not any(path.read_text(errors="replace").strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
+        return [ok("ModemManager", "does not run")]
+    if any(_IGNORED in rule.read_text(errors="replace") for folder in rules for rule in folder.glob("*.rules")):
+        return [ok("ModemManager", "runs, and is told to leave serial devices alone")]
+    return [
+        warning(
+            "ModemManager",
+            "runs, and sends bytes to every device that is plugged in, for some seconds",
+            f"{_INSTALL}; or sudo systemctl disable --now ModemManager",
+        )
+    ]
+
+
+def latency(devices: Path = _USB_SERIAL) -> list[Finding]:
+    """How long FTDI adapters hold bytes back."""
+    timers = {path.parent.name: _number(path) for path in sorted(devices.glob("*/latency_timer"))}
+    slow = {name: ms for name, ms in timers.items() if ms > _SLOW_MS}
+    if not slow:
+        return [
+            ok(
+                "FTDI latency",
+                f"{_count(len(timers), 'adapter')} at {_SLOW_MS} ms or less" if timers else "no FTDI adapter",
+            )
+        ]
+    return [
+        warning(
+            "FTDI latency",
+            f"{', '.join(f'{name}: {ms} ms' for name, ms in slow.items())}; samples come in clumps, up to so late",
+            f"{_INSTALL}; until the next boot: "
+            + "; ".join(f"echo 1 | sudo tee {devices}/{name}/latency_timer" for name in slow),
+        )
+    ]
+
+
+def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
+    """Whether every port has at most one reader, and that a bridge. Other users' programs only root sees."""
+    findings = []
+    for port in ports:
+        having = holders(port, proc)
+        others = [holder for holder in having if not is_bridge(holder.pid, proc)]
+        if others:
+            findings.append(_taken(port, others))
+        elif len(having) > 1:
+            findings.append(
+                trouble(
+                    "busy ports",
+                    f"{port}: {_list(having)} have it open, each gets a part of its bytes",
+                    f"stop all but one: kill {having[-1].pid}",
+                )
+            )
+    return findings or [ok("busy ports", "none is open in another program")]
+
+
+def present(devices: dict[str, str]) -> list[Finding]:
+    """Whether the serial ports of a file's devices, {id: port}, are there."""
+    missing = {device: port for device, port in devices.items() if "://" not in port and not os.path.exists(port)}  # noqa: PTH110
+    return [
+        warning(
+            f"device {device}",
+            f"{port} is not there",
+            "plug it in; or find its name with `truerate bridge scan` and put it into the ward's file",
+        )
+        for device, port in missing.items()
+    ]
+
+
+def doubled(devices: dict[str, str]) -> list[Finding]:
+    """Whether two devices of a file, {id: port}, are on one port under two names."""
+    real: dict[str, list[str]] = {}
+    for device, port in devices.items():
+        if "://" not in port:
+            real.setdefault(os.path.realpath(port), []).append(device)
+    twice = {port: names for port, names in real.items() if len(names) > 1}
+    return [
+        trouble(
+            "ports",
+            f"{' and '.join(names)} are both on {port}",
+            "give each device of the ward's file a port of its own",
+        )
+        for port, names in twice.items()
+    ] or [ok("ports", "each device has its own" if devices else "no device of the file has one")]
+
+
+def is_bridge(pid: int, proc: Path = PROC) -> bool:
+    """Whether a process is `truerate bridge run`, and not the shell or the sudo that started it."""
+    program, *words = command(pid, proc) or [""]
+    return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
+
+
+def command(pid: int, proc: Path = PROC) -> list[str]:
+    """The words a process was started with; empty if it is gone."""
+    try:
+        return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
+    except OSError:
+        return []
+
+
+def _taken(port: str, others: list[Holder]) -> Finding:
+    return trouble("busy ports", f"{port}: {_list(others)} has it open", f"close it there, or kill {others[0].pid}")
+
+
+def _may(status: os.stat_result, who: Me) -> bool:
+    if who.uid == 0:
+        return True
+    if status.st_uid == who.uid:
+        wanted = 0o600
+    elif status.st_gid in who.gids:
+        wanted = 0o060
+    else:
+        wanted = 0o006
+    return status.st_mode & wanted == wanted
+
+
+def _group(gid: int) -> str:
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+def _number(path: Path) -> int:
+    try:
+        return int(path.read_text())
+    except (OSError, ValueError):
+        return 0
+
+
+def _list(having: Iterable[Holder]) -> str:
+    return ", ".join(map(str, having))
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"

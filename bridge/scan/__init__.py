@@ -1,0 +1,1 @@
+"""Which device is on which port: found, listened to, and guessed from its bytes."""

@@ -1,0 +1,100 @@
+"""A capture of a device's bytes, played as if it came from a port: `file:///path?bytes_per_s=...`."""
+
+import stat
+import threading
+import time
+from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import unquote
+
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable
+from bridge.transport import url
+from bridge.transport.transport import Chunk
+from bridge.wire.refusal import Tally
+
+EXAMPLE = "file:///var/captures/wrist.bin"
+_TURN_S = 0.01
+_FEWEST_BYTES, _MOST_BYTES = 4096, 1 << 20  # what may be due at once
+_BITS_A_BYTE = 10  # of a serial line: a start bit and a stop bit beside the eight
+
+
+class FilePort:
+    """The bytes of one file at a steady pace, that of a serial line of the given speed unless `bytes_per_s` says another.
+
+    At its end the device is lost for good. What is sent to it goes nowhere.
+    """
+
+    keeps = False
+
+    def __init__(self, address: str, baud: int) -> None:
+        self.place = f"file://{address}"
+        self.faults = Tally()
+        self._path, bytes_per_s = parsed(address)
+        self._bytes_per_s = bytes_per_s or baud / _BITS_A_BYTE
+        self._most = min(max(2 * _TURN_S * self._bytes_per_s, _FEWEST_BYTES), _MOST_BYTES)
+        self._file: BinaryIO | None = None
+        self._closed = threading.Event()
+
+    def open(self) -> None:
+        """Open at its beginning; raises DeviceUnavailable."""
+        self.close()
+        if (said := _state(self._path)) != "present":
+            raise DeviceUnavailable(f"{self.place}: {said}")
+        try:
+            self._file = self._path.open("rb")
+        except OSError as error:
+            raise DeviceUnavailable(f"{self.place}: {error.strerror or error}") from None
+        self._closed.clear()
+        self._due, self._then_s = 0.0, time.monotonic()
+
+    def read(self, timeout_s: float) -> Chunk:
+        """The bytes that are due; at the end DeviceLost, for good."""
+        self._closed.wait(min(timeout_s, _TURN_S))
+        now_s = time.monotonic()
+        self._due = min(self._due + (now_s - self._then_s) * self._bytes_per_s, self._most)
+        self._then_s = now_s
+        most = int(self._due)
+        try:
+            if self._file is None:
+                raise DeviceLost(f"{self.place}: closed")
+            data = self._file.read(most)
+        except (OSError, ValueError) as error:  # a ValueError when another thread closes it meanwhile
+            raise DeviceLost(f"{self.place}: {'closed' if self._closed.is_set() else error}") from None
+        if most and not data:
+            raise DeviceLost(f"{self.place}: the capture is over", over=True)
+        self._due -= len(data)
+        return Chunk(data, time.time_ns())
+
+    def write(self, data: bytes) -> None:
+        """Nobody hears it."""
+
+    def close(self) -> None:
+        """Close, ending a read in another thread."""
+        self._closed.set()
+        opened, self._file = self._file, None
+        if opened is not None:
+            opened.close()
+
+
+def parsed(address: str) -> tuple[Path, float]:
+    """The file, and its pace in bytes per second, 0 where none is given; ValueError where they are none."""
+    path, chosen = url.options(address, ("bytes_per_s",), EXAMPLE)
+    if not path or "\0" in unquote(path):
+        raise ValueError(f"{address!r} names no file; one looks like {EXAMPLE!r}")
+    pace = url.number(chosen["bytes_per_s"], "bytes_per_s", 1, 1e9) if "bytes_per_s" in chosen else 0.0
+    return Path(unquote(path)), pace
+
+
+def state(address: str) -> str:
+    """Whether there is such a file, in a few words."""
+    return _state(parsed(address)[0])
+
+
+def _state(path: Path) -> str:
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "missing; there is no such file"
+    except OSError as error:
+        return error.strerror or str(error)
+    return "present" if stat.S_ISREG(mode) else "not a file"

@@ -1,0 +1,61 @@
+"""The parts of an address behind its scheme: `host:port`, `?name=value`. A fault says what came, and shows one that is right."""
+
+import math
+from collections.abc import Sequence
+from urllib.parse import parse_qsl
+
+from bridge.toml_file import nearest
+
+
+def host_port(text: str, example: str, *, host_needed: bool = True) -> tuple[str, int]:
+    """`10.0.0.5:8000`, `wrist-1.local:8000`, `[fe80::1]:8000`; the host is empty where it is left out and need not be there."""
+    host, colon, port = text.rpartition(":")
+    if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
+        raise ValueError(f"{text!r} has no port from 1 to 65535; one looks like {example!r}")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    elif ":" in host:
+        raise ValueError(f"{text!r}: an IPv6 address goes in brackets, [{host}]:{port}; one looks like {example!r}")
+    if (not host and host_needed) or not _is_host(host):
+        raise ValueError(f"{text!r} has no host; one looks like {example!r}")
+    return host, int(port)
+
+
+def host(text: str, example: str) -> str:
+    """A host alone, in brackets or not."""
+    bare = text.removeprefix("[").removesuffix("]")
+    if not bare or not _is_host(bare):
+        raise ValueError(f"{text!r} is no host; one looks like {example!r}")
+    return bare
+
+
+def options(text: str, known: Sequence[str], example: str) -> tuple[str, dict[str, str]]:
+    """What is before the `?`, and the `name=value`s behind it, each of a known name and given once."""
+    before, mark, query = text.partition("?")
+    if not mark:
+        return before, {}
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True)
+    except ValueError:
+        raise ValueError(f"{text!r}: after '?' comes name=value; one looks like {example!r}") from None
+    for name, _ in pairs:
+        if name not in known:
+            raise ValueError(f"{text!r}: unknown option {name!r}; {nearest(name, known)}")
+    if len(dict(pairs)) < len(pairs):
+        raise ValueError(f"{text!r}: an option is given twice; one looks like {example!r}")
+    return before, dict(pairs)
+
+
+def number(text: str, name: str, low: float, high: float) -> float:
+    """A number within bounds."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        raise ValueError(f"{name} is {text!r}; {low:g} to {high:g} is taken")
+    return value
+
+
+def _is_host(text: str) -> bool:
+    return text.isprintable() and not set(text) & set(" /@#?[]")

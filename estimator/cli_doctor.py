@@ -1,0 +1,96 @@
+"""The verb `truerate doctor`: what may be wrong with this machine, or with a ward, and what to do about it."""
+
+import argparse
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from rich.console import Console
+
+from bridge.config import ConfigError, load
+from bridge.doctor import machine, terminals
+from bridge.doctor.finding import Finding, Level, ok, trouble
+from bridge.doctor.router import router
+from bridge.scan.ports import find
+from estimator.cli_offline import Verbs, add_verb
+from estimator.config import Ward
+
+_MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
+_FINE, _TROUBLE = 0, 1
+
+
+def add_doctor(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add the verb."""
+    verb = add_verb(
+        verbs, "doctor", _doctor, "look for what may be wrong here: ports, clock, disk, packages, and a ward's file"
+    )
+    verb.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file, to be looked at too"
+    )
+    verb.add_argument(
+        "--json", action="store_true", help="a list of objects: check, level (ok, warning, trouble), said, do"
+    )
+
+
+def _doctor(given: argparse.Namespace) -> int:
+    findings = list(_look(given.config))
+    if given.json:
+        objects = [{"check": f.check, "level": f.level.value, "said": f.said, "do": f.do} for f in findings]
+        print(json.dumps(objects, indent=2))
+    else:
+        _show(findings)
+    return _TROUBLE if any(finding.level is Level.TROUBLE for finding in findings) else _FINE
+
+
+def _look(path: Path | None) -> Iterable[Finding]:
+    """Everything, of the machine first."""
+    plugged = [found.port for found in find()]
+    ward: Ward | None = None
+    said: list[Finding] = []
+    if path is not None:
+        try:
+            ward = load(path, Ward)
+            said = [ok("config", f"{path} is right")]
+        except ConfigError as error:
+            said = [trouble("config", str(error), f"mend it, then `truerate config check {path}`")]
+    devices = _ports(ward)
+    serial = list(dict.fromkeys([*plugged, *(port for port in devices.values() if "://" not in port)]))
+    yield from terminals.permissions(serial, terminals.me())
+    yield from terminals.modem_manager()
+    yield from terminals.latency()
+    yield from terminals.busy(serial)
+    yield from machine.bridges()
+    yield from machine.clock(machine.clock_status())
+    yield from machine.packages()
+    yield from said
+    if ward is not None:
+        yield from terminals.present(devices)
+        yield from terminals.doubled(devices)
+        yield from machine.disk(_places(ward))
+        yield from router(ward.bus.connect)
+
+
+def _ports(ward: Ward | None) -> dict[str, str]:
+    """The ports of a ward's devices."""
+    devices = ward.bridge.devices if ward is not None and ward.bridge is not None else ()
+    return {device.id: port for device in devices if (port := getattr(device.options, "port", ""))}
+
+
+def _places(ward: Ward) -> dict[str, Path]:
+    """Where something is kept, by what."""
+    places = {}
+    if ward.estimator is not None:
+        places["store"] = Path(ward.estimator.store).parent
+    if folder := getattr(getattr(ward, "recorder", None), "folder", ""):
+        places["recordings"] = Path(folder)
+    return places
+
+
+def _show(findings: Iterable[Finding]) -> None:
+    console = Console(highlight=False)
+    for finding in findings:
+        mark, colour = _MARKS[finding.level]
+        console.print(f"[{colour}]{mark}[/]", end=" ")
+        console.print(f"{finding.check}: {finding.said}", markup=False, soft_wrap=True)
+        if finding.do:
+            console.print(f"    do: {finding.do}", markup=False, soft_wrap=True)

@@ -1,0 +1,83 @@
+"""Bytes are given to every decoder, and the right one is told from the others."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.drivers.driver import DriverKind
+from bridge.drivers.stream import StreamOptions, stream_kind
+from bridge.scan.guess import Guess, booted_by, candidates, guesses
+from bridge.sim.virtual_device import demo_device
+from bridge.transport.transport import Chunk
+from tests.bridge.scan.protocol import KINDS, LineDecoder, lines
+
+START_NS = 10**18
+
+
+def chunks(data: bytes, size: int = 40, period_ns: int = 10_000_000) -> list[Chunk]:
+    return [Chunk(data[i : i + size], START_NS + i // size * period_ns) for i in range(0, len(data), size)]
+
+
+def best(data: bytes, kinds: tuple[DriverKind, ...] = KINDS) -> Guess:
+    return guesses(candidates(kinds), chunks(data))[0]
+
+
+def test_each_protocol_is_known_by_its_bytes_and_by_what_it_says() -> None:
+    native = best(demo_device("d", 1).advance(2.0))
+    assert (str(native.candidate), native.understood, native.faults) == ("native", True, 0)
+    assert native.identity is not None
+    assert native.identity.model == "truerate-virtual"
+    line = best(lines())
+    assert (str(line.candidate), line.understood, line.share) == ("line", True, 1.0)
+    other = best(lines("%"))
+    assert (str(other.candidate), other.candidate.table) == ("signed %", {"sign": "%"})
+
+
+def test_a_rate_is_measured() -> None:
+    data = lines(n=400)
+    per_line = len(data) / 400
+    guess = guesses(candidates(KINDS), chunks(data, 40, round(40 / per_line * 1e7)))[0]
+    assert guess.rate_hz == pytest.approx(100, rel=0.05)
+
+
+@given(st.integers(0, 5000), st.binary(max_size=200))
+def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: bytes) -> None:
+    native = demo_device("d", 1).advance(4.0)
+    assert str(best(noise + native[cut:]).candidate) == "native"
+    assert str(best(noise + lines(n=400)[cut:]).candidate) == "line"
+
+
+@given(st.binary(max_size=3000))
+def test_noise_is_nobodys(noise: bytes) -> None:
+    assert not any(guess.understood for guess in guesses(candidates(KINDS), chunks(noise)))
+
+
+def test_rates_that_nothing_turns_at_are_not_understood() -> None:
+    fast = b"".join(b"$,%d,1e9,0,0\n" % (10_000 * i) for i in range(50))
+    assert not best(fast).understood
+
+
+def broken_decoder(_: Any) -> LineDecoder:
+    raise ZeroDivisionError
+
+
+def test_a_foreign_driver_that_fails_stops_nobody() -> None:
+    broken = stream_kind("broken", "fails", StreamOptions, broken_decoder)
+    assert str(best(lines(), (broken, *KINDS)).candidate) == "line"
+
+
+def test_drivers_without_a_decoder_are_not_tried() -> None:
+    quiet = stream_kind("quiet", "not tried", StreamOptions, broken_decoder, auto=False)
+    assert [str(candidate) for candidate in candidates((quiet, *KINDS))] == ["native", "line", "signed #", "signed %"]
+    assert [candidate.baud for candidate in candidates(KINDS)] == [115_200, 57_600, 57_600, 57_600]
+
+
+def test_a_device_that_booted_with_the_opening_is_known_by_its_clock() -> None:
+    young, old = best(lines(first=900_000)), best(lines(first=60_000_000))
+    assert booted_by(young, START_NS - 10**9, START_NS)
+    assert not booted_by(old, START_NS - 10**9, START_NS)
+    assert young.young_s is not None
+    assert math.isclose(young.young_s, 0.9)

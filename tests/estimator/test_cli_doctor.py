@@ -1,0 +1,67 @@
+"""`truerate doctor`: in words or as JSON, and an exit code that tells trouble."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.router import Router
+from bridge.doctor import terminals
+from bridge.doctor.finding import trouble
+from estimator.cli import main
+from estimator.demo.ward import free_port
+
+WARD = """ward = "w"
+[bus]
+connect = ["{endpoint}"]
+[bridge]
+id = "b"
+[[bridge.devices]]
+id = "gone"
+driver = "native"
+port = "{folder}/gone"
+[estimator]
+id = "e"
+store = "{folder}/store/t.sqlite3"
+"""
+
+
+@pytest.fixture(autouse=True)
+def machine_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What others run here meanwhile is not ours to judge."""
+    monkeypatch.setattr("bridge.doctor.machine.bridges", list)
+
+
+def look(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, tuple[str, str]]]:
+    code = main(["doctor", "--json", *arguments])
+    return code, {f["check"]: (f["level"], f["said"]) for f in json.loads(capsys.readouterr().out)}
+
+
+def test_a_ward_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
+    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
+    with Router([endpoint]):
+        code, found = look(capsys, str(config))
+        assert code == 0
+        assert main(["doctor", str(config)]) == 0
+    assert found["router"] == ("ok", f"reached at {endpoint}")
+    assert found["device gone"] == ("warning", f"{tmp_path}/gone is not there")
+    assert found["config"][0] == found["disk, store"][0] == found["ports"][0] == "ok"
+    shown = capsys.readouterr().out
+    assert f"! device gone: {tmp_path}/gone is not there\n    do: plug it in" in shown
+
+
+def test_trouble_is_an_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "ward.toml"
+    config.write_text('ward = "w"\nbrigde = 1\n')
+    code, found = look(capsys, str(config))
+    assert code == 1
+    assert found["config"][0] == "trouble"
+    assert "did you mean 'bridge'?" in found["config"][1]
+    assert "router" not in found
+    assert look(capsys)[0] == 0
+    monkeypatch.setattr(terminals, "busy", lambda _: [trouble("busy ports", "[taken]", "close it")])
+    assert main(["doctor"]) == 1
+    assert "✗ busy ports: [taken]\n    do: close it\n" in capsys.readouterr().out
