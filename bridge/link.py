@@ -94,6 +94,8 @@ class Link:
             finally:
                 self._there = False
                 self._driver.close()
+                with self._lock:
+                    self._keep(self._intake.release())
 
     def _read_on(self) -> None:
         heard_s = time.monotonic()
@@ -109,6 +111,8 @@ class Link:
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _SILENT_S:
                 self._there = False
+                with self._lock:
+                    self._keep(self._intake.release())
                 self._complain(
                     f"{self._driver.place}: open, but nothing that is understood comes; on, and the right speed?"
                 )
