@@ -14,7 +14,6 @@ from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 
 CLIPPED_AT = 0.99  # of full scale
-SPOILT = SampleFlag.CLIPPED | SampleFlag.STUCK  # readings that are no measurement of the rate
 _LEAST_REPEATS = 5
 _BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
 _RESTS = 10  # seconds at rest before the noise is known
@@ -22,7 +21,6 @@ _REST_STD = radians(1.0)
 _LEAST_SAMPLES = 8  # of a second
 _NOISY = 1.5  # steps: rms of the difference of two readings, below which the step hides the noise
 _LEAP_K, _WARMING_K_PER_S = 2.0, 1.0  # coarse thermometers step by a whole kelvin
-_BELIEVED_AFTER_S = 10.0  # a leap that stays is a new level after all
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.floating]
@@ -105,70 +103,67 @@ class SelfRepetition:
     """How often a sound sensor repeats itself at rest, axis by axis."""
 
     def __init__(self) -> None:
-        self._rests = 0
-        self._steps = np.full(3, inf)  # of the quietest second: rms of the difference of two readings, in least steps
+        # The difference of two readings, rms, in least steps: of the quietest second, and the median of the quietest ten.
+        self._least = self._quiet = np.full(3, inf)
+        self._ten: list[Floats] = []
         self._pairs, self._equal, self._tried, self._again = (np.zeros(3) for _ in range(4))
 
     def learn(self, gyro: Floats) -> None:
         """A second of readings (n, 3) at rest."""
         change = np.abs(np.diff(gyro, axis=0))
         step = np.where(change > 0, change, inf).min(axis=0)
-        self._steps = np.minimum(self._steps, np.sqrt(np.mean(change**2, axis=0)) / step)
+        self._ten.append(np.sqrt(np.mean(change**2, axis=0)) / step)
+        self._least = np.minimum(self._least, self._ten[-1])
+        if len(self._ten) == _RESTS:
+            self._quiet = np.minimum(self._quiet, np.median(self._ten, axis=0))
+            self._ten = []
         equal = change == 0
         self._pairs += len(equal)
         self._equal += equal.sum(axis=0)
         self._tried += equal[:-1].sum(axis=0)
         self._again += (equal[:-1] & equal[1:]).sum(axis=0)
-        self._rests += 1
 
     def repeats(self, rate_hz: float) -> float:
         """How many repeats of all axes in a row do not happen by chance, by the budget; infinite where they may.
 
-        The first by the Gaussian difference of two readings or by what was counted, the next ones by what was counted after one:
-        filtered noise, and sensors read more often than they measure, repeat themselves more than white noise does.
+        By the Gaussian difference of two readings, or by what was counted where that is surely more: filtered noise, and
+        sensors read more often than they measure, repeat themselves, and above all once more, oftener than white noise.
         """
-        if self._rests < _RESTS:
+        if not np.isfinite(self._quiet).all():
             return inf
-        hidden = self._steps < _NOISY
-        gaussian = 1 / (sqrt(2 * pi) * np.where(hidden, 1.0, self._steps))
-        first = np.where(hidden, 1.0, np.maximum(gaussian, (self._equal + 1) / (self._pairs + 2)))
-        then = np.where(hidden, 1.0, np.maximum(gaussian, (self._again + 1) / (self._tried + 2)))
+        hidden = self._least < _NOISY
+        gaussian = 1 / (sqrt(2 * pi) * np.where(hidden, 1.0, self._quiet))
+        first = np.where(hidden, 1.0, np.maximum(gaussian, _at_least(self._equal, self._pairs)))
+        then = np.where(hidden, 1.0, np.maximum(gaussian, _at_least(self._again, self._tried)))
         p_first, p_then = float(first.prod()), float(then.prod())
         if p_then >= 1:
             return inf
         return max(_LEAST_REPEATS, 1 + ceil(log(_BUDGET / rate_hz / p_first) / log(p_then)))
 
 
+def _at_least(happened: Floats, tried: Floats) -> Floats:
+    """Probabilities that counts speak for, less two standard deviations."""
+    p = (happened + 1) / (tried + 2)
+    return np.asarray(p - 2 * np.sqrt(p * (1 - p) / (tried + 2)))
+
+
 class Warmth:
-    """A temperature that was believed, and how far from it a sensor can be by now."""
+    """The temperature that was believed last, and how far from it a sensor can be by now."""
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # when, °C
-        self._leapt: tuple[float, float, float] | None = None  # since when; when and what it was last
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
-        """(n,) which of the next temperatures (n,) are not to be believed."""
+        """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""
         at_s, believed_c = self._believed or (float(time_s[0]), float(temperature_c[0]))
-        if self._leapt is None and (np.abs(temperature_c - believed_c) <= _LEAP_K).all():
+        leaps = np.zeros(len(temperature_c), bool)
+        # Almost always nothing leaps, and no sample has to be looked at alone.
+        if (np.abs(temperature_c - believed_c) <= _LEAP_K).all():
             self._believed = float(time_s[-1]), float(temperature_c[-1])
-            return np.zeros(len(temperature_c), bool)
+            return leaps
+        for i, (now_s, now_c) in enumerate(zip(time_s.tolist(), temperature_c.tolist(), strict=True)):
+            leaps[i] = abs(now_c - believed_c) > _LEAP_K + _WARMING_K_PER_S * (now_s - at_s)
+            if not leaps[i]:
+                at_s, believed_c = now_s, now_c
         self._believed = at_s, believed_c
-        return np.array([self._is_leap(*one) for one in zip(time_s.tolist(), temperature_c.tolist(), strict=True)])
-
-    def _is_leap(self, at_s: float, temperature_c: float) -> bool:
-        before = self._believed
-        if before is not None and not _far(*before, at_s, temperature_c):
-            self._believed, self._leapt = (at_s, temperature_c), None
-            return False
-        since_s = at_s
-        if self._leapt is not None and not _far(*self._leapt[1:], at_s, temperature_c):
-            since_s = self._leapt[0]
-        self._leapt = since_s, at_s, temperature_c
-        if at_s - since_s < _BELIEVED_AFTER_S:
-            return True
-        self._believed, self._leapt = (at_s, temperature_c), None
-        return False
-
-
-def _far(before_s: float, before_c: float, at_s: float, at_c: float) -> bool:
-    return abs(at_c - before_c) > _LEAP_K + _WARMING_K_PER_S * max(0.0, at_s - before_s)
+        return leaps

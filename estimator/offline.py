@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.faults import SPOILT, SensorFaults
+from bridge.faults import SensorFaults
 from bridge.readings import PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
@@ -21,7 +21,7 @@ from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
-from estimator.session import DeviceSession, Remembered, SessionKnobs
+from estimator.session import SPOILT, DeviceSession, Remembered, SessionKnobs
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers

@@ -36,6 +36,8 @@ from estimator.track.bias_filter import BIAS, BiasState, start
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 
+#: readings that are no measurement of the rate
+SPOILT = SampleFlag.CLIPPED | SampleFlag.STUCK
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
@@ -121,6 +123,7 @@ class DeviceSession:
         self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
         self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
         self._fed = 0
+        self._spoilt = np.empty(0, int)  # of the samples fed, those that no window has judged yet
         self._now = self._began = device_time
         self._clock_shift = 0.0
         self._who = ""
@@ -191,21 +194,24 @@ class DeviceSession:
         time = self._going_on(batch.device_time[first:last], away_s)
         gyro = batch.gyro[first:last].astype(float)
         accel = None if batch.accel is None else batch.accel[first:last].astype(float)
-        clipped = (batch.flags[first:last] & SampleFlag.CLIPPED) != 0
+        clipped = (batch.flags[first:last] & SPOILT) != 0
         if self._first_time is None:
             self._first_time = float(time[0])
         if self._capture is not None:
             self._capture.add(Samples(time, gyro, accel, clipped))
         self.tracker.add(time, gyro, accel, clipped)
         base, start = self._fed, 0
+        if clipped.any():
+            self._spoilt = np.concatenate([self._spoilt, base + np.flatnonzero(clipped)])
         for window in self._stillness.feed(time, gyro, accel):
             before = self._applied
             self._now = window.end_time
-            if batch.temperature_c is not None:
-                self.tracker.temperature(self._now, float(batch.temperature_c[first + window.end - base - 1]))
-            self._window(window, outcome)
+            at = first + window.end - base - 1
+            if batch.temperature_c is not None and not batch.flags[at] & SampleFlag.TEMPERATURE_STEP:
+                self.tracker.temperature(self._now, float(batch.temperature_c[at]))
+            self._window(self._honest(window), outcome)
             self._applied = self._correction()
-            self._past.note(self._now, batch, first + window.end - base - 1, self.tracker.time)
+            self._past.note(self._now, batch, at, self.tracker.time)
             if (improved := self.tracker.improved()) is not None:
                 outcome.revision = self._past.revision(
                     batch, self._belief.calibration, self._belief.model.matrix, *improved
@@ -217,6 +223,14 @@ class DeviceSession:
         self._now = float(time[-1])
         if start < len(time):
             outcome.corrected.append(self._applied.apply(batch, first + start, last))
+
+    def _honest(self, window: Window) -> Window:
+        """A window with readings that are no measurement is no rest, however still they are."""
+        spoilt = self._spoilt < window.end
+        if not spoilt.any():
+            return window
+        self._spoilt = self._spoilt[~spoilt]
+        return replace(window, still=False)
 
     def _going_on(self, time: Floats, away_s: float) -> Floats:
         shifted = time + self._clock_shift
