@@ -4,22 +4,31 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
+from typing import Literal
 
 from msgspec import Struct
 
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
+from bridge.sim.script import demo_script
 from bridge.sim.virtual_device import VirtualDevice, demo_device
+from bridge.sim.ward_life import ward_script
 
 _TURN_S = 0.02
+_LIVES = {"lively": demo_script, "ward": ward_script}
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The seed decides what the device is and does; speed is how many times faster than life it lives."""
+    """The seed decides what the device is and does; speed is how many times faster than life it lives.
+
+    life: after its calibration, `lively`, a rest of some seconds after each movement, or as on a `ward`: lying, asleep,
+    sitting, walking, in a bed that turns.
+    """
 
     seed: int = 0
     rate_hz: float = 104.0
     speed: float = 1.0
+    life: Literal["lively", "ward"] = "lively"
 
     def __post_init__(self) -> None:
         if not 1 <= self.rate_hz <= 2000:
@@ -55,7 +64,11 @@ class SimulatedDriver:
         """Power the device up, the first time."""
         if self.device is None:
             self.device = demo_device(
-                "simulated", self._options.seed, rate_hz=self._options.rate_hz, draw_boot=self._draw_boot
+                "simulated",
+                self._options.seed,
+                rate_hz=self._options.rate_hz,
+                draw_boot=self._draw_boot,
+                script=_LIVES[self._options.life],
             )
             self._born_s = time.monotonic()
         self._decoder.opened()
@@ -77,7 +90,7 @@ class SimulatedDriver:
 
 KIND = DriverKind(
     name="simulated",
-    summary="a virtual device that is calibrated and then worn, for trying things out: seed, rate_hz, speed",
+    summary="a virtual device that is calibrated and then worn, for trying things out: seed, rate_hz, speed, life",
     options=SimulatedOptions,
     make=SimulatedDriver,
     state=lambda _: "present",
