@@ -38,8 +38,9 @@ class SensorFaults:
     def flags(self, time_s: Floats, gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> Flags:
         """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown."""
         flags = np.zeros(len(gyro), np.uint32)
-        limit = CLIPPED_AT * gyro_range if gyro_range else inf
-        self._mark(flags, SampleFlag.CLIPPED, np.asarray((np.abs(gyro) >= limit).any(axis=1)))
+        high = np.abs(gyro)
+        if gyro_range and high.max() >= CLIPPED_AT * gyro_range:
+            self._mark(flags, SampleFlag.CLIPPED, np.asarray((high >= CLIPPED_AT * gyro_range).any(axis=1)))
         self._mark(flags, SampleFlag.STUCK, self._stuck.seen(time_s, gyro))
         if temperature_c is not None:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
@@ -70,7 +71,8 @@ class Repeats:
         while begin < len(gyro):
             if not self._second:
                 self._began = float(time_s[begin])
-            end = begin + int(np.searchsorted(time_s[begin:], self._began + 1.0))
+            whole = time_s[-1] < self._began + 1.0
+            end = len(gyro) if whole else begin + int(np.searchsorted(time_s[begin:], self._began + 1.0))
             if end > begin:
                 stuck[begin:end] = self._repeated(gyro[begin:end])
                 self._second.append(gyro[begin:end])
@@ -81,8 +83,11 @@ class Repeats:
         return stuck
 
     def _repeated(self, gyro: Floats) -> Bools:
-        same = (gyro == np.concatenate([self._last, gyro[:-1]])).all(axis=1)
+        before = np.concatenate([self._last, gyro[:-1]])
         self._last = gyro[-1:]
+        same = gyro[:, 0] == before[:, 0]
+        if same.any():  # which is rare, on one axis already
+            same = (gyro == before).all(axis=1)
         if not same.any():
             self._run = 0
             return np.asarray(same)

@@ -178,9 +178,8 @@ class Intake:
             self.events.add(_RATE_DIFFERS)
         stamps = self.timeline.stamps(ticks, readings.receive_time_ns, identity)
         # The good samples before a run are as many as its stamps come after the first.
-        begins: Counts = np.cumsum(good) - good
         return [
-            self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(begins[run.start]))
+            self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
             for run in door.runs(good)
         ]
 
@@ -215,9 +214,10 @@ class Intake:
     def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
         """Which of the new samples may be published; counts the others."""
         finite, plausible = door.sound(readings, identity.gyro_range)
-        self._drop(Reason.NON_FINITE, int(np.count_nonzero(new & ~finite)))
-        self._drop(Reason.RANGE, int(np.count_nonzero(new & finite & ~plausible)))
         good: Bools = new & plausible
+        if not good.all():
+            self._drop(Reason.NON_FINITE, int(np.count_nonzero(new & ~finite)))
+            self._drop(Reason.RANGE, int(np.count_nonzero(new & finite & ~plausible)))
         return good
 
     def _drop(self, reason: Reason, n: int) -> None:

@@ -43,14 +43,16 @@ class Counters:
         # Within the readings ticks must rise above all before them.
         rising[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
         new = unheard & rising
-        overtaken = [self._missed.pop(int(number), False) for number in sequence[~unheard]]
         missing = 0
         if new.any():
-            at = np.flatnonzero(new)
-            if self._sequence is not None:
-                missing = max(0, int(sequence[0]) - last - 1)
+            if self._sequence is not None and sequence[0] > last + 1:
+                missing = int(sequence[0]) - last - 1
                 self._miss(range(last + 1, int(sequence[0])))
-            self._sequence, self._ticks = int(sequence[at[-1]]), int(ticks[at[-1]])
+            latest = int(np.flatnonzero(new)[-1])
+            self._sequence, self._ticks = int(sequence[latest]), int(ticks[latest])
+        if new.all():
+            return Followed(new, missing)
+        overtaken = [self._missed.pop(int(number), False) for number in sequence[~unheard]]
         backward, repeated = int(np.count_nonzero(unheard & ~rising)), len(overtaken) - sum(overtaken)
         return Followed(new, missing, repeated, sum(overtaken), backward)
 
@@ -68,9 +70,9 @@ class Followed(NamedTuple):
 
     new: NDArray[np.bool_]
     missing: int
-    repeated: int
-    overtaken: int
-    backward: int
+    repeated: int = 0
+    overtaken: int = 0
+    backward: int = 0
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
