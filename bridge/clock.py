@@ -5,13 +5,18 @@ and a robust line (Theil and Sen's median of slopes) goes through those of the l
 """
 
 from collections import deque
+from math import inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 _BINS = 60
 _FIRST_FIT = 3  # bins
-_TRUSTED_FIT = 10  # bins before a rate near 1 is told from 1
-_NEAR_ONE = 0.05  # a real clock is within 0.02 % of the host's; anything beyond this is a replay
+_TESTED_FIT = 5  # bins before an interval of the rate can speak against 1: of fewer, chance orders too many
+_TRUSTED_FIT = 10  # bins before a rate near 1 is told from 1 though 1 is in its interval
+_NEAR_ONE = 0.05  # most clocks are within 0.1 % of the host's; anything beyond this is a replay, or a wrong promise
+_VAGUE = 0.1  # of the rate: an interval as wide as this, to either side, says nothing yet
+_SURE = 0.005  # of the rate
 _SLOWEST = 1e-4
 _STEP_S = 0.25
 _BINS_TO_BELIEVE = 6
@@ -20,18 +25,32 @@ _BINS_TO_BELIEVE = 6
 class ClockFit:
     """The clock of one boot. Usable from the first batch on, with rate 1; pure: all times are arguments.
 
-    rate: host seconds per device second. A host clock that is set back is followed at once, one that is set forward (or
-    delays that have come to stay) after some seconds.
+    rate: host seconds per device second; rate_error: half of its interval of 95 %, where lateness is alike at all times;
+    infinite until it was measured.
+    A host clock that is set back is followed at once, one that is set forward (or delays that have come to stay) after
+    some seconds; what only comes late for a while and then catches up moves nothing.
     """
 
     def __init__(self) -> None:
         self.rate = 1.0
+        self.rate_error = inf
         self._zero_ns: int | None = None  # all host times below are seconds since then
         self._offset_s = 0.0
         self._bins: deque[tuple[float, float]] = deque(maxlen=_BINS)  # closed bins: (device, host) least late
         self._number = 0
         self._best: tuple[float, float] | None = None  # of the open bin
         self._late = 0  # closed bins in a row that were much later than foreseen
+        self._late_s = 0.0  # how much, the latest
+
+    @property
+    def measured(self) -> bool:
+        """Whether `rate` is more than a promise."""
+        return self.rate_error < inf
+
+    @property
+    def sure(self) -> bool:
+        """Whether a sample's lateness can be told from an error of the rate."""
+        return self.rate_error < _SURE * self.rate
 
     def observe(self, device_s: float, receive_time_ns: int) -> None:
         """A batch whose last sample was taken at device_s came in at receive_time_ns; device_s never goes back."""
@@ -70,19 +89,35 @@ class ClockFit:
         if best is None:
             return
         late_s = best[1] - self._expected(best[0])
-        self._late = self._late + 1 if len(self._bins) >= _TRUSTED_FIT and late_s > _STEP_S else 0
-        if self._late >= _BINS_TO_BELIEVE:
+        if len(self._bins) >= _TRUSTED_FIT and late_s > _STEP_S:
+            catching_up = late_s < self._late_s - _STEP_S
+            self._late = 1 if catching_up else self._late + 1
+            self._late_s = late_s
+            if self._late < _BINS_TO_BELIEVE:
+                return
             self._restart()
+        self._late, self._late_s = 0, 0.0
         self._bins.append(best)
         if len(self._bins) >= _FIRST_FIT:
             self._fit()
 
     def _fit(self) -> None:
         device, host = np.array(self._bins).T
-        first, second = np.triu_indices(len(device), 1)
-        rate = float(np.median((host[second] - host[first]) / (device[second] - device[first])))
-        if len(self._bins) < _TRUSTED_FIT and abs(rate - 1) < _NEAR_ONE:
-            rate = 1.0
-        if _SLOWEST <= rate <= 1 / _SLOWEST:
-            self.rate = rate
+        low, rate, high = _slope(device, host)
+        error = (high - low) / 2
+        if _SLOWEST <= rate <= 1 / _SLOWEST and error < _VAGUE * rate:
+            n, near = len(device), abs(rate - 1) < _NEAR_ONE
+            as_promised = near and (n < _TESTED_FIT or (n < _TRUSTED_FIT and low <= 1 <= high))
+            self.rate = 1.0 if as_promised else rate
+            self.rate_error = inf if near and n < _TESTED_FIT else error + abs(rate - self.rate)
         self._offset_s = float(np.median(host - self.rate * device))
+
+
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Theil and Sen's slope of points (n,), n > 2, between the ends of its 95 % interval (Sen, JASA 63, 1968, eq. 2.6)."""
+    first, second = np.triu_indices(len(x), 1)
+    slopes = np.sort((y[second] - y[first]) / (x[second] - x[first]))
+    n, of = len(x), len(slopes)
+    half = 1.96 * sqrt(n * (n - 1) * (2 * n + 5) / 18) / 2
+    low, high = max(0, round(of / 2 - half)), min(of - 1, round(of / 2 + half))
+    return float(slopes[low]), float(np.median(slopes)), float(slopes[high])

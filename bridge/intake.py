@@ -8,22 +8,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.clock import ClockFit
+from bridge import readings as door
 from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
+from bridge.faults import SensorFaults
+from bridge.sending_rate import SendingRate
+from bridge.timeline import Stamps, Timeline
 from bridge.unwrap import Counters, Counts
 from bridge.wire.checks import MAX_TEXTS
-from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 
 BEFORE_IDENTITY = "before_identity"
-CLIPPED_AT = 0.99  # of full scale
-PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
-_RATE_WINDOW_S = 10.0
-_NO_TEMPERATURE = "temperature_missing"
+_NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "late"
+_MISSING = "missing_samples"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
-_MAX_COUNT = 2**62
 _NOBODY = Identity(
     boot=0,
     boot_cause=BootCause.UNKNOWN,
@@ -54,15 +53,15 @@ class Intake:
 
     def _begin(self) -> None:
         """What is of one boot only."""
-        self.clock = ClockFit()
+        self.timeline = Timeline()
+        self._silent = 0  # samples missing in silences that are counted
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()
         self._counters = Counters()
         self._old = 0  # samples in a row that were no news
         self._next: int | None = None  # the sequence that would go on without a hole
-        self._rate_from: tuple[int, float] | None = None  # sequence and device time, some seconds ago
-        self._measured_rate_hz = 0.0
+        self._sensor = SensorFaults(self.events)
 
     @property
     def boot(self) -> int | None:
@@ -79,14 +78,18 @@ class Intake:
     def take(self, event: Event) -> list[SampleBatch]:
         """What may be published of an event, in order."""
         if isinstance(event, Identity):
-            self._greet(event)
-        elif isinstance(event, Readings):
-            return self._read(event)
-        elif isinstance(event, Battery):
+            return self._greet(event)
+        if isinstance(event, Readings):
+            return [batch for readings in self._ready(event) for batch in self._read(readings)]
+        if isinstance(event, Battery):
             self._battery = event
         else:
             self._note(event)
         return []
+
+    def release(self) -> list[SampleBatch]:
+        """What was held until it is clear whether samples are missing before it: no more is expected."""
+        return [batch for readings in self.timeline.release() for batch in self._read(readings)]
 
     def overflowed(self, batch: SampleBatch) -> None:
         """A batch that was let through could not be kept until it was published."""
@@ -111,7 +114,7 @@ class Intake:
             driver=driver,
             port=place,
             rate_hz=identity.rate_hz,
-            measured_rate_hz=self._measured_rate_hz,
+            measured_rate_hz=self.timeline.rate.hz,
             gyro_range=identity.gyro_range,
             has_accel=identity.has_accel,
             has_temperature=identity.has_temperature,
@@ -122,7 +125,7 @@ class Intake:
             trouble=trouble,
             battery_percent=self._battery.percent,
             charging=self._battery.charging,
-            notices=dict(self._notices),
+            notices=self._all_notices(),
             has_clock=identity.has_clock,
         )
 
@@ -134,8 +137,15 @@ class Intake:
         while len(self._notices) > MAX_TEXTS:
             self._notices.pop(next(iter(self._notices)))
 
-    def _greet(self, identity: Identity) -> None:
+    def _all_notices(self) -> dict[str, str]:
+        """The device's own, and what is to be said of its time."""
+        ours = {} if self._identity is None else self.timeline.notices(self._identity)
+        return dict([*self._notices.items(), *ours.items()][-MAX_TEXTS:])
+
+    def _greet(self, identity: Identity) -> list[SampleBatch]:
+        released: list[SampleBatch] = []
         if self._identity is None or identity.boot != self._identity.boot:
+            released = self.release()
             self._unsaid = 0
             if self._identity is not None:
                 self.events.add("reopened" if identity.boot_cause is BootCause.PORT_OPENED else "reboots")
@@ -144,8 +154,17 @@ class Intake:
                 self.events.add(BEFORE_IDENTITY, self.samples_in)
                 self._begin()
         elif identity.rate_hz != self._identity.rate_hz:
-            self._rate_from = None
+            self.timeline.rate = SendingRate()
         self._identity = identity
+        return released
+
+    def _ready(self, readings: Readings) -> list[Readings]:
+        """What may be read now: a gap of a device that tells no time must be known before its samples are numbered."""
+        identity = self._identity
+        if identity is None or identity.has_clock or readings.boot != identity.boot or door.fault(readings) is not None:
+            return [readings]
+        _, ticks = self._counters.unwrapped(readings, identity)
+        return self.timeline.hold(readings, int(ticks[-1]), identity)
 
     def _read(self, readings: Readings) -> list[SampleBatch]:
         n = len(readings.ticks)
@@ -154,20 +173,29 @@ class Intake:
         if identity is None or readings.boot != identity.boot:
             self.dropped.add(BEFORE_IDENTITY if identity is None else Reason.OLD_BOOT, n)
             return []
-        if (fault := _fault(readings, n)) is not None:
+        if (fault := door.fault(readings)) is not None:
             self.dropped.add(fault, n)
             return []
         sequence, ticks = self._counters.unwrapped(readings, identity)
         good = self._good(readings, identity, self._new(sequence, ticks, identity))
         if not good.any():
             return []
-        last = int(np.flatnonzero(good)[-1])
-        device_s = float(ticks[last]) * identity.tick_period_s
-        self.clock.observe(device_s, readings.receive_time_ns)
-        self._measure(int(sequence[last]), device_s)
-        # A sample cannot come in before it was taken, whatever the fit says.
-        late_ns = max(0, self.clock.host_ns(device_s) - readings.receive_time_ns)
-        return [self._batch(readings, identity, sequence, ticks, run, late_ns) for run in _runs(good)]
+        at = np.flatnonzero(good)
+        self._count_silent()
+        sequence, ticks = sequence + self.timeline.missing, ticks[at] + self.timeline.missing
+        if self.timeline.observe(int(sequence[at[-1]]), int(ticks[-1]), readings.receive_time_ns, identity):
+            self.events.add(_RATE_DIFFERS)
+        stamps = self.timeline.stamps(ticks, readings.receive_time_ns, identity)
+        # The good samples before a run are as many as its stamps come after the first.
+        return [
+            self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
+            for run in door.runs(good)
+        ]
+
+    def _count_silent(self) -> None:
+        if missing := self.timeline.missing - self._silent:
+            self._silent = self.timeline.missing
+            self.events.add(_MISSING, missing)
 
     def _new(self, sequence: Counts, ticks: Counts, identity: Identity) -> Bools:
         """Which samples are news; counts the others, and what is missing before them.
@@ -175,10 +203,13 @@ class Intake:
         A device that for a second sends old numbers only has begun anew without saying so (some draw the same boot
         number each time): that is a boot, under a number of our making.
         """
-        new, missing = self._counters.follow(sequence, ticks)
+        new, missing, repeated, overtaken, backward = self._counters.follow(sequence, ticks)
         if missing:
-            self.events.add("missing_samples", missing)
-        self._drop(Reason.DUPLICATE, ~new)
+            self.events.add(_MISSING, missing)
+        # Those that newer ones overtook are not sorted in: all after a hole would have to wait for what seldom comes.
+        self._drop(Reason.DUPLICATE, repeated)
+        self._drop(Reason.REORDERED, overtaken)
+        self._drop(Reason.BACKWARD, backward)
         self._old = 0 if new.any() else self._old + len(ticks)
         if self._old >= max(2, identity.rate_hz):
             refused = self._old
@@ -191,103 +222,47 @@ class Intake:
 
     def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
         """Which of the new samples may be published; counts the others."""
-        limit = min(MAX_RATE, PLAUSIBLE * identity.gyro_range) if identity.gyro_range else MAX_RATE
-        finite = np.isfinite(readings.gyro).all(axis=1)
-        with np.errstate(invalid="ignore"):
-            plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
-            if readings.accel is not None:
-                finite &= np.isfinite(readings.accel).all(axis=1)
-                plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
-        self._drop(Reason.NON_FINITE, new & ~finite)
-        self._drop(Reason.RANGE, new & finite & ~plausible)
-        good: Bools = new & finite & plausible
+        finite, plausible = door.sound(readings, identity.gyro_range)
+        good: Bools = new & plausible
+        if not good.all():
+            self._drop(Reason.NON_FINITE, int(np.count_nonzero(new & ~finite)))
+            self._drop(Reason.RANGE, int(np.count_nonzero(new & finite & ~plausible)))
         return good
 
-    def _drop(self, reason: Reason, which: Bools) -> None:
-        n = int(np.count_nonzero(which))
+    def _drop(self, reason: Reason, n: int) -> None:
         if n:
             self.dropped.add(reason, n)
 
     def _batch(
-        self,
-        readings: Readings,
-        identity: Identity,
-        sequence: Counts,
-        ticks: Counts,
-        run: slice,
-        late_ns: int,
+        self, readings: Readings, identity: Identity, sequence: int, run: slice, stamps: Stamps, begin: int
     ) -> SampleBatch:
+        """The samples of a run as a batch; `begin` is where its stamps begin."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
-        n, first = len(gyro), int(sequence[run.start])
-        flags = np.zeros(n, np.uint32)
-        if identity.gyro_range:
-            flags[(np.abs(gyro) >= CLIPPED_AT * identity.gyro_range).any(axis=1)] = SampleFlag.CLIPPED
-        if self._next is not None and first != self._next:
+        n, accel = len(gyro), readings.accel
+        temperature_c = door.temperature(readings, run)
+        if temperature_c is None and readings.temperature_c is not None:
+            self.events.add(_NO_TEMPERATURE, n)
+        part = slice(begin, begin + n)
+        flags = self._sensor.flags(stamps.time_s[part], gyro, temperature_c, identity.gyro_range)
+        if (late := stamps.late[part]).any():
+            flags[late] |= np.uint32(SampleFlag.LATE)
+            self.events.add(_LATE, int(np.count_nonzero(late)))
+        if self._next is not None and sequence != self._next:
             flags[0] |= np.uint32(SampleFlag.AFTER_GAP)
             self.events.add("gaps")
-        self._next = first + n
+        self._next = sequence + n
         self.samples += n
-        accel = readings.accel
         return SampleBatch(
             device=self._names[0],
             boot=self.boot or 0,
-            sequence=first,
+            sequence=sequence,
             receive_time_ns=readings.receive_time_ns,
-            start_time_ns=max(0, self.clock.host_ns(float(ticks[run.start]) * identity.tick_period_s) - late_ns),
-            tick_period_s=identity.tick_period_s,
-            clock_rate=self.clock.rate,
-            ticks=ticks[run].astype(np.uint64),
+            start_time_ns=int(stamps.host_ns[begin]),
+            tick_period_s=stamps.tick_period_s,
+            clock_rate=stamps.clock_rate,
+            ticks=stamps.ticks[part].astype(np.uint64),
             gyro=gyro,
             accel=None if accel is None else np.ascontiguousarray(accel[run], np.float32),
-            temperature_c=self._temperature(readings, run),
+            temperature_c=temperature_c,
             flags=flags,
         )
-
-    def _temperature(self, readings: Readings, run: slice) -> NDArray[np.float32] | None:
-        """The column, or None where a value of it is unusable: no reason to lose the rates."""
-        if readings.temperature_c is None:
-            return None
-        column = readings.temperature_c[run]
-        with np.errstate(invalid="ignore"):
-            if (np.abs(column) <= MAX_CELSIUS).all():
-                return np.ascontiguousarray(column, np.float32)
-        self.events.add(_NO_TEMPERATURE, len(column))
-        return None
-
-    def _measure(self, sequence: int, device_s: float) -> None:
-        """Samples per host second over the last ten seconds or so, missing ones included."""
-        if self._rate_from is None:
-            self._rate_from = (sequence, device_s)
-        since, since_s = self._rate_from
-        if device_s - since_s >= 1.0:
-            self._measured_rate_hz = (sequence - since) / ((device_s - since_s) * self.clock.rate)
-        if device_s - since_s >= _RATE_WINDOW_S:
-            self._rate_from = (sequence, device_s)
-
-
-def _fault(readings: Readings, n: int) -> Reason | None:
-    """Why readings cannot be taken at all: columns of different lengths, counters that no device reaches."""
-    accel, temperature_c = readings.accel, readings.temperature_c
-    whole = (
-        n > 0
-        and readings.gyro.shape == (n, 3)
-        and (accel is None or accel.shape == (n, 3))
-        and (temperature_c is None or temperature_c.shape == (n,))
-    )
-    if not whole:
-        return Reason.LENGTH
-    if not 0 <= readings.sequence < _MAX_COUNT or int(readings.ticks.max()) >= _MAX_COUNT:
-        return Reason.RANGE
-    return None
-
-
-def _runs(good: Bools) -> list[slice]:
-    """The unbroken runs of True, none longer than a batch may be."""
-    edges = [0, len(good)]
-    if not good.all():
-        edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
-    return [
-        slice(begin, min(begin + MAX_SAMPLES, end))
-        for start, end in zip(edges[::2], edges[1::2], strict=True)
-        for begin in range(start, end, MAX_SAMPLES)
-    ]

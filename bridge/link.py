@@ -139,6 +139,8 @@ class Link:
                     self._pulled = self._error = None
                 self._there = False
                 self._driver.close()
+                with self._lock:
+                    self._let_out()
 
     def _read_on(self) -> None:
         self._heard_s = time.monotonic()
@@ -183,6 +185,8 @@ class Link:
         """Whether it has been silent for long."""
         if time.monotonic() - self._heard_s > _SILENT_S:
             self._there = False
+            with self._lock:
+                self._let_out()
             self._complain(why(self._driver, self._intake.driver))
             self._heard_s = time.monotonic()
 
@@ -207,6 +211,11 @@ class Link:
                 self._keep(self._intake.take(event))
         except Exception as error:  # noqa: BLE001 - in the pump it would silence all devices
             self._complain(f"what it says cannot be taken: {error!r}", trace=True)
+
+    def _let_out(self) -> None:
+        """Whatever the door still holds back: nothing follows that it could wait for."""
+        self._let_in()
+        self._keep(self._intake.release())
 
     def _keep(self, batches: list[SampleBatch]) -> None:
         for batch in batches:

@@ -1,11 +1,14 @@
 """Counters that wrap, made to go on: a device's ticks and sequence numbers."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Identity, Readings
 
 Counts = NDArray[np.int64]
+_REMEMBERED = 256  # missing numbers that may still come
 
 
 class Counters:
@@ -14,6 +17,7 @@ class Counters:
     def __init__(self) -> None:
         self._sequence: int | None = None
         self._ticks = 0
+        self._missed: dict[int, bool] = {}  # numbers that were passed over, oldest first
 
     def unwrapped(self, readings: Readings, identity: Identity) -> tuple[Counts, Counts]:
         """Sequence numbers and ticks that go on, (n,) each; they may repeat or go back, as sent."""
@@ -31,20 +35,44 @@ class Counters:
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
         return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
 
-    def follow(self, sequence: Counts, ticks: Counts) -> tuple[NDArray[np.bool_], int]:
-        """Which samples are new, (n,), and how many are missing before the first of them; moves on to the last."""
-        new = np.ones(len(ticks), bool)
-        missing = 0
-        if self._sequence is not None:
-            new = (sequence > self._sequence) & (ticks > self._ticks)
+    def follow(self, sequence: Counts, ticks: Counts) -> "Followed":
+        """Which samples (n,) are new, and what the others are; moves on to the last new one."""
+        last = -1 if self._sequence is None else self._sequence
+        unheard = sequence > last
+        rising = np.ones(len(ticks), bool) if self._sequence is None else ticks > self._ticks
         # Within the readings ticks must rise above all before them.
-        new[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
+        rising[1:] &= ticks[1:] > np.maximum.accumulate(ticks)[:-1]
+        new = unheard & rising
+        missing = 0
         if new.any():
-            at = np.flatnonzero(new)
-            if self._sequence is not None:
-                missing = max(0, int(sequence[0]) - self._sequence - 1)
-            self._sequence, self._ticks = int(sequence[at[-1]]), int(ticks[at[-1]])
-        return new, missing
+            if self._sequence is not None and sequence[0] > last + 1:
+                missing = int(sequence[0]) - last - 1
+                self._miss(range(last + 1, int(sequence[0])))
+            latest = int(np.flatnonzero(new)[-1])
+            self._sequence, self._ticks = int(sequence[latest]), int(ticks[latest])
+        if new.all():
+            return Followed(new, missing)
+        overtaken = [self._missed.pop(int(number), False) for number in sequence[~unheard]]
+        backward, repeated = int(np.count_nonzero(unheard & ~rising)), len(overtaken) - sum(overtaken)
+        return Followed(new, missing, repeated, sum(overtaken), backward)
+
+    def _miss(self, numbers: range) -> None:
+        self._missed.update(dict.fromkeys(numbers[-_REMEMBERED:], True))
+        while len(self._missed) > _REMEMBERED:
+            del self._missed[next(iter(self._missed))]
+
+
+class Followed(NamedTuple):
+    """What samples of a boot are: new (n,), or one of three kinds that are counted; missing: numbers before the first.
+
+    repeated: had before; overtaken: newer ones came first; backward: newly numbered, but of an earlier time.
+    """
+
+    new: NDArray[np.bool_]
+    missing: int
+    repeated: int = 0
+    overtaken: int = 0
+    backward: int = 0
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:

@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 BLOCK_S = 0.5
 #: what marks a reading that tells nothing of rotation
-UNFIT = SampleFlag.CLIPPED
+UNFIT = SampleFlag.CLIPPED | SampleFlag.STUCK
 
 
 def sample_time_ns(batch: SampleBatch, index: int) -> int:

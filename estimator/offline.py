@@ -7,14 +7,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.intake import CLIPPED_AT, PLAUSIBLE
+from bridge.faults import SensorFaults
+from bridge.readings import PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
+from bridge.wire.refusal import Tally
 from estimator import smoothed
 from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
+from estimator.block import UNFIT
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
@@ -37,7 +40,7 @@ def calibrate(
     A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
     count as clipped. rates: a machine's known rates in rad/s, for the methods that need them.
     """
-    samples = Samples(recording.time_s, recording.gyro, recording.accel, _clipped(recording.gyro, gyro_range))
+    samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
     windows = list(Stillness().feed(samples.time, samples.gyro, samples.accel, samples.clipped))
@@ -182,17 +185,15 @@ def _foreign(known: Calibration, recording: Recording) -> str | None:
 
 
 def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
-    """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, clipped ones marked."""
+    """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, faulty ones marked."""
     _check_range(recording, gyro_range)
-    sequence, ticks = recording.sequence, recording.ticks
+    sequence, ticks, flags = recording.sequence, recording.ticks, _flags(recording, gyro_range)
     holes = np.flatnonzero(np.diff(sequence) != 1) + 1
     after_hole = set(holes.tolist())
     edges = np.unique(np.concatenate([np.arange(0, len(recording), size), holes, [len(recording)]])).tolist()
     for start, end in pairwise(edges):
-        gyro = recording.gyro[start:end].astype(np.float32)
-        flags = np.where(_clipped(gyro, gyro_range), SampleFlag.CLIPPED, SampleFlag.OK).astype(np.uint32)
         if start in after_hole:
-            flags[0] |= np.uint32(SampleFlag.AFTER_GAP)
+            flags[start] |= np.uint32(SampleFlag.AFTER_GAP)
         accel, warm = recording.accel, recording.temperature_c
         yield SampleBatch(
             device="recorded",
@@ -203,10 +204,10 @@ def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[Sam
             tick_period_s=TICK_S,
             clock_rate=1.0,
             ticks=ticks[start:end],
-            gyro=gyro,
+            gyro=recording.gyro[start:end].astype(np.float32),
             accel=None if accel is None else accel[start:end].astype(np.float32),
             temperature_c=None if warm is None else warm[start:end].astype(np.float32),
-            flags=flags,
+            flags=flags[start:end],
         )
 
 
@@ -222,9 +223,11 @@ def _check_range(recording: Recording, gyro_range: float) -> None:
         )
 
 
-def _clipped(gyro: NDArray[np.floating], gyro_range: float) -> NDArray[np.bool_]:
-    limit = CLIPPED_AT * gyro_range if gyro_range else np.inf
-    return np.asarray(np.any(np.abs(gyro) >= limit, axis=1))
+def _flags(recording: Recording, gyro_range: float) -> NDArray[np.uint32]:
+    """(n,) SampleFlags, as a bridge's door sets them."""
+    warm = None if recording.temperature_c is None else recording.temperature_c.astype(np.float32)
+    time_s = recording.ticks * TICK_S
+    return SensorFaults(Tally()).flags(time_s, recording.gyro.astype(np.float32), warm, gyro_range)
 
 
 def _info(recording: Recording) -> DeviceInfo:

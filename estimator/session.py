@@ -16,6 +16,7 @@ from bridge.wire.messages import (
     DeviceInfo,
     Quality,
     SampleBatch,
+    SampleFlag,
     State,
     Status,
     Verdict,
@@ -257,7 +258,7 @@ class DeviceSession:
                 self._now = window.end_time
                 batch, index = self._block.where(window.end - 1)
                 self._now_ns = sample_time_ns(batch, index)
-                if batch.temperature_c is not None:
+                if batch.temperature_c is not None and not batch.flags[index] & SampleFlag.TEMPERATURE_STEP:
                     self.tracker.temperature(self._now, float(batch.temperature_c[index]))
                 tracked = self.tracker.time
                 self._window(window, outcome)

@@ -145,7 +145,9 @@ class Stillness:
         # A device that is told to send faster averages over less: a reading's noise grows until it is learnt anew.
         denser = sqrt(rate_hz / self._noise_hz) if self._noise_hz and rate_hz > _FASTER * self._noise_hz else 1.0
         limits = self._limits if denser == 1.0 else self._limits_at(denser)
-        still = not gap and self._judge(begun, ended, means[:3], stds[:3], limits, stds[3:] if aided else None)
+        still = not (gap or clipped.any()) and self._judge(
+            begun, ended, means[:3], stds[:3], limits, stds[3:] if aided else None
+        )
         self._learn(mean[:3], std[:3], rate_hz, still=still)
         return Window(
             start,

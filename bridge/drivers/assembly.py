@@ -135,6 +135,7 @@ class Assembly:
         self._steps: list[int] = []
         self._held: list[_Sample] = []
         self._run: list[_Sample] = []  # numbered, without a hole
+        self._run_end = 0  # the number after its last
         self._sequence = 0  # of the next sample
         self._numbered_tick = 0  # of the one before it
         self._told: Identity | None = None
@@ -173,21 +174,26 @@ class Assembly:
     def _number_held(self) -> None:
         for sample in self._held:
             number = self._sequence + self._missing_before(sample)
+            if number < 0:
+                self.faults.add(ODD_TIME)  # of a time before the boot's first
+                continue
             run = self._run
-            if run and (number != self._sequence or len(run) == _MAX_BATCH or sample.columns != run[-1].columns):
+            if run and (number != self._run_end or len(run) == _MAX_BATCH or sample.columns != run[-1].columns):
                 self._flush()
             self._run.append(sample)
-            self._sequence = number + 1
-            self._numbered_tick = sample.tick
+            self._run_end = number + 1
+            if number >= self._sequence:
+                self._sequence, self._numbered_tick = number + 1, sample.tick
         self._held = []
 
     def _missing_before(self, sample: _Sample) -> int:
+        """How many are missing; less than 0 for one that newer ones overtook, which gets the number it should have had."""
         if self._sequence == 0:
             return 0
         if self._period_s is None:
             return sample.missing
         periods = (sample.tick - self._numbered_tick) * self._period_s * self._rate_hz
-        return round(periods) - 1 if periods > _MISSING else 0
+        return round(periods) - 1 if periods > _MISSING or periods <= 0 else 0
 
     def _flush(self) -> None:
         run, self._run = self._run, []
@@ -195,8 +201,8 @@ class Assembly:
             return
         has_accel, has_temperature = run[0].columns
         self._introduce(has_accel=has_accel, has_temperature=has_temperature)
-        first = self._sequence - len(run)
-        ticks = range(first, self._sequence) if self._period_s is None else [sample.tick for sample in run]
+        first = self._run_end - len(run)
+        ticks = range(first, self._run_end) if self._period_s is None else [sample.tick for sample in run]
         self._events.append(
             Readings(
                 boot=self._boot,

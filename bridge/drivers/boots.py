@@ -3,6 +3,7 @@
 import secrets
 from collections.abc import Callable
 from enum import Enum, auto
+from typing import NamedTuple
 
 from bridge.wire.messages import BootCause
 
@@ -11,6 +12,7 @@ _AHEAD_S = 1.0  # beyond what host time says
 _CONFIRMED = 3  # samples that agree: a single one may be damaged where the protocol has no check
 _AGREE_S = 1.0
 _SKEW = 0.002
+_WIDE_S = 10 * 365.25 * 86_400  # a clock that does not wrap within this does not wrap
 
 
 def draw_boot() -> int:
@@ -26,8 +28,20 @@ class Time(Enum):
     BEGINS = auto()  # the first of a boot
 
 
+class _Heard(NamedTuple):
+    """A sample that was believed: its tick as sent, unwrapped, and when it came."""
+
+    raw: int
+    tick: int
+    at_ns: int
+
+
 class Boots:
     """Which boot a sample is of, and its time unwrapped. All times are arguments.
+
+    To take two boots for one is dangerous, for a calibration would go on; to take one for two costs a calibration.
+    So whatever a clock that began anew at power-up can have led to is a boot, once three samples agree; but for a boot
+    that lasted less than two seconds, which looks like datagrams that overtake each other.
 
     tick_period_s: of the device's clock, None where it has none; it wraps at 2**tick_bits.
     number: 0 before the first sample. cause: how it is known. tick: of the latest sample, unwrapped since the boot began.
@@ -40,9 +54,9 @@ class Boots:
         self.tick = 0
         self._period_s = tick_period_s
         self._whole = 1 << tick_bits
+        self._wraps = tick_period_s is not None and self._whole * tick_period_s < _WIDE_S
         self._draw = draw
-        self._raw = 0  # as sent, of the latest that was believed
-        self._heard_ns = 0
+        self._last = self._before = _Heard(0, 0, 0)  # the latest two
         self._odd: list[int] = []
         self._opened = self._said = False
 
@@ -63,29 +77,45 @@ class Boots:
             if self._opened:
                 return self._begin(BootCause.PORT_OPENED, tick, receive_time_ns)
             return Time.GOES_ON
-        passed_s = max(0.0, (receive_time_ns - self._heard_ns) * 1e-9)
-        step = self._step(tick, passed_s)
-        step_s = step * self._period_s
+        step, passed_s = self._step(self._last, tick, receive_time_ns)
+        if self._fits(step, passed_s, tick):
+            return self._goes_on(self._last, step, tick, receive_time_ns)
+        before, before_s = self._step(self._before, tick, receive_time_ns)
+        if not self._opened and self._fits(before, before_s, tick):
+            # It was the latest that was damaged, within what could be believed.
+            return self._goes_on(self._before, before, tick, receive_time_ns)
+        if not self._confirmed(tick):
+            return Time.ODD
+        young = tick * self._period_s < passed_s  # it has been on for less than it was silent
+        if tick < self._last.raw or young or self._opened or self._wraps:
+            cause = BootCause.PORT_OPENED if self._opened and not young else BootCause.POWER_UP
+            return self._begin(cause, tick, receive_time_ns)
+        return self._goes_on(self._last, step, tick, receive_time_ns)
+
+    def _fits(self, step: int, passed_s: float, tick: int) -> bool:
+        """Whether a clock that was not begun anew can have gone on by so many ticks while so much host time passed."""
+        period_s = self._period_s or 0.0
+        step_s = step * period_s
+        behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
         if self._opened:
-            if abs(step_s - passed_s) > _AHEAD_S + _SKEW * passed_s:
-                young = tick * self._period_s < passed_s  # it has been on for less than it was away
-                return self._begin(BootCause.POWER_UP if young else BootCause.PORT_OPENED, tick, receive_time_ns)
-            self._opened = False
-        elif not -_BACK_S <= step_s <= _AHEAD_S + 1.5 * passed_s:
-            if not self._confirmed(tick):
-                return Time.ODD
-            if tick < self._raw:
-                return self._begin(BootCause.POWER_UP, tick, receive_time_ns)
+            return abs(behind_s) <= slack_s
+        if behind_s > slack_s and tick * period_s < passed_s:
+            return False  # held up for long, or begun anew meanwhile
+        return -_BACK_S <= step_s <= _AHEAD_S + 1.5 * passed_s
+
+    def _goes_on(self, since: _Heard, step: int, tick: int, receive_time_ns: int) -> Time:
+        self._opened = False
         self._odd.clear()
-        self.tick += step
-        self._raw, self._heard_ns = tick, receive_time_ns
+        self.tick = since.tick + step
+        self._before, self._last = since, _Heard(tick, self.tick, receive_time_ns)
         return Time.GOES_ON
 
-    def _step(self, tick: int, passed_s: float) -> int:
-        """Ticks since the latest, with the turns of the counter that bring it nearest to the time that has passed."""
+    def _step(self, since: _Heard, tick: int, receive_time_ns: int) -> tuple[int, float]:
+        """Ticks since a sample, with the turns of the counter that bring it nearest to the time that has passed, and that."""
+        passed_s = max(0.0, (receive_time_ns - since.at_ns) * 1e-9)
         expected = round(passed_s / self._period_s) if self._period_s else 0
         half = self._whole // 2
-        return expected + (tick - self._raw - expected + half) % self._whole - half
+        return expected + (tick - since.raw - expected + half) % self._whole - half, passed_s
 
     def _confirmed(self, tick: int) -> bool:
         """Whether enough leaps in a row agree with each other."""
@@ -96,8 +126,8 @@ class Boots:
 
     def _begin(self, cause: BootCause, tick: int, receive_time_ns: int) -> Time:
         self.number, self.cause = self._draw() or 1, cause
-        self.tick = self._raw = tick
-        self._heard_ns = receive_time_ns
+        self.tick = tick
+        self._before = self._last = _Heard(tick, tick, receive_time_ns)
         self._odd.clear()
         self._opened = self._said = False
         return Time.BEGINS

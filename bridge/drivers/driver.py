@@ -39,7 +39,8 @@ class Identity:
     """Who the device is, said at boot and again at any time; the same boot may be told again.
 
     tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
-    has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise.
+    has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise; time is
+    made of them behind the door.
     """
 
     boot: int

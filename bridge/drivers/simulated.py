@@ -4,26 +4,32 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
+from typing import Literal
 
 from msgspec import Struct
 
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
+from bridge.sim.script import demo_script
 from bridge.sim.virtual_device import VirtualDevice, demo_device
+from bridge.sim.ward_life import ward_script
 
 _TURN_S = 0.02
+_LIVES = {"lively": demo_script, "ward": ward_script}
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The seed decides what the device is and does; speed is how many times faster than life it lives.
 
-    calibration_rate_hz: what it sends while it is calibrated; 0: no other rate.
+    calibration_rate_hz: what it sends while it is calibrated; 0: no other rate. life: after its calibration, `lively`, a rest of
+    some seconds after each movement, or as on a `ward`: lying, asleep, sitting, walking, in a bed that turns.
     """
 
     seed: int = 0
     rate_hz: float = 104.0
     calibration_rate_hz: float = 0.0
     speed: float = 1.0
+    life: Literal["lively", "ward"] = "lively"
 
     def __post_init__(self) -> None:
         for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz or 1.0)):
@@ -61,7 +67,11 @@ class SimulatedDriver:
         """Power the device up, the first time."""
         if self.device is None:
             self.device = demo_device(
-                "simulated", self._options.seed, rate_hz=self._options.rate_hz, draw_boot=self._draw_boot
+                "simulated",
+                self._options.seed,
+                rate_hz=self._options.rate_hz,
+                draw_boot=self._draw_boot,
+                script=_LIVES[self._options.life],
             )
             self._born_s = time.monotonic()
         self._decoder.opened()
@@ -83,7 +93,7 @@ class SimulatedDriver:
 
 KIND = DriverKind(
     name="simulated",
-    summary="a virtual device that is calibrated and then worn, for trying things out: seed, rate_hz, calibration_rate_hz, speed",
+    summary="a virtual device that is calibrated and then worn, for trying things out: seed, rate_hz, speed, life",
     options=SimulatedOptions,
     make=SimulatedDriver,
     state=lambda _: "present",

@@ -71,6 +71,40 @@ class Garbage(ByteFault):
         return self.rng.bytes(int(self.rng.integers(1, 65)))
 
 
+class Dribble:
+    """Hands on at most so many bytes a turn; the rest comes later, in order. injected: turns that held some back."""
+
+    def __init__(self, at_most: int) -> None:
+        self.injected = 0
+        self._at_most = at_most
+        self._held = b""
+
+    def __call__(self, data: bytes) -> bytes:
+        """What arrives this turn."""
+        data = self._held + data
+        self._held = data[self._at_most :]
+        self.injected += bool(self._held)
+        return data[: self._at_most]
+
+
+class HeldUp:
+    """A link that is dead while `dead` is set and then delivers all at once, as TCP does. injected: bytes held up."""
+
+    def __init__(self) -> None:
+        self.injected = 0
+        self.dead = False
+        self._held = b""
+
+    def __call__(self, data: bytes) -> bytes:
+        """What arrives."""
+        if self.dead:
+            self._held += data
+            self.injected += len(data)
+            return b""
+        held, self._held = self._held, b""
+        return held + data
+
+
 class AxisFault(ABC):
     """Spoils one axis of the gyro in n samples from sequence number `first` on."""
 
@@ -121,6 +155,41 @@ class StuckAxis(AxisFault):
         if self._value is None:
             self._value = float(readings[0])
         return self._value
+
+
+class Stuck:
+    """The whole sensor repeats its first sample, in n samples from sequence number `first` on."""
+
+    def __init__(self, first: int, n: int) -> None:
+        self.injected = 0
+        self._first, self._n = first, n
+        self._sample: Samples | None = None
+
+    def __call__(self, sequence: int, samples: Samples) -> Samples:
+        """The samples as the device sends them, the first of them numbered `sequence`."""
+        begin, end = (min(max(0, edge - sequence), len(samples)) for edge in (self._first, self._first + self._n))
+        if begin == end:
+            return samples
+        frozen = self._sample = self._sample or samples[begin : begin + 1]
+        gyro, accel = samples.gyro.copy(), samples.accel.copy()
+        gyro[begin:end], accel[begin:end] = frozen.gyro, frozen.accel
+        self.injected += end - begin
+        return replace(samples, gyro=gyro, accel=accel)
+
+
+class TemperatureLeap:
+    """The thermometer reads leap_k too much, in n samples from sequence number `first` on."""
+
+    def __init__(self, first: int, n: int = 1, leap_k: float = -60.0) -> None:
+        self.injected = 0
+        self._first, self._n, self._leap_k = first, n, leap_k
+
+    def __call__(self, sequence: int, samples: Samples) -> Samples:
+        """The samples as the device sends them, the first of them numbered `sequence`."""
+        number = sequence + np.arange(len(samples))
+        struck = (number >= self._first) & (number < self._first + self._n)
+        self.injected += int(struck.sum())
+        return replace(samples, temperature_c=samples.temperature_c + self._leap_k * struck)
 
 
 class Clipped:

@@ -2,7 +2,7 @@
 
     reading = M⁻¹ rate + bias(t) + G force + noise, then clipped to the range and rounded to the step
     rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, often none
-    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk,  T₀ the cold temperature of the spec
+    bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk + flicker,  T₀ the cold temperature of the spec
 
 Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature.
 """
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bridge.sim.flicker import Flicker
 from bridge.sim.motion import GRAVITY, TrueMotion
 from bridge.sim.quaternion import Array
 
@@ -22,7 +23,8 @@ class ImuSpec:
     k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
     noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²). accel_bias: ± m/s².
     accel_scale: ±, what its scale factors differ from 1. g_sensitivity_dps_per_g: ±, each element of G.
-    rrw_dps_per_sqrt_s: random walk of the bias. bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
+    rrw_dps_per_sqrt_s: random walk of the bias. bias_instability_dps: B of its flicker, whose Allan deviation is 0.664 B.
+    bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
     temperature_c: at power-up and when warm; warm_up_s: its time constant.
     range_dps: full scale of the reading, ±. step_dps: least step of the reading, 0 for none.
     """
@@ -42,6 +44,7 @@ class ImuSpec:
     accel_scale: float = 0.0
     bias_dps_per_kelvin2: float = 0.0
     g_sensitivity_dps_per_g: float = 0.0
+    bias_instability_dps: float = 0.0
 
 
 DEMO_SPEC = ImuSpec(
@@ -98,6 +101,9 @@ class Imperfection:
         self.truth = truth or draw(spec, rng)
         # The walk draws from a stream of its own, so that the readings do not depend on how the motion is cut.
         self._rng, self._walk_rng = rng.spawn(2)
+        # A third stream only where it is drawn from, so that seeds keep their meaning.
+        unstable = np.radians(spec.bias_instability_dps)
+        self._flicker = Flicker(unstable, rng.spawn(1)[0]) if unstable > 0 else None
         self._inverse = np.linalg.inv(self.truth.matrix)
         self._walk = np.zeros(3)
         self._time_s = 0.0
@@ -137,6 +143,8 @@ class Imperfection:
             walk = self._walk + np.radians(self.spec.rrw_dps_per_sqrt_s) * np.cumsum(steps, axis=0)
             self._walk = walk[-1]
             bias = bias + walk
+        if self._flicker is not None:
+            bias = bias + self._flicker.at(time_s)
         self._time_s = float(time_s[-1])
         return bias
 

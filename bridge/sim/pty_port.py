@@ -10,10 +10,10 @@ import termios
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-from bridge.sim.faults import ByteFault
 from bridge.sim.virtual_device import VirtualDevice
 
 _TURN_S = 0.01
@@ -37,7 +37,7 @@ class PtyPort:
         *,
         speed: float = 1.0,
         lossless: bool = False,
-        byte_fault: ByteFault | None = None,
+        byte_fault: Callable[[bytes], bytes] | None = None,
     ) -> None:
         self.device = device
         self.link = link

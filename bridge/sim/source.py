@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
-from bridge.sim.motion import Motion
 from bridge.sim.quaternion import Array
+from bridge.sim.ward_life import Life
 
 _BLOCK_S = 1.0
 _TICKS_PER_S = 1e6
@@ -85,7 +85,7 @@ class SimulatedSource:
     """A body that moves and a sensor that errs. script makes the motion of a boot from rng."""
 
     def __init__(
-        self, script: Callable[[np.random.Generator], Motion], spec: ImuSpec | None = None, rate_hz: float = 104.0
+        self, script: Callable[[np.random.Generator], Life], spec: ImuSpec | None = None, rate_hz: float = 104.0
     ) -> None:
         self.spec = spec or ImuSpec()
         self.sensor = Sensor(rate_hz, float(np.radians(self.spec.range_dps)))

@@ -17,6 +17,7 @@ from bridge.sim.imperfection import DEMO_SPEC, ImuSpec, Truth
 from bridge.sim.script import demo_script
 from bridge.sim.source import Samples, SimulatedSource, Source, TrueSamples
 from bridge.sim.truth_log import TruthLog
+from bridge.sim.ward_life import Life
 
 TICK_S = 1e-6
 _MASK_32 = 0xFFFFFFFF
@@ -247,6 +248,7 @@ def demo_device(
     rate_hz: float = 104.0,
     spec: DeviceSpec | None = None,
     draw_boot: Callable[[], int] | None = None,
+    script: Callable[[np.random.Generator], Life] = demo_script,
 ) -> VirtualDevice:
     """A device that at every boot rests 2 s, is calibrated by hand within 30 s, and is then worn for ever."""
-    return VirtualDevice(name, SimulatedSource(demo_script, imu, rate_hz), seed, spec, draw_boot)
+    return VirtualDevice(name, SimulatedSource(script, imu, rate_hz), seed, spec, draw_boot)

@@ -211,7 +211,7 @@ class DeviceInfo:
     battery_percent: float = math.nan  # NaN when unknown
     charging: bool = False
     notices: dict[str, str] = field(default_factory=dict)  # what a person should know of the device, by name
-    has_clock: bool = True  # its ticks are its own time, not the bridge's count of its samples
+    has_clock: bool = True  # its ticks are its own time, not made by the bridge of the count of its samples
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,8 @@ class Reason(StrEnum):
     NON_FINITE = "non_finite"
     RANGE = "range"
     DUPLICATE = "duplicate"
+    REORDERED = "reordered"
+    BACKWARD = "backward_time"
     OLD_BOOT = "old_boot"
     OVERFLOW = "overflow"
 

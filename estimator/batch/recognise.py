@@ -64,7 +64,7 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         return NoTurn("a nudge, not a turn", attempt=False, unit_axis=axis if small else None)
     reason = None
     if samples.clipped.any():
-        reason = f"turned faster than the gyro's range for {int(samples.clipped.sum())} samples: turn more slowly"
+        reason = _spoilt(samples.gyro[samples.clipped])
     elif _flat_s(samples, axis, dt) > knobs.flat_s and movement.before.std[axis] > 1e-9:
         reason = "its largest reading was repeated: turned faster than the gyro's range, turn more slowly"
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
@@ -96,6 +96,15 @@ def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
         reading = turn.samples.gyro[:, turn.axis] - turn.before.bias[turn.axis]
         k[turn.axis] = 2 * np.pi / abs(float(reading @ rotation.intervals(turn.samples.time)))
     return k
+
+
+def _spoilt(gyro: Floats) -> str:
+    """Why readings (n, 3) that are marked are no measurement: all alike on all axes, they are stuck."""
+    if len(gyro) > 1 and (gyro == gyro[0]).all():
+        return (
+            f"the gyro repeated itself for {len(gyro)} samples: turn again; if this is said again, restart the device"
+        )
+    return f"turned faster than the gyro's range for {len(gyro)} samples: turn more slowly"
 
 
 def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none

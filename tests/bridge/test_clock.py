@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from bridge.clock import ClockFit
 from bridge.unwrap import step, steps, whole_turns
+from tests.bridge.arrivals import bursts
 
 EPOCH_NS = 1_700_000_000 * 10**9
 
@@ -42,6 +43,43 @@ def test_a_real_clock_is_found_through_late_arrivals(skew: float, delay: str) ->
     feed(clock, device, host)
     assert clock.rate == pytest.approx(1 + skew, abs=2e-5 if delay == "jitter" else 1e-3)
     assert abs(error_s(clock, 119.0, (1 + skew) * 119)) < (0.003 if delay == "jitter" else 0.2)
+
+
+@pytest.mark.parametrize("skew", [0.0, 1e-3, -1e-3])
+def test_after_ten_seconds_a_sample_s_time_is_known_to_a_millisecond(skew: float) -> None:
+    errors = []
+    for seed in range(20):
+        device, host = bursts(np.random.default_rng(seed), 40.0, 104.0, skew)
+        clock = ClockFit()
+        for device_s, at_s in zip(device.tolist(), host.tolist(), strict=True):
+            feed(clock, np.array([device_s]), np.array([at_s]))
+            if device_s > 10:
+                errors.append(error_s(clock, device_s, (1 + skew) * device_s))
+    assert np.abs(errors).max() < 1e-3
+    assert clock.rate_error < 1e-4
+
+
+def test_the_rate_is_seldom_outside_its_interval() -> None:
+    outside = 0
+    for seed in range(200):
+        device, host = bursts(np.random.default_rng(seed), 15.5, 50.0, 2e-4)
+        clock = ClockFit()
+        feed(clock, device, host)
+        outside += abs(clock.rate - 1.0002) > clock.rate_error
+    assert outside < 200 * 0.2
+
+
+def test_what_was_held_up_for_long_and_comes_at_once_moves_nothing() -> None:
+    device = np.arange(0, 100, 0.02)
+    host = device + 0.002
+    held = (device >= 30) & (device < 50)
+    host[held] = 50.002  # a link that was dead for twenty seconds
+    clock = ClockFit()
+    feed(clock, device[device < 50], host[device < 50])
+    assert abs(error_s(clock, 40.0, 40)) < 0.01
+    feed(clock, device[device >= 50], host[device >= 50])
+    assert abs(error_s(clock, 99.0, 99)) < 0.01
+    assert clock.rate == pytest.approx(1.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 5.0, 50.0, 1000.0])

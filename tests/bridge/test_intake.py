@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.drivers.driver import Identity, Readings
+from bridge.drivers.driver import Identity, Notice, Readings
 from bridge.intake import Intake
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
+from tests.bridge.arrivals import bursts
 
 NOW = 1_700_000_000 * 10**9
 DT = 10_000  # ticks
@@ -111,6 +112,90 @@ def test_what_was_there_already_is_dropped() -> None:
     assert intake.dropped.as_dict() == {"duplicate": 7}
     assert intake.events.as_dict() == {}
     account(intake)
+
+
+def test_a_datagram_that_was_overtaken_is_no_duplicate() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0))
+    intake.take(readings(10))
+    assert intake.take(readings(5)) == []
+    assert intake.dropped.as_dict() == {"reordered": 5}
+    assert intake.take(readings(5)) == []
+    assert intake.dropped.as_dict() == {"reordered": 5, "duplicate": 5}
+    assert spans(intake.take(readings(15))) == [(15, 5)]
+    assert intake.events.as_dict() == {"gaps": 1, "missing_samples": 5}
+    account(intake)
+
+
+def test_new_numbers_with_old_ticks_are_counted_by_themselves() -> None:
+    intake = made()
+    intake.take(HELLO)
+    intake.take(readings(0, 10))
+    assert intake.take(readings(10, ticks=np.arange(5, dtype=np.uint32) * DT)) == []
+    assert intake.dropped.as_dict() == {"backward_time": 5}
+    assert spans(intake.take(readings(15))) == [(15, 5)]
+    account(intake)
+
+
+@pytest.mark.parametrize("skew", [1e-3, -1e-3])
+def test_over_a_wrap_of_the_clock_a_thousandth_off_times_are_true_to_a_millisecond(skew: float) -> None:
+    device_s, host_s = bursts(np.random.default_rng(3), 40.0, 100.0, skew)
+    first, intake = 2**32 // DT - 2500, made()  # wraps after 25 s
+    intake.take(HELLO)
+    sent, errors = 0, []
+    for now_s, at_s in zip(device_s.tolist(), host_s.tolist(), strict=True):
+        n = round(now_s * 100) - sent
+        ticks = ((first + sent + 1 + np.arange(n)) * DT % 2**32).astype(np.uint32)
+        (batch,) = intake.take(readings(sent, n, ticks=ticks, receive_time_ns=NOW + round(at_s * 1e9)))
+        of_samples = NOW + (sent + 1 + np.arange(n)) * (DT * 1000 * (1 + skew))
+        since = (batch.ticks - batch.ticks[0]) * (batch.tick_period_s * batch.clock_rate * 1e9)
+        sent += n
+        if now_s > 10:
+            errors.append(np.abs(batch.start_time_ns + since - of_samples).max())
+    assert max(errors) < 1e6
+    assert intake.events.as_dict() == {}
+    account(intake)
+
+
+def test_samples_that_a_dead_link_held_up_are_marked_late_and_timed_as_ever() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(300):
+        intake.take(readings(5 * i))
+    held = range(300, 380)  # four seconds
+    at = NOW + 5 * held.stop * DT * 1000
+    late = [batch for i in held for batch in intake.take(readings(5 * i, receive_time_ns=at))]
+    flags = np.concatenate([batch.flags for batch in late])
+    assert np.flatnonzero(flags == SampleFlag.LATE).tolist() == list(range(int(np.sum(flags == SampleFlag.LATE))))
+    assert np.sum(flags == SampleFlag.LATE) == pytest.approx(300, abs=1)
+    assert intake.events.as_dict() == {"late": np.sum(flags == SampleFlag.LATE)}
+    for i, batch in zip(held, late, strict=True):
+        assert abs(batch.start_time_ns - NOW - (5 * i + 5) * DT * 1000) < 50_000_000
+    assert not any(batch.flags.any() for i in range(380, 500) for batch in intake.take(readings(5 * i)))
+
+
+def test_a_clock_that_is_not_what_it_says_is_told() -> None:
+    intake = made()
+    intake.take(HELLO)
+    for i in range(500):
+        intake.take(readings(5 * i, receive_time_ns=NOW + 5 * i * DT * 500))
+    info = intake.info(NOW, {})
+    assert info.measured_rate_hz == pytest.approx(200, rel=1e-3)
+    assert info.events == {"rate_differs": 1}
+    assert info.notices == {"rate": "measured 200 Hz, told 100 Hz; its clock runs 2 times as fast as the host's"}
+
+
+def test_a_device_s_own_notices_stay_beside_ours() -> None:
+    intake = made()
+    intake.take(replace(HELLO, has_clock=False))
+    intake.take(Notice("battery", "old"))
+    assert set(intake.info(NOW, {}).notices) == {"battery", "clock"}
+    for i in range(20):
+        intake.take(Notice(f"n{i}", "x"))
+    notices = intake.info(NOW, {}).notices
+    assert len(notices) == 16
+    assert "clock" in notices
 
 
 def test_ticks_that_go_back_within_a_packet_are_dropped() -> None:

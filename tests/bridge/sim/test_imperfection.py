@@ -1,9 +1,11 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import allantools
 import numpy as np
 import pytest
 
+from bridge.sim.flicker import Flicker
 from bridge.sim.imperfection import DEMO_SPEC, Imperfection, ImuSpec, Readings
 from bridge.sim.motion import Motion, Still, TrueMotion
 from bridge.sim.script import demo_script
@@ -88,6 +90,52 @@ def test_bias_follows_a_given_temperature_along_a_parabola() -> None:
     warmer = (temperature_c - 25.0)[:, None]
     np.testing.assert_allclose(readings.bias, warmer * truth.bias_per_kelvin + warmer**2 * truth.bias_per_kelvin2)
     assert (truth.bias_per_kelvin2 != 0).all()
+
+
+def test_bias_instability_is_a_floor_of_the_allan_deviation() -> None:
+    spec = replace(PERFECT, bias_instability_dps=0.02)
+    time_s = np.arange(1, 10 * 7200 + 1) / 10
+    motion = Motion([Still(1.0)]).advance(time_s)
+    bias = np.degrees(np.hstack([read(spec, motion, seed)[1].bias for seed in range(2)]))
+    tau_s = [2.0, 6.0, 20.0, 60.0, 200.0]
+    floors = [allantools.oadev(axis, rate=10.0, data_type="freq", taus=tau_s)[1] for axis in bias.T]
+    floor = np.sqrt(np.mean(np.square(floors), axis=0))
+    assert floor == pytest.approx(np.full(5, 0.664 * 0.02), rel=0.15)
+    slope = np.polyfit(np.log(tau_s), np.log(floor), 1)[0]
+    assert abs(slope) < 0.06  # white noise would have -0.5, a random walk 0.5
+
+
+def test_flicker_is_the_same_however_it_is_cut_and_draws_nothing_where_there_is_none() -> None:
+    time_s = np.concatenate([np.arange(1, 2000) / 104.0, 60 + np.arange(2000) / 104.0])
+    whole = Flicker(0.1, np.random.default_rng(3)).at(time_s)
+    parts, cuts = Flicker(0.1, np.random.default_rng(3)), [0, 1, 2, 700, 1999, 2500, len(time_s)]
+    np.testing.assert_allclose(np.concatenate([parts.at(time_s[a:b]) for a, b in pairwise(cuts)]), whole, atol=1e-12)
+    plain, unstable = (read(replace(ImuSpec(), bias_instability_dps=b), truth(), 4)[1] for b in (0.0, 0.1))
+    np.testing.assert_allclose(plain.gyro - plain.bias, unstable.gyro - unstable.bias, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_turned_upside_down_g_sensitivity_shows_twice(axis: int) -> None:
+    spec = replace(PERFECT, g_sensitivity_dps_per_g=0.2)
+    force = np.zeros((2, 3))
+    force[:, axis] = [9.80665, -9.80665]
+    motion = TrueMotion(np.array([1.0, 2.0]), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), force)
+    device, readings = read(spec, motion)
+    dps_per_g = np.degrees(device.truth.g_sensitivity[:, axis]) * 9.80665
+    np.testing.assert_allclose(np.degrees(readings.gyro[0] - readings.gyro[1]) / 2, dps_per_g)
+    assert 0 < np.abs(dps_per_g).max() <= 0.2
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_misaligned_axis_reads_a_share_of_the_others(axis: int) -> None:
+    rate = np.radians(100.0) * np.eye(3)[[axis]]
+    motion = TrueMotion(np.array([1.0]), rate, np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)))
+    device, readings = read(replace(PERFECT, misalignment_deg=2.0), motion)
+    across = np.delete(np.degrees(readings.gyro[0]), axis)
+    assert (across != 0).all()
+    # To first order a reading is -E of the rate.
+    np.testing.assert_allclose(across, -100 * np.delete(device.truth.matrix[:, axis], axis), atol=0.3)
+    assert np.abs(across).max() < 100 * np.radians(2.1)
 
 
 def test_gravity_and_scale_err_where_asked_for() -> None:

@@ -76,6 +76,13 @@ def test_clipped_samples_are_named() -> None:
     assert ignored(of, clipped=slice(10, 20)) == [], "clipped, but not in the turn"
 
 
+def test_a_gyro_that_is_stuck_is_not_said_to_be_too_fast() -> None:
+    of = calibration(TurnPlan(1, duration_s=4.0))
+    middle = of.at(1.5 + 3.2 + 2.0)
+    of.gyro[middle : middle + 30] = of.gyro[middle]
+    assert "repeated itself for 25 samples" in ignored(of, clipped=slice(middle + 5, middle + 30))[0]
+
+
 @pytest.mark.parametrize("range_dps", [60.0, 90.0, 120.0])
 def test_a_limit_that_nobody_flagged_is_seen(range_dps: float) -> None:
     of = calibration(

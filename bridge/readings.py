@@ -1,0 +1,63 @@
+"""Which readings can be taken at all: whole, finite, and not beyond what a sensor can read."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.drivers.driver import Readings
+from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES
+from bridge.wire.refusal import Reason
+
+PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
+_MAX_COUNT = 2**62
+
+Bools = NDArray[np.bool_]
+
+
+def fault(readings: Readings) -> Reason | None:
+    """Why readings cannot be taken: columns of different lengths, counters that no device reaches."""
+    n, accel, temperature_c = len(readings.ticks), readings.accel, readings.temperature_c
+    whole = (
+        n > 0
+        and readings.gyro.shape == (n, 3)
+        and (accel is None or accel.shape == (n, 3))
+        and (temperature_c is None or temperature_c.shape == (n,))
+    )
+    if not whole:
+        return Reason.LENGTH
+    if not 0 <= readings.sequence < _MAX_COUNT or int(readings.ticks.max()) >= _MAX_COUNT:
+        return Reason.RANGE
+    return None
+
+
+def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
+    """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
+    limit = min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
+    finite = np.isfinite(readings.gyro).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
+        if readings.accel is not None:
+            finite &= np.isfinite(readings.accel).all(axis=1)
+            plausible &= (np.abs(readings.accel) <= MAX_ACCEL).all(axis=1)
+    return finite, finite & plausible
+
+
+def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
+    """The column, or None where a value of it is unusable: no reason to lose the rates."""
+    if readings.temperature_c is None:
+        return None
+    column = readings.temperature_c[run]
+    with np.errstate(invalid="ignore"):
+        usable = bool((np.abs(column) <= MAX_CELSIUS).all())
+    return np.ascontiguousarray(column, np.float32) if usable else None
+
+
+def runs(good: Bools) -> list[slice]:
+    """The unbroken runs of True, none longer than a batch may be."""
+    edges = [0, len(good)]
+    if not good.all():
+        edges = np.flatnonzero(np.diff(good.astype(np.int8), prepend=0, append=0)).tolist()
+    return [
+        slice(begin, min(begin + MAX_SAMPLES, end))
+        for start, end in zip(edges[::2], edges[1::2], strict=True)
+        for begin in range(start, end, MAX_SAMPLES)
+    ]

@@ -1,0 +1,27 @@
+"""How many samples a second a device really sends, and whether that is what it was said to send."""
+
+_WINDOW_S = 10.0
+_DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate
+
+
+class SendingRate:
+    """Of one boot. hz: samples per host second over the last ten seconds or so, missing ones included; 0 until known."""
+
+    def __init__(self) -> None:
+        self.hz = 0.0
+        self.differs = False
+        self._since: tuple[int, float] | None = None  # sequence and device time, some seconds ago
+
+    def observe(self, sequence: int, device_s: float, clock_rate: float, nominal_hz: float) -> bool:
+        """Whether the rate begins to differ from the nominal one; clock_rate: host seconds per device second."""
+        if self._since is None:
+            self._since = (sequence, device_s)
+        since, since_s = self._since
+        if device_s - since_s < 1.0:
+            return False
+        self.hz = (sequence - since) / ((device_s - since_s) * clock_rate)
+        if device_s - since_s >= _WINDOW_S:
+            self._since = (sequence, device_s)
+        before, off = self.differs, abs(self.hz / nominal_hz - 1) if nominal_hz else 0.0
+        self.differs = off > (_AGREES if before else _DIFFERS)
+        return self.differs and not before

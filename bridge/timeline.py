@@ -1,0 +1,91 @@
+"""The time of one boot: when each sample was taken, by the device and by the host, and how fast samples really come.
+
+A device that tells time is believed; for one that tells none (`Identity.has_clock`) time is made of the count of its samples.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.clock import ClockFit
+from bridge.counted import TICK_S, MadeTime, Silences
+from bridge.drivers.driver import Identity, Readings
+from bridge.sending_rate import SendingRate
+from bridge.unwrap import Counts
+
+_LATE_NS = 1_000_000_000
+_ODD_CLOCK = 0.02  # from the host's
+
+
+class Stamps(NamedTuple):
+    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,): it came over 1 s after host_ns."""
+
+    ticks: Counts
+    tick_period_s: float
+    clock_rate: float
+    host_ns: Counts
+    late: NDArray[np.bool_]
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """(n,) device time."""
+        return np.asarray(self.ticks * self.tick_period_s, np.float64)
+
+
+class Timeline:
+    """Fed in the order of arrival; pure. missing: samples that a device that tells no time has left out so far."""
+
+    def __init__(self) -> None:
+        self.clock = ClockFit()
+        self.rate = SendingRate()
+        self._silences, self._made = Silences(), MadeTime()
+
+    @property
+    def missing(self) -> int:
+        """Samples that a device without a clock has left out so far, by the silences."""
+        return self._silences.missing
+
+    def hold(self, readings: Readings, last_tick: int, identity: Identity) -> list[Readings]:
+        """What may be read now: after a silence of a device that tells no time it takes a while to know."""
+        device_s = (last_tick + self.missing) * identity.tick_period_s
+        late_s = (readings.receive_time_ns - self.clock.host_ns(device_s)) * 1e-9 if self.clock.sure else 0.0
+        return self._silences.take(readings, late_s, identity.tick_period_s * self.clock.rate)
+
+    def release(self) -> list[Readings]:
+        """What is held, when no more is expected."""
+        return self._silences.release()
+
+    def observe(self, sequence: int, tick: int, receive_time_ns: int, identity: Identity) -> bool:
+        """The last good sample of readings; whether its rate begins to differ from what was told."""
+        device_s = tick * identity.tick_period_s
+        self.clock.observe(device_s, receive_time_ns)
+        return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
+
+    def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
+        """The times of good samples (n,), rising, up to the one observed."""
+        device_s = ticks * identity.tick_period_s
+        last_ns = self.clock.host_ns(float(device_s[-1]))
+        before_ns = np.rint((device_s[-1] - device_s) * (self.clock.rate * 1e9)).astype(np.int64)
+        # A sample cannot come in before it was taken, whatever the fit says.
+        host_ns = np.maximum(0, min(last_ns, receive_time_ns) - before_ns)
+        late = (receive_time_ns - host_ns > _LATE_NS) & self.clock.sure
+        if identity.has_clock:
+            return Stamps(ticks, identity.tick_period_s, self.clock.rate, host_ns, late)
+        made = self._made.ticks(ticks, identity.tick_period_s * self.clock.rate)
+        return Stamps(made, TICK_S, 1.0, host_ns, late)
+
+    def notices(self, identity: Identity) -> dict[str, str]:
+        """What a person should know of it, by name."""
+        notices: dict[str, str] = {}
+        clock, told = self.clock, f"{identity.rate_hz:.4g} Hz"
+        measured = f"{self.rate.hz:.4g} Hz"
+        if not identity.has_clock:
+            error = f"{measured} ± {100 * clock.rate_error / clock.rate:.2g} %"
+            rate = f"its rate is measured: {error}" if clock.measured else f"its rate is taken to be {told} at first"
+            notices["clock"] = f"the device tells no time; {rate}"
+        if self.rate.differs:
+            notices["rate"] = f"measured {measured}, told {told}"
+            if identity.has_clock and abs(clock.rate - 1) > _ODD_CLOCK:
+                notices["rate"] += f"; its clock runs {1 / clock.rate:.4g} times as fast as the host's"
+        return notices
