@@ -212,6 +212,8 @@ def test_a_device_sends_faster_while_it_is_calibrated_and_none_of_its_samples_is
 ) -> None:
     def comes(rate_hz: float) -> None:
         listener.until(lambda: "d1" in listener.infos and listener.infos["d1"].rate_hz == rate_hz)
+        here = listener.count()
+        listener.until(lambda: listener.count() > here + 20)
 
     port = PtyPort(demo_device("d1", 1), tmp_path / "d1", speed=5.0, lossless=True)
     with port, MemoryBus(broker) as estimator:
