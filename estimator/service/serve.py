@@ -21,12 +21,12 @@ LOOK_S, GONE_S = 0.5, 3.0
 def run(ward: Ward) -> None:
     """Serve until SIGINT or SIGTERM; a missing router is waited for.
 
-    Raises StoreError, and BusError where an estimator of this id runs already.
+    Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
     with stopped_by_signal() as stop, ExitStack() as stack:
-        store = Store(ward.estimator.store)
+        store = Store(ward.estimator.store, patient=True)
         stack.callback(store.close)
         data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
         if data is None or control is None:

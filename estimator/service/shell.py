@@ -208,6 +208,7 @@ class Service:
         self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
+        self._record.tend(now)
         self._totals.tell(now)
 
     def _look_after(self, device: Device, now: float) -> None:
