@@ -19,7 +19,7 @@ from bridge.config import LOCAL, ConfigError, check_endpoints, load
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator import cli_correct, cli_offline, cli_tracking
+from estimator import cli_correct, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
 EPILOG = """examples:
@@ -30,6 +30,8 @@ EPILOG = """examples:
   truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate watch chest --config configs/ward.toml
+  truerate history chest --config configs/ward.toml
+                                                 its calibrations, boots, commands and bias so far
   truerate calibrate session.npz --json          calibrate from a recording
   truerate correct day.npz corrected.npz         correct a recording
   truerate allan night.npz                       the noise of a device, from a recording at rest"""
@@ -63,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _expected() -> tuple[type[Exception], ...]:
     # Imported late: most commands need neither the store nor the demonstration.
     from estimator.calibration_file import CalibrationFileError  # noqa: PLC0415
+    from estimator.database import StoreError  # noqa: PLC0415
     from estimator.demo.ward import DemoFailed  # noqa: PLC0415
-    from estimator.service.store import StoreError  # noqa: PLC0415
 
     return BusError, RecordingError, CalibrationFileError, StoreError, DemoFailed, OSError
 
@@ -99,6 +101,7 @@ def build() -> argparse.ArgumentParser:
         verb.add_argument("--reason", default="", help="kept in the audit beside your name")
         verb.set_defaults(verb=name)
         _add_ward(verb)
+    cli_store.add_store(verbs)
     cli_offline.add_calibrate(verbs)
     cli_correct.add_correct(verbs)
     cli_tracking.add_allan(verbs)

@@ -3,6 +3,7 @@
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 
 def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
@@ -10,6 +11,12 @@ def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
     db = sqlite3.connect(path, timeout=5.0, check_same_thread=False, isolation_level=None, uri=uri)
     db.text_factory = lambda raw: raw.decode("utf-8", "replace")
     return db
+
+
+def beside(path: Path) -> sqlite3.Connection:
+    """A connection for reading that leaves nothing behind: in step with whoever writes, where anybody does."""
+    alone = "" if path.with_name(path.name + "-wal").exists() else "&immutable=1"
+    return connect(f"{path.absolute().as_uri()}?mode=ro{alone}", uri=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
-from estimator.database.connection import connect, transaction
+from estimator.database.connection import beside, connect, transaction
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
     Damaged,
@@ -220,7 +220,7 @@ def _as_it_is(path: Path) -> sqlite3.Connection:
 
 def _live(path: Path) -> sqlite3.Connection:
     """In step with who is writing to it; where nothing can be written beside it, as a copy in memory."""
-    db = connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    db = beside(path)
     try:
         db.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error:

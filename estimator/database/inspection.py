@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from estimator.database import salvage, wal
-from estimator.database.connection import connect
+from estimator.database.connection import beside, connect
 from estimator.database.errors import StoreError
 from estimator.database.opening import Damaged, look, look_through
 from estimator.database.rescue import file_and_log
@@ -32,8 +32,7 @@ class Inspection:
 def inspect(path: Path) -> Inspection:
     """Look through a store, in use or not; raises StoreError where there is none."""
     try:
-        with path.open("rb") as file:
-            head = file.read(salvage.HEAD)
+        head = file_and_log(path, salvage.HEAD)
         log = path.with_name(path.name + "-wal")
         lost = wal.read(log.read_bytes()).lost if log.exists() else 0
         if head and not salvage.is_ours(head):
@@ -74,7 +73,7 @@ def _copy(path: Path) -> sqlite3.Connection:
     """What is in it now, in memory: from SQLite where it can be opened, else from its bytes."""
     memory = connect(":memory:")
     try:
-        with closing(connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
+        with closing(beside(path)) as db:
             db.backup(memory)
     except sqlite3.Error:
         memory.close()

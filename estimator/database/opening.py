@@ -8,7 +8,7 @@ from pathlib import Path
 from estimator.database import salvage
 from estimator.database.connection import connect, transaction
 from estimator.database.errors import StoreError, Unavailable
-from estimator.database.rescue import free, replaced, rescued, torn
+from estimator.database.rescue import file_and_log, free, replaced, rescued, torn
 from estimator.database.schema import (
     APPLICATION_ID,
     MIGRATIONS,
@@ -105,7 +105,7 @@ def migrated(db: sqlite3.Connection, version: int) -> None:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    head = _head(path)
+    head = file_and_log(path, salvage.HEAD) if path.exists() else b""
     if head and not salvage.header_is_whole(head) and (salvage.is_ours(head) or len(head) < salvage.HEADER):
         if not salvage.is_ours(head):
             raise _not_ours(path)
@@ -135,13 +135,6 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 def _not_ours(path: Path) -> StoreError:
     return StoreError(f"store {path} is not an SQLite file: give the store a path of its own")
-
-
-def _head(path: Path) -> bytes:
-    if not path.exists():
-        return b""
-    with path.open("rb") as file:
-        return file.read(salvage.HEAD)
 
 
 @cache

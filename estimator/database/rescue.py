@@ -46,10 +46,12 @@ def rescued(path: Path, why: str) -> str:
     return f"store {path} was damaged ({why}): it is kept as {aside}, and what is whole in it goes on: {salvage.told(found)}"
 
 
-def file_and_log(path: Path) -> bytes:
-    """The file as SQLite would see it, with what of its log is whole."""
+def file_and_log(path: Path, end: int = -1) -> bytes:
+    """The file, or so many bytes of it, as SQLite would see it: with what of its log is whole."""
+    with path.open("rb") as file:
+        begun = file.read(end)
     log = path.with_name(path.name + "-wal")
-    return wal.read(log.read_bytes() if log.exists() else b"").onto(path.read_bytes())
+    return wal.read(log.read_bytes()).onto(begun, end if end >= 0 else None) if log.exists() else begun
 
 
 def free(path: Path) -> Path:

@@ -27,14 +27,16 @@ class Log:
         """Frames that SQLite passes over in silence."""
         return self.given - self.whole
 
-    def onto(self, file: bytes) -> bytes:
-        """The database file with these pages in it."""
+    def onto(self, file: bytes, end: int | None = None) -> bytes:
+        """The database file, or its beginning up to a byte, with these pages in it."""
         whole = bytearray(file)
         for number, page in self.pages.items():
             at = (number - 1) * self.page_size
+            if end is not None and at >= end:
+                continue
             whole.extend(bytes(max(0, at + self.page_size - len(whole))))
             whole[at : at + self.page_size] = page
-        return bytes(whole)
+        return bytes(whole[:end])
 
 
 def read(log: bytes) -> Log:

@@ -194,7 +194,7 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
      ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["correct"], ["config", "check"],
-     ["study", "algorithm1"], ["study", "paper"], ["allan"]],
+     ["study", "algorithm1"], ["study", "paper"], ["allan"], ["history"], ["store", "backup"], ["store", "check"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

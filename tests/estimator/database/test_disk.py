@@ -155,7 +155,7 @@ while True:
 @pytest.mark.soak
 def test_killed_while_saving_nothing_that_was_acknowledged_is_lost(tmp_path: Path, effort: Effort) -> None:
     path, said = tmp_path / "a.sqlite3", 0
-    for kill in range(effort(4, 1000)):
+    for kill in range(effort(3, 1000)):
         writer = subprocess.Popen(
             [sys.executable, "-c", WRITER, str(path), str(1000 * kill)], stdout=subprocess.PIPE, text=True
         )
@@ -181,7 +181,7 @@ def test_killed_while_saving_nothing_that_was_acknowledged_is_lost(tmp_path: Pat
         assert all(one is not None and one.bias is not None for one in remembered)
         store.close()
         assert inspect(path).sound
-    assert said >= 80
+    assert said >= 60
 
 
 def test_a_failing_disk_is_told_once_and_so_is_its_recovery(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
