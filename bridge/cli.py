@@ -4,16 +4,19 @@ import argparse
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from bridge.bus.contract import BusError
+from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
-from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, load
+from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check_endpoints, listening, load
 from bridge.drivers import registry
 from bridge.drivers.replayed import ReplayedOptions
+from bridge.health import Health
 from bridge.process import connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
+from bridge.vitals import Vitals
 from bridge.ward import Ward
 from bridge.wire import keys
 
@@ -114,7 +117,7 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
         bus = connected(connect, stop, patient=patient)
         if bus is None:
             return _DONE
-        with bus, Ward(ward, bridge, bus) as running:
+        with bus, Ward(ward, bridge, bus) as running, _health(bridge, running, bus):
             _log.info(
                 "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
             )
@@ -124,6 +127,13 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
                     there = bus.connected
                     _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
     return _DONE
+
+
+def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[object]:
+    if not bridge.health:
+        return nullcontext()
+    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected)
+    return Health(listening(bridge.health), vitals.asked)
 
 
 def _list(args: argparse.Namespace) -> int:

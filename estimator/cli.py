@@ -29,6 +29,7 @@ EPILOG = """examples:
   truerate bridge run configs/ward.toml            router, bridge and estimator,
   truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
   truerate devices --config configs/ward.toml    who is there, in what state, and why
+  truerate status --config configs/ward.toml     is anything wrong?
   truerate watch chest --config configs/ward.toml
   truerate history chest --config configs/ward.toml
                                                  its calibrations, boots, commands and bias so far
@@ -87,6 +88,11 @@ def build() -> argparse.ArgumentParser:
     bridge_cli.add_verbs(verbs)
     _add_estimator(verbs)
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
+    _add_ward(verb)
+    verb = add_verb(
+        verbs, "status", _status, "a ward at one look: who needs a person first; the exit code tells trouble"
+    )
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
     _add_ward(verb)
     verb = add_verb(verbs, "watch", _watch, "one device, live: corrected rates with their uncertainty, state and bias")
     verb.add_argument("device", help="its id, as `truerate devices` shows it")
@@ -167,6 +173,13 @@ def _devices(given: argparse.Namespace) -> int:
 
     ward, endpoints = _ward_of(given)
     return show_devices(Console(), ward, endpoints)
+
+
+def _status(given: argparse.Namespace) -> int:
+    from estimator.watch import show_status  # noqa: PLC0415
+
+    ward, endpoints = _ward_of(given)
+    return show_status(Console(), ward, endpoints, as_json=given.json)
 
 
 def _watch(given: argparse.Namespace) -> int:
