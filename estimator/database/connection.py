@@ -5,6 +5,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+#: what SQLite raises; words of its own about a damaged schema may not even be text
+FAULTS = (sqlite3.Error, UnicodeDecodeError, OverflowError)
+_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+
+
+def code(fault: Exception) -> int:
+    """SQLite's primary result code of a fault."""
+    return (
+        int(getattr(fault, "sqlite_errorcode", 0 if isinstance(fault, sqlite3.Error) else sqlite3.SQLITE_CORRUPT))
+        & 0xFF
+    )
+
+
+def damaged(fault: Exception) -> bool:
+    """Whether it speaks of the file, and not of the disk or of us."""
+    return code(fault) in _DAMAGED
+
 
 def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
     """A connection that begins no transaction by itself and gives damaged text as it can."""
@@ -27,7 +44,7 @@ def transaction(db: sqlite3.Connection) -> Iterator[None]:
         yield
         db.execute("COMMIT")
     except BaseException:
-        with suppress(sqlite3.Error):  # the first error is the one to be told
+        with suppress(*FAULTS):  # the first error is the one to be told
             if db.in_transaction:
                 db.execute("ROLLBACK")
         raise

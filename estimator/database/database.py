@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
-from estimator.database.connection import beside, connect, transaction
+from estimator.database.connection import FAULTS, beside, code, connect, transaction
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
     Damaged,
@@ -151,9 +151,9 @@ class Database:
             raise Unavailable(self.trouble)
         try:
             return work(self._db)
-        except sqlite3.Error as error:
+        except FAULTS as error:
             self.trouble = f"store {self.path}: {error}; {hint}"
-            if getattr(error, "sqlite_errorcode", 0) & 0xFF not in _PASSING and self.path != _MEMORY:
+            if code(error) not in _PASSING and self.path != _MEMORY:
                 self._gone(self.trouble)
             raise Unavailable(self.trouble) from error
 
@@ -213,7 +213,7 @@ def _as_it_is(path: Path) -> sqlite3.Connection:
         raise StoreError(f"store {path} is damaged ({damage}): `truerate store check` says what is left") from damage
     except FileNotFoundError:
         raise StoreError(f"store {path}: there is no such file") from None
-    except (sqlite3.Error, OSError) as error:
+    except (*FAULTS, OSError) as error:
         raise StoreError(f"store {path} cannot be read: {error}") from error
     return db
 
@@ -223,7 +223,7 @@ def _live(path: Path) -> sqlite3.Connection:
     db = beside(path)
     try:
         db.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error:
+    except FAULTS:
         db.close()
         return in_memory(file_and_log(path))
     return db

@@ -1,12 +1,13 @@
 """How a store is: its schema, whether its file is whole, and every row by its seal. Nothing is written."""
 
 import sqlite3
+import time
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from estimator.database import salvage, wal
-from estimator.database.connection import beside, connect
+from estimator.database.connection import FAULTS, beside, connect
 from estimator.database.errors import StoreError
 from estimator.database.opening import Damaged, look, look_through
 from estimator.database.rescue import file_and_log
@@ -33,8 +34,7 @@ def inspect(path: Path) -> Inspection:
     """Look through a store, in use or not; raises StoreError where there is none."""
     try:
         head = file_and_log(path, salvage.HEAD)
-        log = path.with_name(path.name + "-wal")
-        lost = wal.read(log.read_bytes()).lost if log.exists() else 0
+        lost = _lost(path.with_name(path.name + "-wal"))
         if head and not salvage.is_ours(head):
             raise StoreError(f"{path} is not a store of truerate's")
         return _inspected(path, head, [f"the last {lost} writes in its log cannot be read"] if lost else [])
@@ -54,7 +54,7 @@ def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:
         try:
             version = look(db, path)
             look_through(db)
-        except (Damaged, sqlite3.Error) as error:
+        except (Damaged, *FAULTS) as error:
             faults.append(str(error))
         if version < SEALED_FROM:
             faults += [] if faults else [f"schema {version} is older than {SCHEMA_VERSION}: most rows have no seal yet"]
@@ -69,13 +69,22 @@ def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:
     )
 
 
+def _lost(log: Path) -> int:
+    for wait_s in (0.0, 0.1, 0.1):  # what is being written just now is not lost
+        time.sleep(wait_s)
+        lost = wal.read(log.read_bytes()).lost if log.exists() else 0
+        if not lost:
+            break
+    return lost
+
+
 def _copy(path: Path) -> sqlite3.Connection:
     """What is in it now, in memory: from SQLite where it can be opened, else from its bytes."""
     memory = connect(":memory:")
     try:
         with closing(beside(path)) as db:
             db.backup(memory)
-    except sqlite3.Error:
+    except FAULTS:
         memory.close()
         return salvage.in_memory(file_and_log(path))
     return memory

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from estimator.database import salvage
-from estimator.database.connection import connect, transaction
+from estimator.database.connection import FAULTS, connect, damaged, transaction
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.rescue import file_and_log, free, replaced, rescued, torn
 from estimator.database.schema import (
@@ -23,7 +23,6 @@ from estimator.database.schema import (
 LOOKED_THROUGH = 256 * 2**20
 #: no truerate will ever have so high a schema
 _FUTURE = 1000
-_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
 class Damaged(Exception):
@@ -44,7 +43,7 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
         except Damaged as damage:
             notes.append(rescued(path, str(damage)))
             return _opened(path), notes
-    except (sqlite3.Error, OSError) as error:
+    except (*FAULTS, OSError) as error:
         raise Unavailable(f"store {path}: {error}; check that the folder exists, is writable and has room") from error
     except Damaged as damage:
         raise Unavailable(f"store {path}: damaged again at once ({damage}); is the disk failing?") from damage
@@ -90,7 +89,7 @@ def backed_up(db: sqlite3.Connection, to: Path) -> None:
             copy.execute("PRAGMA journal_mode = DELETE")
             look_through(copy)
         replaced(part, to)
-    except (sqlite3.Error, OSError, Damaged) as error:
+    except (*FAULTS, OSError, Damaged) as error:
         part.unlink(missing_ok=True)
         raise Unavailable(f"store: it cannot be copied to {to}: {error}") from error
 
@@ -120,9 +119,9 @@ def _opened(path: Path) -> sqlite3.Connection:
         if 0 < version < SCHEMA_VERSION:
             backed_up(db, free(path.with_name(f"{path.name}.schema-{version}")))
         migrated(db, version)
-    except sqlite3.Error as error:
+    except FAULTS as error:
         db.close()
-        if getattr(error, "sqlite_errorcode", 0) & 0xFF not in _DAMAGED:
+        if not damaged(error):
             raise
         if not salvage.is_ours(head):
             raise _not_ours(path) from error

@@ -5,7 +5,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator.database.connection import connect
+from estimator.database.connection import FAULTS, connect
 from estimator.database.schema import APPLICATION_ID, SCHEMA_VERSION, SEALED_FROM, TABLES, build, columns
 from estimator.database.seal import opened
 
@@ -112,7 +112,7 @@ def _read(db: sqlite3.Connection, name: str, table: Table, order: str, *, sealed
                 table.broken.add(rowid)
             else:
                 table.rows[rowid] = tuple(values)
-    except (sqlite3.Error, OverflowError, MemoryError) as error:
+    except (*FAULTS, MemoryError) as error:
         table.stopped = str(error) or type(error).__name__
 
 

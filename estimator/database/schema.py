@@ -144,4 +144,5 @@ def mark(db: Connection, version: int) -> None:
 def described(db: Connection) -> frozenset[tuple[str, str, str | None]]:
     """Everything a database consists of: kind, name and the words that made it, blanks aside."""
     found = db.execute("SELECT type, name, sql FROM sqlite_master")
-    return frozenset((kind, name, sql and " ".join(sql.split())) for kind, name, sql in found)
+    # Of a damaged file any of these may be of any type.
+    return frozenset((str(kind), str(name), sql and " ".join(str(sql).split())) for kind, name, sql in found)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from estimator.database import inspect
+from estimator.database.schema import TABLES
 from estimator.service.store import Store, StoreError
 from tests.conftest import Effort
 from tests.estimator.database.kept import fill, loaded, made
@@ -39,6 +40,8 @@ def tried(path: Path, data: bytes, kept: set[object], caplog: pytest.LogCaptureF
         old.unlink()
     caplog.clear()
     path.write_bytes(data)
+    seen = looked_at(path)
+    assert path.read_bytes() == data, "looking changes nothing"
     try:
         store = Store(path)
     except StoreError:
@@ -49,6 +52,7 @@ def tried(path: Path, data: bytes, kept: set[object], caplog: pytest.LogCaptureF
         if found == kept:
             return "same"
         assert caplog.text, "less than was kept, and nothing said"
+        assert not seen, "a store that is not whole was called so"
         # Choices among what is left may differ: the latest prior of those that are whole, say.
         new = [thing for thing in found - kept if thing[0] not in ("prior", "answer", "point")]  # type: ignore[index]
         assert not new, "something was loaded that had never been kept"
@@ -63,6 +67,14 @@ def tried(path: Path, data: bytes, kept: set[object], caplog: pytest.LogCaptureF
         return "less"
     finally:
         store.close()
+
+
+def looked_at(path: Path) -> bool:
+    """Whether `truerate store check` finds it sound."""
+    try:
+        return inspect(path).sound
+    except StoreError:
+        return False
 
 
 def test_a_flipped_bit_is_never_loaded(
@@ -101,6 +113,18 @@ def test_blocks_of_zeros_and_rubbish_are_never_loaded(
         rubbish = chance.choice([bytes(size), chance.randbytes(size)])
         data = (whole[:at] + rubbish + whole[at + size :])[: len(whole)]
         tried(store_of, data, kept, caplog)
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("byte", [0xD5, 0x00, 0x28])
+def test_damaged_words_of_the_schema(
+    store_of: Path, whole: bytes, kept: set[object], caplog: pytest.LogCaptureFixture, table: str, byte: int
+) -> None:
+    """What SQLite then says of it need not even be text."""
+    at = whole.index(f"CREATE TABLE {table} (".encode())
+    for place in (at, at + 15 + len(table)):
+        assert tried(store_of, whole[:place] + bytes([byte]) + whole[place + 1 :], kept, caplog) in ("less", "same")
+        assert "was damaged" in caplog.text
 
 
 def test_the_damaged_file_is_kept_and_the_new_one_is_sound(store_of: Path, whole: bytes) -> None:
