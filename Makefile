@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load fuzz clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load fuzz soak clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -71,6 +71,10 @@ bench-tracking: setup-dev
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev
 	$(BIN)/python -m tests.fuzz $(ARGS)
+
+# The same tests as in `make test`, with thousands of kills, flipped bits and torn files; for a night.
+soak: setup-dev
+	TRUERATE_SOAK=1 $(BIN)/python -m pytest -m soak --timeout=36000 $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

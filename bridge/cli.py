@@ -4,18 +4,21 @@ import argparse
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from bridge import cli_profiles, cli_scan
-from bridge.bus.contract import BusError
+from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
-from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, load
+from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
 from bridge.drivers import registry, replayed
+from bridge.health import Health
 from bridge.process import connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
 from bridge.virtual_ximu3.show import MOST_DEVICES, Wanted, show
+from bridge.vitals import Vitals
 from bridge.ward import Ward
 from bridge.wire import keys
 
@@ -222,7 +225,7 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
         bus = connected(connect, stop, patient=patient)
         if bus is None:
             return _DONE
-        with bus, Ward(ward, bridge, bus) as running:
+        with bus, Ward(ward, bridge, bus) as running, _health(bridge, running, bus):
             _log.info(
                 "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
             )
@@ -232,6 +235,13 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
                     there = bus.connected
                     _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
     return _DONE
+
+
+def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[object]:
+    if not bridge.health:
+        return nullcontext()
+    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected)
+    return Health(listening(bridge.health), vitals.asked)
 
 
 def _list(args: argparse.Namespace) -> int:

@@ -46,6 +46,14 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
     return tuple(endpoints)
 
 
+def listening(address: str) -> tuple[str, int]:
+    """The host and port of `host:port`, as health has it; ValueError says what one looks like."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
+        raise ValueError(f"health is {address!r}; an address to listen on looks like '127.0.0.1:9464'")
+    return host.removeprefix("[").removesuffix("]"), int(port)
+
+
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[bus]: the routers to connect to, as zenoh endpoints."""
 
@@ -97,10 +105,14 @@ class Bridge(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     id: str
     batch_ms: float = 50.0
+    #: where /metrics, /healthz and /readyz are answered, as "127.0.0.1:9465"; nowhere when empty
+    health: str = ""
     devices: tuple[Device, ...] = ()
 
     def __post_init__(self) -> None:
         check(self.id, "id")
+        if self.health:
+            listening(self.health)
         if not 5 <= self.batch_ms <= 1000:
             raise ValueError(f"batch_ms is {self.batch_ms:g}; 5 to 1000 is taken")
         seen: dict[str, int] = {}

@@ -34,7 +34,7 @@ class Outlet:
         self._token: Declared | None = None
         self._token_boot: int | None = None
         self.unsent: deque[SampleBatch] = deque()  # of what was to be published, what was not
-        self._said: DeviceInfo | None = None
+        self.said: DeviceInfo | None = None
         self._said_at_s = 0.0
 
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
@@ -61,11 +61,11 @@ class Outlet:
 
     def _tell(self, info: DeviceInfo, now_s: float, *, at_once: bool = False) -> None:
         """At a boot, soon after a change, and once a second."""
-        said = self._said
+        said = self.said
         changed = said is None or _news(said) != _news(info)
         wait_s = _CHANGES_EVERY_S if changed else _INFO_EVERY_S
         if at_once or said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
-            self._said, self._said_at_s = info, now_s
+            self.said, self._said_at_s = info, now_s
             self._info.put(encode_info(info))
 
     def _tell_alive(self, boot: int | None) -> None:
@@ -95,7 +95,14 @@ class Ward:
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
+        #: when the pump turned last, monotonic seconds
+        self.turned_s = time.monotonic()
         self._pump = threading.Thread(target=self._run, name="pump", daemon=True)
+
+    @property
+    def infos(self) -> list[DeviceInfo]:
+        """What was said last of each device."""
+        return [outlet.said for outlet in self._outlets if outlet.said is not None]
 
     @property
     def over(self) -> bool:
@@ -129,7 +136,7 @@ class Ward:
             self._stop.wait(due_s - time.monotonic())
 
     def _publish(self, *, last: bool = False) -> None:
-        now_s = time.monotonic()
+        self.turned_s = now_s = time.monotonic()
         if self._calibrating is not None:
             self._calibrating.hear(now_s)
         for link, outlet in zip(self._links, self._outlets, strict=True):

@@ -20,7 +20,7 @@ from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator import cli_correct, cli_doctor, cli_offline, cli_tracking
+from estimator import cli_correct, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
 EPILOG = """examples:
@@ -30,9 +30,12 @@ EPILOG = """examples:
   truerate bridge run configs/ward.toml            router, bridge and estimator,
   truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
   truerate devices --config configs/ward.toml    who is there, in what state, and why
+  truerate status --config configs/ward.toml     is anything wrong?
   truerate watch chest --config configs/ward.toml
   truerate record --config configs/ward.toml     all that the ward says, into files
   truerate recording info FILE.mcap              what is in one
+  truerate history chest --config configs/ward.toml
+                                                 its calibrations, boots, commands and bias so far
   truerate calibrate session.npz --json          calibrate from a recording
   truerate correct day.npz corrected.npz         correct a recording
   truerate allan night.npz                       the noise of a device, from a recording at rest"""
@@ -66,8 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _expected() -> tuple[type[Exception], ...]:
     # Imported late: most commands need neither the store nor the demonstration.
     from estimator.calibration_file import CalibrationFileError  # noqa: PLC0415
+    from estimator.database import StoreError  # noqa: PLC0415
     from estimator.demo.ward import DemoFailed  # noqa: PLC0415
-    from estimator.service.store import StoreError  # noqa: PLC0415
 
     return BusError, RecordingError, CalibrationFileError, StoreError, DemoFailed, OSError
 
@@ -90,6 +93,11 @@ def build() -> argparse.ArgumentParser:
     _add_estimator(verbs)
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
     _add_ward(verb)
+    verb = add_verb(
+        verbs, "status", _status, "a ward at one look: who needs a person first; the exit code tells trouble"
+    )
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    _add_ward(verb)
     verb = add_verb(verbs, "watch", _watch, "one device, live: corrected rates with their uncertainty, state and bias")
     verb.add_argument("device", help="its id, as `truerate devices` shows it")
     verb.add_argument("--seconds", type=float, default=None, help="stop after so long (default: until Ctrl-C)")
@@ -109,6 +117,7 @@ def build() -> argparse.ArgumentParser:
     verb.add_argument("device", help="its id, as `truerate devices` shows it")
     verb.add_argument("text", help="what happened, in quotes: pseudonyms only, never a patient's name")
     _add_ward(verb)
+    cli_store.add_store(verbs)
     cli_offline.add_calibrate(verbs)
     cli_correct.add_correct(verbs)
     cli_tracking.add_allan(verbs)
@@ -175,6 +184,13 @@ def _devices(given: argparse.Namespace) -> int:
 
     ward, endpoints = _ward_of(given)
     return show_devices(Console(), ward, endpoints)
+
+
+def _status(given: argparse.Namespace) -> int:
+    from estimator.watch import show_status  # noqa: PLC0415
+
+    ward, endpoints = _ward_of(given)
+    return show_status(Console(), ward, endpoints, as_json=given.json)
 
 
 def _watch(given: argparse.Namespace) -> int:

@@ -63,6 +63,16 @@ class Client:
                 found[info.device] = info
         return found
 
+    def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
+        """The ids of every `bridge` or `estimator` there is now."""
+        found: dict[str, bool] = {}
+        watch = self._bus.watch_alive(keys.pattern(self.ward, f"alive/{what}"), found.__setitem__)
+        try:
+            time.sleep(wait_s)
+        finally:
+            watch.close()
+        return sorted(_id(key, what) for key, there in found.copy().items() if there and _id(key, what))
+
     def follow(self, device: str | None = None) -> "Statuses":
         """Statuses as they come, of one device or of all; the latest known comes first."""
         return Statuses(self._bus.subscribe(self._pattern("status", device), history=True))
@@ -119,6 +129,13 @@ class Client:
             return found
         finally:
             subscription.close()
+
+
+def _id(key: str, what: str) -> str:
+    try:
+        return keys.parse(key).ids[what]
+    except Refusal:
+        return ""
 
 
 class Stream(Generic[T]):

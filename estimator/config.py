@@ -23,8 +23,13 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     #: seconds without a sample after which a device is lost
     silence_s: float = 2.0
 
+    #: where /metrics, /healthz and /readyz are answered, as "127.0.0.1:9464"; nowhere when empty
+    health: str = ""
+
     def __post_init__(self) -> None:
         config.check(self.id, "id")
+        if self.health:
+            config.listening(self.health)
         if self.method not in METHODS:
             raise ValueError(f"unknown method {self.method!r}; {nearest(self.method, METHODS)}")
         for device, model in (("", self.model), *self.models.items()):
@@ -44,3 +49,9 @@ class Ward(config.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole ward file with every table typed."""
 
     estimator: Estimator | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        here = self.estimator.health if self.estimator else ""
+        if here and self.bridge and here == self.bridge.health:
+            raise ValueError(f"health is {here!r} of both bridge and estimator: each needs a port of its own")

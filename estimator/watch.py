@@ -12,7 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
+from estimator import glance
 from estimator.client import Client
+from estimator.glance import Glance
 from estimator.gyro import AXES
 from estimator.screen import table, word
 
@@ -28,6 +30,36 @@ def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     console.print()
     console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
     return 0
+
+
+def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_json: bool) -> int:
+    """A ward at one look; 1 when somebody has to do something."""
+    with Client(endpoints, ward=ward) as client:
+        bridges, estimators = client.alive("bridge"), client.alive("estimator")
+        seen = glance.glance(ward, client.statuses(0.5), client.infos(0.5), bridges, estimators)
+    if as_json:
+        console.print_json(data=glance.as_json(seen))
+    else:
+        console.print(_glance(seen), highlight=False)
+    return 0 if seen.well else 1
+
+
+def _glance(seen: Glance) -> Group:
+    needs = Table(box=None, pad_edge=False, show_header=False, padding=(0, 2, 0, 0))
+    for need in seen.needs:
+        needs.add_row(need.device, word(need.state), need.reason)
+    law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
+    rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
+    rows += [needs] if seen.needs else []
+    rows += [Text(trouble, "bold red") for trouble in seen.troubles]
+    rows += [
+        Text(f"{device}: in = out + dropped does not hold: {words}", "bold red") for device, words in seen.law.items()
+    ]
+    rows += [] if seen.law else [Text(law)]
+    rows.append(
+        Text(f"bridges: {', '.join(seen.bridges) or 'none'}   estimators: {', '.join(seen.estimators) or 'none'}")
+    )
+    return Group(*rows)
 
 
 def _hardware(infos: dict[str, DeviceInfo]) -> Table:

@@ -1,5 +1,7 @@
 """One device as the service has it: its session, whom it is heard from, and its publishers."""
 
+import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -31,6 +33,11 @@ class Device:
         self.heard = now
         self.checkpointed = self.recorded = 0.0
         self.unsaved: list[Calibration] = []
+        #: corrected samples that were published
+        self.said = 0
+        #: the status that was published last
+        self.latest: Status | None = None
+        self._delay_s, self._timed = math.nan, False
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs)
         self._waiting: list[CorrectedBatch] = []
@@ -58,6 +65,7 @@ class Device:
             batches, self._waiting = self._waiting, []
         for batch in batches:
             self._publishers["corrected"].put(codec.encode_corrected(published.corrected(batch)))
+            self._published(len(batch))
 
     def say_whole(self, batch: SampleBatch) -> None:
         """Publish a whole batch, corrected by what the session now applies."""
@@ -69,11 +77,18 @@ class Device:
         if self._stencil is None or applied is not self._stencil_of or batch.boot != self._stencil.boot:
             self._stencil, self._stencil_of = Stencil(published.corrected(applied.apply(batch, 0, len(batch)))), applied
         self._put_corrected(self._stencil.encode(batch, rate))
+        self._published(len(rate))
+
+    def _published(self, n: int) -> None:
+        self.said += n
+        if not self._timed:
+            self._delay_s, self._timed = (time.time_ns() - self.session.last_heard_ns) / 1e9, True
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now."""
         if self._publishers or self._announced():
-            self._publishers["status"].put(codec.encode_status(self.status(time_ns)))
+            self.latest = self.status(time_ns)
+            self._publishers["status"].put(codec.encode_status(self.latest))
 
     def say_calibration(self, payload: bytes) -> None:
         """Publish an encoded calibration."""
@@ -95,6 +110,16 @@ class Device:
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
         return published.status(self.session.status(time_ns))
+
+    @property
+    def waiting(self) -> int:
+        """Corrected samples kept until there is somebody to tell them."""
+        return sum(map(len, self._waiting))
+
+    def delay(self) -> float:
+        """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
+        delay_s, self._delay_s, self._timed = self._delay_s, math.nan, False
+        return delay_s
 
     def restart(self, lost: int) -> None:
         """A session without a boot: the next batch begins it. The counts stay; `lost` samples came to nothing."""

@@ -57,11 +57,14 @@ Guard = Callable[[Device, Callable[[], None]], bool]
 class Lane:
     """Devices by the key of their raw samples; `take` does what is plain and hands the rest to `slow`, in order.
 
-    guarded does some work of one device, and says whether it went well; tell publishes what a batch led to.
+    guarded does some work of one device, and says whether it went well; tell publishes what a batch led to;
+    count takes the number of samples in each batch that does not take the door.
     """
 
-    def __init__(self, slow: Callable[[Message], None], guarded: Guard, tell: Tell) -> None:
-        self._slow, self._guarded, self._tell = slow, guarded, tell
+    def __init__(
+        self, slow: Callable[[Message], None], guarded: Guard, tell: Tell, count: Callable[[int], None]
+    ) -> None:
+        self._slow, self._guarded, self._tell, self._count = slow, guarded, tell, count
         self._devices: dict[str, tuple[Device, str]] = {}
 
     def admit(self, key: str, device: Device, bridge: str) -> None:
@@ -80,6 +83,7 @@ class Lane:
                 device, bridge = self._devices[message.key]
                 batch = _plain(device, bridge, raw, whole)
                 if batch is not None:
+                    self._count(raw.n)
                     if not device.session.ends_block(float(whole.time[raw.begin + raw.n - 1])):
                         if self._guarded(device, partial(_keep, device, batch)):
                             going.setdefault(message.key, []).append((device, batch))

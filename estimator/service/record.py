@@ -1,4 +1,7 @@
-"""The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again."""
+"""The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again.
+
+The first failure is told aloud, those after it are counted, and that it works again is told.
+"""
 
 import logging
 from collections.abc import Callable
@@ -15,6 +18,8 @@ from estimator.track.temperature import TemperatureLaw
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+#: how often a store that failed is tried
+PROBE_S = 5.0
 
 
 class Record:
@@ -22,6 +27,27 @@ class Record:
 
     def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int]) -> None:
         self._store, self._counts, self._now_ns = store, counts, now_ns
+        self._damaged, self._probed = 0, float("-inf")
+        #: why the store does not work now; empty when it does
+        self.trouble = store.database.trouble
+        if self.trouble:
+            self._counts.add("store failed")
+            log.error("%s; the service goes on from memory", self.trouble)
+
+    def tend(self, now: float) -> None:
+        """Once a second: try a store that failed, and count what of it was damaged."""
+        damaged = self._store.database.damaged + len(self._store.database.notes)
+        if damaged > self._damaged:
+            self._counts.add("damage in the store", damaged - self._damaged)
+            self._damaged = damaged
+        if self.trouble and now - self._probed >= PROBE_S:
+            self._probed = now
+            try:
+                self._store.database.probe()
+            except StoreError as error:
+                self.trouble = str(error)
+            else:
+                self._works()
 
     def recall(self, device: Device, boot: int) -> Remembered | None:
         """What is known of this very boot, saved or not."""
@@ -92,8 +118,7 @@ class Record:
         try:
             found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         except StoreError as error:
-            self._counts.add("store failed")
-            log.error("%s", error)
+            self._failing(error)
             return None
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
@@ -103,8 +128,7 @@ class Record:
         try:
             self._store.add_audit(self._now_ns(), *row, accepted=reply.accepted)
         except StoreError as error:
-            self._counts.add("store failed")
-            log.error("%s", error)
+            self._failing(error)
 
     def _save_calibrations(self, device: Device) -> None:
         while device.unsaved:
@@ -123,9 +147,20 @@ class Record:
         except StoreError as error:
             self._failed(session, error)
             return False
+        self._works()
         return True
 
     def _failed(self, session: DeviceSession, error: StoreError) -> None:
+        session.count_event("store failed")
+        self._failing(error)
+
+    def _failing(self, error: StoreError) -> None:
         self._counts.add("store failed")
-        if session.count_event("store failed") == 1:
-            log.error("%s; %s goes on from memory", error, session.device)
+        if not self.trouble:
+            log.error("%s; the service goes on from memory (more failures are only counted)", error)
+        self.trouble = str(error)
+
+    def _works(self) -> None:
+        if self.trouble:
+            self.trouble = ""
+            log.warning("store %s works again", self._store.path)

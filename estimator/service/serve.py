@@ -5,12 +5,15 @@ import time
 from contextlib import ExitStack, closing
 
 from bridge.bus.contract import Bus, BusError, Declared
+from bridge.config import listening
+from bridge.health import Health
 from bridge.process import connected, stopped_by_signal
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal
 from estimator.config import Ward
 from estimator.service.shell import Service
 from estimator.service.store import Store
+from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
 
@@ -21,12 +24,15 @@ LOOK_S, GONE_S = 0.5, 3.0
 def run(ward: Ward) -> None:
     """Serve until SIGINT or SIGTERM; a missing router is waited for.
 
-    Raises StoreError, and BusError where an estimator of this id runs already.
+    Raises StoreError where the store is not ours to use, and BusError where an estimator of this id runs already.
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
+    vitals = Vitals(expects=bool(ward.bridge and ward.bridge.devices))
     with stopped_by_signal() as stop, ExitStack() as stack:
-        store = Store(ward.estimator.store)
+        if ward.estimator.health:
+            stack.enter_context(Health(listening(ward.estimator.health), vitals.asked))
+        store = Store(ward.estimator.store, patient=True)
         stack.callback(store.close)
         data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
         if data is None or control is None:
@@ -34,7 +40,7 @@ def run(ward: Ward) -> None:
         stack.enter_context(data)
         stack.enter_context(control)
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id)))
-        Service(ward.ward, ward.estimator, data, control, store).run(stop)
+        Service(ward.ward, ward.estimator, data, control, store, vitals=vitals).run(stop)
 
 
 def look_round(control: Bus, ward: str, own: str) -> Declared:

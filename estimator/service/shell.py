@@ -19,8 +19,10 @@ from estimator.service.lane import Lane
 from estimator.service.record import Record
 from estimator.service.roster import Roster
 from estimator.service.sources import Ruling
+from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
+from estimator.service.vitals import Vitals
 from estimator.session import Outcome, Remembered, SessionKnobs
 
 log = logging.getLogger(__name__)
@@ -43,6 +45,7 @@ class Service:
         control: Bus,
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
+        vitals: Vitals | None = None,
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
@@ -52,15 +55,16 @@ class Service:
         self._knobs = knobs_of(load_model(settings.model), usual)
         self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
         self._devices = Roster(self.counts, settings.silence_s)
-        self._samples = Door[SampleBatch]("sample", codec.decode_samples, self._refused)
+        self._stock = Stock(self._devices, self.counts, vitals or Vitals())
+        self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
-        self._lane = Lane(self._on_samples, self._guarded, self._tell)
+        self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
-        self._totals = Totals(self._count_all)
+        self._totals = Totals()
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -77,7 +81,7 @@ class Service:
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
-        self._totals.tell(now, last=True)
+        self._totals.tell(now, self._count_all(), last=True)
         for thing in (*self._declared, self._raw, self._info, *self._devices.values()):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
@@ -199,6 +203,7 @@ class Service:
             device.say_status(self._now_ns())
 
     def _every_second(self, now: float) -> None:
+        self._stock.check()
         connected = self._bus.connected
         if connected and not self._connected:
             log.info("the router is back")
@@ -211,7 +216,10 @@ class Service:
         self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
-        self._totals.tell(now)
+        self._record.tend(now)
+        counts = self._count_all()
+        self._totals.tell(now, counts)
+        self._stock.note(now, self._record.trouble, counts, connected=connected)
 
     def _look_after(self, device: Device, now: float) -> None:
         silent_s = now - device.heard

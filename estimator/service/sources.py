@@ -20,6 +20,8 @@ FASTEST_HZ, CACHE_S = 1e4, 60.0
 #: device time may run this much ahead of what the clock's rate says: a replay's rate is only learnt after a while
 CLOCK_SLACK = 10.0
 NAMED_BRIDGES = 8
+#: samples of a device that another bridge sends are counted under this and its name
+ELSEWHERE = "also from "
 
 
 class Ruling(Enum):
@@ -75,7 +77,7 @@ class Source:
         """Under what another bridge's samples are counted; a bounded number of names."""
         if len(self._others) < NAMED_BRIDGES:
             self._others.add(bridge)
-        return f"also from {bridge if bridge in self._others else 'others'}"
+        return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
 
     def went_on(self, batch: SampleBatch, heard_s: float) -> None:
         """A batch of the owner's came that only goes on."""

@@ -1,7 +1,6 @@
 """What was refused, lost or given up on the whole ward: told as totals when they have changed, seldom enough to be read."""
 
 import logging
-from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
@@ -9,16 +8,14 @@ EVERY_S = 10.0
 
 
 class Totals:
-    """Tells the counts that `read` gives; times are monotonic seconds."""
+    """Tells counts; times are monotonic seconds."""
 
-    def __init__(self, read: Callable[[], dict[str, int]]) -> None:
-        self._read = read
+    def __init__(self) -> None:
         self._told: dict[str, int] = {}
         self._next_s = float("-inf")
 
-    def tell(self, now: float, *, last: bool = False) -> None:
+    def tell(self, now: float, counts: dict[str, int], *, last: bool = False) -> None:
         """Log them if they changed since they were told."""
-        counts = self._read()
         if counts == self._told or (now < self._next_s and not last):
             return
         self._told, self._next_s = counts, now + EVERY_S

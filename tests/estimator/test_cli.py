@@ -145,7 +145,9 @@ def test_a_device_with_a_slash_is_wrong_use(verb: str, capsys: pytest.CaptureFix
     assert "not valid" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["watch", "chest", "--seconds", "1"], ["devices"], ["recalibrate", "chest"]])
+@pytest.mark.parametrize(
+    "words", [["watch", "chest", "--seconds", "1"], ["devices"], ["status"], ["recalibrate", "chest"]]
+)
 def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*words, "--connect", "tcp/127.0.0.1:1"]) == 1
     said = capsys.readouterr().err
@@ -194,7 +196,7 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
      ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["correct"], ["config", "check"],
-     ["study", "algorithm1"], ["study", "paper"], ["allan"]],
+     ["study", "algorithm1"], ["study", "paper"], ["allan"], ["status"], ["history"], ["store", "backup"], ["store", "check"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

@@ -177,8 +177,8 @@ def test_a_store_that_fails_is_counted_and_gone_on_without(
     def fails(*_: object, **__: object) -> None:
         raise StoreError("the disk is full")
 
-    for name in ("_write", "_read"):
-        monkeypatch.setattr(ward.store, name, fails)
+    for name in ("write", "rows", "probe"):
+        monkeypatch.setattr(ward.store.database, name, fails)
     ward.send(once.batches(), info(1))
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     status = ward.latest()
@@ -251,8 +251,8 @@ def test_commands_are_done_audited_and_explained(ward: Ward, once: Stream) -> No
     unknown = ward.command(lambda: ward.client.recalibrate("nobody", "nurse"))
     assert not unknown.accepted
     assert f"there are: {NAME}" in unknown.message
-    rows = ward.store._db.execute("SELECT verb, who, accepted FROM audit ORDER BY rowid").fetchall()
-    assert rows == [
+    rows = ward.store.database.rows("audit")
+    assert [(row["verb"], row["who"], row["accepted"]) for row in rows] == [
         ("recalibrate", "nurse", 1),
         ("cancel", "nurse", 1),
         ("cancel", "nurse", 0),

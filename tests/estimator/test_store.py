@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Calibration, Verdict
-from estimator.service.store import APPLICATION_ID, SCHEMA_VERSION, Store, StoreError
+from estimator.database import APPLICATION_ID, SCHEMA_VERSION
+from estimator.database.database import RETRY_S
+from estimator.service.store import Store, StoreError
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
@@ -128,7 +130,10 @@ def test_the_prior_is_the_latest(store: Store) -> None:
     assert prior.id == "c3"
 
 
-@pytest.mark.parametrize("damage", ["payload = x'0102'", "payload = CAST(payload || x'00' AS BLOB)", "digest = 'no'"])
+@pytest.mark.parametrize(
+    "damage",
+    ["payload = x'0102'", "payload = CAST(payload || x'00' AS BLOB)", "digest = x'00'", "boot = '0000000000000002'"],
+)
 def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
     store: Store, damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -138,7 +143,7 @@ def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
     remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.calibration.id == "c1"
-    assert "c2 is damaged" in caplog.text
+    assert "row 2 of calibrations is damaged" in caplog.text
     assert [c.id for c in store.calibrations(NAME)] == ["c1"]
 
 
@@ -149,7 +154,7 @@ def test_a_payload_of_another_device_is_refused(store: Store, caplog: pytest.Log
     assert "damaged" in caplog.text
 
 
-@pytest.mark.parametrize("damage", ["state = replace(state, '0.1', '0.9')", "digest = ''"])
+@pytest.mark.parametrize("damage", ["state = replace(state, '0.1', '0.9')", "digest = x''"])
 def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.LogCaptureFixture) -> None:
     store.add_calibration(GOOD)
     store.save_bias(NAME, 1, 5, BIAS, history=False)
@@ -160,18 +165,24 @@ def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.Lo
     assert "damaged" in caplog.text
 
 
-def test_a_file_that_goes_bad_under_it_is_a_store_error(store: Store) -> None:
+def test_a_file_that_goes_bad_under_it_is_a_store_error_and_then_put_right(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store, clock = Store(tmp_path / "a.sqlite3"), [0.0]
+    store.database._clock = lambda: clock[0]
     store.add_calibration(GOOD)
-    for table in ("bias", "calibrations"):
-        sql(store, f"DROP TABLE {table}")
-        with pytest.raises(StoreError, match="backup"):
-            store.recall(NAME, 1, 0)
-        with pytest.raises(StoreError, match="disk"):
-            store.save_bias(NAME, 1, 5, BIAS, history=False)
+    store.add_boot(info(1), 5)
+    sql(store, "DROP TABLE boots")
     with pytest.raises(StoreError, match="backup"):
-        store.calibrations(NAME)
-    with pytest.raises(StoreError, match="backup"):
-        store.prior(info(boot=2))
+        store.points(info(boot=2))
+    with pytest.raises(StoreError, match="boots"):
+        store.add_boot(info(boot=2), 5)
+    clock[0] += RETRY_S
+    store.add_boot(info(boot=2), 5)
+    assert "was damaged" in caplog.text
+    assert "boots cannot be read" in caplog.text
+    assert [c.id for c in store.calibrations(NAME)] == ["c1"]
+    store.close()
 
 
 def test_a_schema_of_the_future_is_refused(store: Store) -> None:
@@ -205,12 +216,12 @@ def test_another_programs_file_is_refused_and_left_as_it_is(tmp_path: Path, mark
     assert path.read_bytes() == before
 
 
-def test_a_store_is_marked_as_ours_and_must_be_whole(store: Store) -> None:
+def test_a_store_is_marked_as_ours_and_read_only_when_whole(store: Store) -> None:
     assert sql(store, "PRAGMA application_id") == [(APPLICATION_ID,)]
     Store(store.path).close()
     sql(store, "DROP TABLE boots")
-    with pytest.raises(StoreError, match="no table boots"):
-        Store(store.path)
+    with pytest.raises(StoreError, match="its tables are not those"):
+        Store.reading(store.path)
 
 
 def test_its_folder_is_made(tmp_path: Path) -> None:
@@ -229,8 +240,10 @@ def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
 
 
 def test_its_settings_survive_a_kill(store: Store) -> None:
-    assert store._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-    assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)
+    db = store.database._db
+    assert db is not None
+    assert db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert db.execute("PRAGMA synchronous").fetchone() == (2,)
     store.add_calibration(GOOD)
     # Another process sees it although this one has not closed.
     assert sql(store, "SELECT id FROM calibrations") == [("c1",)]
@@ -245,7 +258,8 @@ def test_boots_and_audit(store: Store) -> None:
         ("0000000000000002", 30, "POWER_UP"),
     ]
     store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
-    assert sql(store, "SELECT * FROM audit") == [(5, NAME, "recalibrate", "r1", "nurse", "strap", 1, "done")]
+    columns = "time_ns, device, verb, request_id, who, reason, accepted, message"
+    assert sql(store, f"SELECT {columns} FROM audit") == [(5, NAME, "recalibrate", "r1", "nurse", "strap", 1, "done")]
 
 
 def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:

@@ -218,7 +218,7 @@ def test_a_calibration_made_while_the_disk_is_full_is_saved_later(
     def full(*_: object) -> None:
         raise StoreError("the disk is full")
 
-    monkeypatch.setattr(ward.store, "_write", full)
+    monkeypatch.setattr(ward.store.database, "write", full)
     ward.send(once.batches(), info(1))
     assert ward.store.calibrations(NAME) == []
     assert ward.latest().events["calibration not saved"] >= 1
@@ -247,7 +247,7 @@ def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(
     again = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
     assert again == first
     assert ward.latest().state is State.TRACKING
-    assert ward.store._db.execute("SELECT count(*) FROM audit").fetchone() == (1,)
+    assert len(ward.store.database.rows("audit")) == 1
 
 
 def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,10 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.day import simulate_day
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
+from estimator.database import Change
 from estimator.service.device import Device
 from estimator.service.record import Record
-from estimator.service.store import BOOTS, POINTS, Store
+from estimator.service.store import BOOTS, POINTS, Store, _point
 from estimator.session import DeviceSession, SessionKnobs
 from estimator.track.bias_filter import BIAS, SLOPE, BiasState
 from estimator.track.learning import learn
@@ -82,12 +83,13 @@ def test_the_latest_boots_and_the_first_points_of_each(store: Store) -> None:
     for number in range(1, BOOTS + 3):
         kept(store, number, seed=number, minutes=number)
     assert [len(points.time) for points in store.points(info(99))] == list(range(BOOTS + 2, 2, -1))
-    store.add_boot(info(50), 0)
-    with store._db:
-        rows = [(NAME, f"{50:016x}", i, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 20.0) for i in range(POINTS + 10)]
-        store._db.executemany("INSERT INTO bias_history VALUES (?,?,?,?,?,?,?,?,?,?)", rows)
-        store._db.execute("DELETE FROM boots WHERE boot != ?", (f"{50:016x}",))
-    assert [len(points.time) for points in store.points(info(99))] == [POINTS]
+    late = 100 * HOUR_NS
+    store.add_boot(info(50), late)
+    points = [late + i for i in range(POINTS + 10)]
+    state = BiasState(np.zeros(6), np.eye(6), 1.0, 20.0)
+    whole = [Change("bias_history", _point(NAME, 50, time_ns, state)) for time_ns in points]
+    store.database.write(*whole)
+    assert len(store.points(info(99))[0].time) == POINTS
 
 
 def test_a_boot_without_temperature_or_points_teaches_nothing(store: Store) -> None:
@@ -186,7 +188,8 @@ def test_the_service_hands_the_law_on(tmp_path: Path, info_first: bool) -> None:
 def test_a_store_that_fails_teaches_nothing_and_is_counted(tmp_path: Path) -> None:
     store = Store(tmp_path / "a.sqlite3")
     record, session = Record(store, Tally(), lambda: 0), DeviceSession(NAME)
-    store._db.execute("DROP TABLE bias_history")
+    assert store.database._db is not None
+    store.database._db.execute("DROP TABLE bias_history")
     store.add_boot(info(1), 1)
     assert record.law(session, info(2)) is None
     assert session.status(0).events["store failed"] == 1

@@ -1,0 +1,155 @@
+"""The verbs about what a ward keeps: history, store backup, store check."""
+
+import argparse
+import json
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from bridge.config import ConfigError, load
+from bridge.wire.keys import check_id
+from estimator.cli_offline import Verbs, add_verb
+
+if TYPE_CHECKING:
+    from estimator.database import Inspection
+
+HISTORY = """Calibrations with verdict and uncertainty, boots, commands, and the bias over time, from the estimator's store. The
+estimator may be running meanwhile.
+
+examples:
+  truerate history chest --config configs/ward.toml --since 7d
+  truerate history chest --store truerate.sqlite3 --plot chest.png
+  truerate history chest --config configs/ward.toml --json > chest.json"""
+STORE = """The store is the one file of an estimator that is worth a backup. Copying it with `cp` while the estimator runs loses
+what is still in its log; `backup` does not.
+
+examples:
+  truerate store backup /mnt/backup/ --config configs/ward.toml
+  truerate store check --config configs/ward.toml
+  truerate store check /mnt/backup/truerate-20260301T030000.sqlite3"""
+_PICTURES = (".png", ".svg", ".pdf")
+
+
+def add_store(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `history DEVICE` and `store backup|check`."""
+    verb = add_verb(
+        verbs, "history", _history, "all that is kept of one device: calibrations, boots, commands, its bias"
+    )
+    verb.epilog, verb.formatter_class = HISTORY, argparse.RawDescriptionHelpFormatter
+    verb.add_argument("device", help="its id, as `truerate devices` shows it")
+    verb.add_argument("--since", metavar="WHEN", help="7d, 12h, 2026-03-01, 2026-03-01T14:30 (default: all of it)")
+    verb.add_argument("--plot", type=Path, metavar="FILE", help="draw its bias over time (.png, .svg, .pdf)")
+    verb.add_argument("--json", action="store_true", help="one JSON object, SI, in place of tables")
+    _add_place(verb)
+    parser = verbs.add_parser(
+        "store",
+        help="back up or check what the estimator keeps",
+        description=STORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    inner = parser.add_subparsers(metavar="VERB", required=True)
+    verb = add_verb(inner, "backup", _backup, "copy the store of a running estimator into a file that stands alone")
+    verb.add_argument("to", type=Path, metavar="DEST", help="a folder, or a file that is not there yet")
+    _add_place(verb)
+    verb = add_verb(inner, "check", _check, "is the file whole, and every row in it? what is not, and what is left")
+    verb.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a store (default: the ward's)")
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    _add_place(verb)
+
+
+def _add_place(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--config", type=Path, help="the ward's file: says where the store is")
+    verb.add_argument(
+        "--store", type=Path, metavar="FILE", help="the store itself (default: the file's, else truerate.sqlite3)"
+    )
+
+
+def _place(given: argparse.Namespace) -> Path:
+    from estimator.config import Estimator, Ward  # noqa: PLC0415
+
+    if given.store is not None:
+        return Path(given.store)
+    if given.config is None:
+        return Path(Estimator(id="any").store)
+    ward = load(given.config, Ward)
+    if ward.estimator is None:
+        raise ConfigError(f"{given.config}: there is no [estimator] table, so there is no store")
+    return Path(ward.estimator.store)
+
+
+def _history(given: argparse.Namespace) -> int:
+    from estimator import history, report_history  # noqa: PLC0415
+    from estimator.service.store import Store  # noqa: PLC0415
+
+    device = check_id(given.device, "device")
+    if given.plot is not None and given.plot.suffix.lower() not in _PICTURES:
+        raise ConfigError(f"--plot {given.plot}: a picture ends in {', '.join(_PICTURES)}")
+    try:
+        since = history.since(given.since, datetime.now().astimezone()) if given.since else None
+        since_ns = max(0, round(since.timestamp() * 1e9)) if since else 0
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"--since: {error}") from None
+    store = Store.reading(_place(given))
+    try:
+        found = history.read(store, device, since_ns)
+        known = [] if found else history.devices(store)
+    finally:
+        store.close()
+    if given.json:
+        print(json.dumps(report_history.as_json(found)))
+    else:
+        console = Console()
+        for table in report_history.as_tables(found):
+            console.print(table, highlight=False)
+            console.print()
+    if not found:
+        when = f" since {given.since}" if given.since else ""
+        raise ConfigError(f"{store.path} has nothing of {device}{when}; it has {', '.join(known) or 'nothing at all'}")
+    if given.plot is not None:
+        from estimator import figures  # noqa: PLC0415
+
+        given.plot.parent.mkdir(parents=True, exist_ok=True)
+        figures.history(found, given.plot)
+        if not given.json:
+            print(f"drawn in {given.plot}")
+    return 0
+
+
+def _backup(given: argparse.Namespace) -> None:
+    from estimator.database import Database, inspect  # noqa: PLC0415
+
+    place = _place(given)
+    to = given.to / f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}" if given.to.is_dir() else given.to
+    store = Database.reading(place)
+    try:
+        store.backup(to)
+    finally:
+        store.close()
+    print(f"{place} is backed up as {to}: {_contents(inspect(to))}")
+
+
+def _check(given: argparse.Namespace) -> int:
+    from estimator.database import inspect  # noqa: PLC0415
+
+    found = inspect(given.file or _place(given))
+    if given.json:
+        shown = {"path": found.path, "schema": found.schema, "sound": found.sound, "faults": found.faults}
+        print(json.dumps({**shown, "whole": found.whole, "damaged": found.damaged}))
+        return 0 if found.sound else 1
+    print(f"{found.path}: schema {found.schema}, {_contents(found)}")
+    for fault in found.faults:
+        print(f"damaged: {fault}")
+    for table, rows in found.damaged.items():
+        if rows:
+            print(f"damaged: {len(rows)} rows of {table}, the first is row {rows[0]}")
+    print(
+        "every row is whole" if found.sound else "what is whole can be used: the estimator takes it when it is started"
+    )
+    return 0 if found.sound else 1
+
+
+def _contents(found: "Inspection") -> str:
+    return ", ".join(f"{count} {table.replace('_', ' ')}" for table, count in found.whole.items()) or "nothing in it"

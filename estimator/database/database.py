@@ -1,0 +1,229 @@
+"""One open store: rows go in sealed, each change on disk before it is acknowledged; what comes out has a whole seal.
+
+Where the disk fails it says so, and tries again after a while: a reader goes on from what could be read.
+"""
+
+import logging
+import sqlite3
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple, Self, TypeVar
+
+from estimator.database.connection import FAULTS, beside, code, connect, transaction
+from estimator.database.errors import StoreError, Unavailable
+from estimator.database.opening import (
+    Damaged,
+    backed_up,
+    look,
+    look_through,
+    migrated,
+    open_store,
+)
+from estimator.database.rescue import file_and_log
+from estimator.database.salvage import in_memory
+from estimator.database.schema import SCHEMA_VERSION, TABLES, columns
+from estimator.database.seal import Row, opened, sealed
+
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+#: after a failure, how long until the file is opened again
+RETRY_S = 5.0
+#: after these the connection itself is in order
+_PASSING = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_CONSTRAINT}
+_MEMORY = ":memory:"
+_TOLD = 1000
+
+
+class Change(NamedTuple):
+    """A row to be written; `conflict` says what happens to one with the same key: IGNORE keeps it, REPLACE does not."""
+
+    table: str
+    row: Row
+    conflict: str = "IGNORE"
+
+
+class Database:
+    """Used from one thread. With `patient`, a disk that does not let us is no error but `trouble`, until it does."""
+
+    def __init__(self, path: Path | str, *, patient: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
+        self.path = str(path)
+        #: why it cannot be written now; empty when it can
+        self.trouble = ""
+        #: what happened to the file, for a person
+        self.notes: list[str] = []
+        #: rows that were asked for and had a broken seal
+        self.damaged = 0
+        self._clock = clock
+        self._again_s = float("-inf")
+        self._writable = True
+        self._db: sqlite3.Connection | None = None
+        self._told: set[tuple[str, int]] = set()
+        self._types: dict[str, dict[str, str]] = {}
+        try:
+            self._open()
+        except Unavailable as error:
+            if not patient:
+                raise
+            self._gone(str(error))
+
+    @classmethod
+    def reading(cls, path: Path | str) -> Self:
+        """A store as it is now, be it in use: nothing is written, an older schema is brought up to date in memory."""
+        self = cls(_MEMORY)
+        self.path = str(path)
+        self.close()
+        self._db, self._writable, self._again_s = _as_it_is(Path(path)), False, float("inf")
+        return self
+
+    def rows(
+        self, table: str, where: str = "1", values: Sequence[object] = (), order: str = "rowid", limit: int = -1
+    ) -> list[Row]:
+        """Those rows whose seal is whole; the others are counted, and told once."""
+        query = f"SELECT rowid AS _row, * FROM {table} WHERE {where} ORDER BY {order} LIMIT {limit}"  # noqa: S608 - our own words
+
+        def read(db: sqlite3.Connection) -> list[Row]:
+            cursor = db.execute(query, tuple(values))
+            names = [name for name, *_ in cursor.description]
+            found = [dict(zip(names, row, strict=True)) for row in cursor]
+            return [whole for row in found if (whole := self._whole(table, int(row.pop("_row")), row)) is not None]
+
+        return self._do(read, "restore it from a backup")
+
+    def write(self, *changes: Change) -> None:
+        """All of them, or none; on disk when it returns."""
+
+        def written(db: sqlite3.Connection) -> None:
+            with transaction(db):
+                for table, row, conflict in changes:
+                    whole = sealed(table, row, self._types[table])
+                    places = ", ".join("?" * len(whole))
+                    insert = f"INSERT OR {conflict} INTO {table} ({', '.join(whole)}) VALUES ({places})"  # noqa: S608 - our own words
+                    db.execute(insert, tuple(whole.values()))
+
+        self._must_write(written)
+
+    def probe(self) -> None:
+        """Raise Unavailable unless the file can be written now."""
+
+        def touched(db: sqlite3.Connection) -> None:
+            with transaction(db):
+                db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+        self._must_write(touched)
+
+    def backup(self, to: Path) -> None:
+        """A copy of it as it is now, as a file that stands alone."""
+        if to.exists():
+            raise StoreError(f"{to} is there already; choose another name, or remove it")
+        self._do(lambda db: backed_up(db, to), "is there room for a copy?")
+
+    def close(self) -> None:
+        """Close; what was written is on disk already."""
+        if self._db is not None:
+            self._db.close()
+            self._db = None
+
+    def refuse(self, table: str, words: str) -> None:
+        """Count a row that has a whole seal and yet cannot be used, and tell it."""
+        self.damaged += 1
+        log.error("store %s: %s %s; it is not used", self.path, table, words)
+
+    # ---- what fails -------------------------------------------------------------------------------------------------
+
+    def _must_write(self, work: Callable[[sqlite3.Connection], None]) -> None:
+        if not self._writable:
+            if self._clock() < self._again_s:
+                raise Unavailable(self.trouble or f"store {self.path} is open for reading")
+            self._again_s = self._clock() + RETRY_S
+            self._open()
+        self._do(work, "is the disk full or read-only?")
+        self.trouble = ""
+
+    def _do(self, work: Callable[[sqlite3.Connection], T], hint: str) -> T:
+        if self._db is None:
+            if self._clock() < self._again_s:
+                raise Unavailable(self.trouble)
+            self._again_s = self._clock() + RETRY_S
+            self._open()
+        if self._db is None:
+            raise Unavailable(self.trouble)
+        try:
+            return work(self._db)
+        except FAULTS as error:
+            self.trouble = f"store {self.path}: {error}; {hint}"
+            if code(error) not in _PASSING and self.path != _MEMORY:
+                self._gone(self.trouble)
+            raise Unavailable(self.trouble) from error
+
+    def _gone(self, trouble: str) -> None:
+        """Go on from what can be read, for a while."""
+        self.trouble = trouble
+        self.close()
+        self._writable, self._again_s = False, self._clock() + RETRY_S
+        try:
+            self._db = _as_it_is(Path(self.path))
+        except StoreError as error:
+            log.debug("%s", error)
+
+    def _open(self) -> None:
+        if self.path == _MEMORY:
+            db = connect(_MEMORY)
+            migrated(db, 0)
+            notes: list[str] = []
+        else:
+            try:
+                db, notes = open_store(Path(self.path))
+            except StoreError as error:
+                self.trouble = str(error)
+                raise
+        self.close()
+        self._db, self._writable = db, True
+        self._types = {table: columns(db, table) for table in TABLES}
+        for note in notes:
+            log.error("%s", note)
+        self.notes += notes
+
+    def _whole(self, table: str, number: int, row: dict[str, object]) -> Row | None:
+        whole = opened(table, row)
+        if whole is None:
+            self.damaged += 1
+            if (table, number) not in self._told and len(self._told) < _TOLD:
+                self._told.add((table, number))
+                log.error("store %s: row %d of %s is damaged and is not used", self.path, number, table)
+        return whole
+
+
+def _as_it_is(path: Path) -> sqlite3.Connection:
+    """What is in a store now, for reading; raises StoreError where it is missing, damaged or not ours."""
+    try:
+        if not path.stat().st_size:
+            raise StoreError(f"store {path} is empty")
+        db = _live(path)
+        version = look(db, path)
+        look_through(db)
+        if version < SCHEMA_VERSION:
+            memory = connect(_MEMORY)
+            db.backup(memory)
+            db.close()
+            migrated(memory, version)
+            return memory
+    except Damaged as damage:
+        raise StoreError(f"store {path} is damaged ({damage}): `truerate store check` says what is left") from damage
+    except FileNotFoundError:
+        raise StoreError(f"store {path}: there is no such file") from None
+    except (*FAULTS, OSError) as error:
+        raise StoreError(f"store {path} cannot be read: {error}") from error
+    return db
+
+
+def _live(path: Path) -> sqlite3.Connection:
+    """In step with who is writing to it; where nothing can be written beside it, as a copy in memory."""
+    db = beside(path)
+    try:
+        db.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except FAULTS:
+        db.close()
+        return in_memory(file_and_log(path))
+    return db

@@ -1,0 +1,90 @@
+"""How a store is: its schema, whether its file is whole, and every row by its seal. Nothing is written."""
+
+import sqlite3
+import time
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from estimator.database import salvage, wal
+from estimator.database.connection import FAULTS, beside, connect
+from estimator.database.errors import StoreError
+from estimator.database.opening import Damaged, look, look_through
+from estimator.database.rescue import file_and_log
+from estimator.database.schema import SCHEMA_VERSION, SEALED_FROM
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What was found: `faults` in words, none when all is well; whole and damaged rows of each table."""
+
+    path: str
+    schema: int
+    faults: list[str] = field(default_factory=list)
+    whole: dict[str, int] = field(default_factory=dict)
+    damaged: dict[str, list[int]] = field(default_factory=dict)
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong with it."""
+        return not self.faults and not any(self.damaged.values())
+
+
+def inspect(path: Path) -> Inspection:
+    """Look through a store, in use or not; raises StoreError where there is none."""
+    try:
+        head = file_and_log(path, salvage.HEAD)
+        lost = _lost(path.with_name(path.name + "-wal"))
+        if head and not salvage.is_ours(head):
+            raise StoreError(f"{path} is not a store of truerate's")
+        return _inspected(path, head, [f"the last {lost} writes in its log cannot be read"] if lost else [])
+    except FileNotFoundError:
+        raise StoreError(f"store {path}: there is no such file") from None
+    except OSError as error:
+        raise StoreError(f"store {path} cannot be read: {error}") from error
+
+
+def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:
+    if not head:
+        return Inspection(str(path), 0, [*faults, "the file is empty"])
+    if not salvage.header_is_whole(head):
+        faults.append("its header is damaged")
+    with closing(_copy(path)) as db:
+        version = salvage.version_of(head)
+        try:
+            version = look(db, path)
+            look_through(db)
+        except (Damaged, *FAULTS) as error:
+            faults.append(str(error))
+        if version < SEALED_FROM:
+            faults += [] if faults else [f"schema {version} is older than {SCHEMA_VERSION}: most rows have no seal yet"]
+        found = salvage.scan(db, version)
+    faults += [f"{name} cannot be read to the end: {table.stopped}" for name, table in found.items() if table.stopped]
+    return Inspection(
+        str(path),
+        version,
+        faults,
+        {name: len(table.rows) for name, table in found.items()},
+        {name: sorted(table.broken) for name, table in found.items()},
+    )
+
+
+def _lost(log: Path) -> int:
+    for wait_s in (0.0, 0.1, 0.1):  # what is being written just now is not lost
+        time.sleep(wait_s)
+        lost = wal.read(log.read_bytes()).lost if log.exists() else 0
+        if not lost:
+            break
+    return lost
+
+
+def _copy(path: Path) -> sqlite3.Connection:
+    """What is in it now, in memory: from SQLite where it can be opened, else from its bytes."""
+    memory = connect(":memory:")
+    try:
+        with closing(beside(path)) as db:
+            db.backup(memory)
+    except FAULTS:
+        memory.close()
+        return salvage.in_memory(file_and_log(path))
+    return memory

@@ -1,0 +1,90 @@
+"""A store that is damaged or torn: a copy is kept, and what is whole goes on in its place."""
+
+import os
+import shutil
+import time
+from contextlib import closing
+from pathlib import Path
+
+from estimator.database import salvage, wal
+from estimator.database.connection import connect, transaction
+from estimator.database.schema import build
+
+
+def torn(path: Path) -> list[str]:
+    """What SQLite would not say: a file without content, a log that ends early. A copy is kept of what is lost by that."""
+    log = path.with_name(path.name + "-wal")
+    if path.exists() and path.stat().st_size == 0:
+        return [f"store {path} is an empty file; a new store is begun: what it held, if anything, is lost"]
+    if not log.exists() or not path.exists():
+        return []
+    found = wal.read(log.read_bytes())
+    if not found.lost:
+        return []
+    aside = _kept(path)
+    words = f"of the {found.given} last writes in its log {found.lost} cannot be read"
+    why = "the very last had not ended yet, or they are damaged"
+    return [f"store {path}: {words} ({why}); what is before them is used, a copy of all is in {aside}"]
+
+
+def rescued(path: Path, why: str) -> str:
+    """Put a new store in the place of a damaged one, with every row that is whole; the damaged file is kept beside it."""
+    aside = _kept(path)
+    file = file_and_log(path)
+    version = salvage.version_of(file[: salvage.HEAD])
+    part = path.with_name(path.name + ".part")
+    part.unlink(missing_ok=True)
+    with closing(salvage.in_memory(file)) as damaged, closing(connect(str(part))) as fresh:
+        found = salvage.scan(damaged, version)
+        with transaction(fresh):
+            build(fresh, version)
+            for name, table in found.items():
+                salvage.put(fresh, name, table)
+    for tail in ("-wal", "-shm"):
+        path.with_name(path.name + tail).unlink(missing_ok=True)
+    replaced(part, path)
+    return f"store {path} was damaged ({why}): it is kept as {aside}, and what is whole in it goes on: {salvage.told(found)}"
+
+
+def file_and_log(path: Path, end: int = -1) -> bytes:
+    """The file, or so many bytes of it, as SQLite would see it: with what of its log is whole."""
+    with path.open("rb") as file:
+        begun = file.read(end)
+    log = path.with_name(path.name + "-wal")
+    return wal.read(log.read_bytes()).onto(begun, end if end >= 0 else None) if log.exists() else begun
+
+
+def free(path: Path) -> Path:
+    """The path, or one like it that nothing has yet."""
+    number, place = 1, path
+    while place.exists():
+        number += 1
+        place = path.with_name(f"{path.name}-{number}")
+    return place
+
+
+def replaced(part: Path, to: Path) -> None:
+    """Rename a file that is written into its place, so that it is there after a loss of power."""
+    _sync(part)
+    part.replace(to)
+    _sync(to.parent)
+
+
+def _kept(path: Path) -> Path:
+    """A copy of the file and its log under another name."""
+    aside = free(path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"))
+    for tail in ("-wal", ""):  # the file last: as long as it is not there, the copy is not whole
+        source, target = path.with_name(path.name + tail), aside.with_name(aside.name + tail)
+        if source.exists():
+            part = target.with_name(target.name + ".part")
+            shutil.copyfile(source, part)
+            replaced(part, target)
+    return aside
+
+
+def _sync(place: Path) -> None:
+    handle = os.open(place, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,129 @@
+"""A ward at one look: how many devices are well, what needs a person first, and whether every sample is accounted for. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isnan
+from typing import Any
+
+from bridge.wire.messages import DeviceInfo, State, Status
+from estimator.service.law import EVENT
+
+#: a battery that needs to be charged
+LOW_PERCENT = 15.0
+_URGENT = (
+    State.UNKNOWN,
+    State.LOST,
+    State.AWAITING_STILL,
+    State.BIAS_ONLY,
+    State.DEGRADED,
+    State.TURNING,
+    State.WARMING,
+    State.TRACKING,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """A device that needs a person, and why."""
+
+    device: str
+    state: State
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself."""
+
+    ward: str
+    devices: int
+    tracking: int
+    needs: Sequence[Need]
+    samples_in: int
+    samples_out: int
+    dropped: int
+    law: Mapping[str, str]
+    bridges: Sequence[str]
+    estimators: Sequence[str]
+    troubles: Sequence[str]
+
+    @property
+    def well(self) -> bool:
+        """Whether nobody has to do anything."""
+        return not (self.needs or self.law or self.troubles)
+
+
+def glance(
+    ward: str,
+    statuses: Mapping[str, Status],
+    infos: Mapping[str, DeviceInfo],
+    bridges: Sequence[str],
+    estimators: Sequence[str],
+) -> Glance:
+    """Put together what was heard of a ward."""
+    names = sorted({*statuses, *infos})
+    needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
+    troubles = [] if estimators else ["no estimator is alive: nothing is corrected"]
+    troubles += [] if bridges else ["no bridge is alive: no device is read"]
+    if len(estimators) > 1:
+        troubles.append(f"{len(estimators)} estimators are alive: devices are corrected {len(estimators)} times")
+    return Glance(
+        ward=ward,
+        devices=len(names),
+        tracking=sum(s.state is State.TRACKING for s in statuses.values()),
+        needs=sorted(needs, key=lambda need: _URGENT.index(need.state)),
+        samples_in=sum(s.samples_in for s in statuses.values()),
+        samples_out=sum(s.samples_out for s in statuses.values()),
+        dropped=sum(sum(s.dropped.values()) for s in statuses.values()),
+        law={name: words for name, status in sorted(statuses.items()) if (words := _law(status))},
+        bridges=sorted(bridges),
+        estimators=sorted(estimators),
+        troubles=troubles if names else [*troubles, "no device is heard"],
+    )
+
+
+def as_json(seen: Glance) -> dict[str, Any]:
+    """The same as one JSON object."""
+    return {
+        "ward": seen.ward,
+        "well": seen.well,
+        "devices": seen.devices,
+        "tracking": seen.tracking,
+        "needs": [{"device": n.device, "state": n.state.name.lower(), "reason": n.reason} for n in seen.needs],
+        "law": {
+            "holds": not seen.law,
+            "samples_in": seen.samples_in,
+            "samples_out": seen.samples_out,
+            "dropped": seen.dropped,
+            "broken": dict(seen.law),
+        },
+        "bridges": list(seen.bridges),
+        "estimators": list(seen.estimators),
+        "troubles": list(seen.troubles),
+    }
+
+
+def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:
+    trouble = info.trouble if info else ""
+    if status is None or (trouble and status.state is State.LOST):
+        return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or "not heard yet")
+    if status.state is not State.TRACKING:
+        return Need(name, status.state, status.reason)
+    if (
+        info is not None
+        and not isnan(info.battery_percent)
+        and info.battery_percent < LOW_PERCENT
+        and not info.charging
+    ):
+        return Need(name, status.state, f"its battery is at {info.battery_percent:.0f} %: charge it")
+    return None
+
+
+def _law(status: Status) -> str:
+    lost = status.samples_in - status.samples_out - sum(status.dropped.values())
+    if lost:
+        return (
+            f"{status.samples_in} in, {status.samples_out} out, {sum(status.dropped.values())} dropped: {lost} nowhere"
+        )
+    times = status.events.get(EVENT, 0)
+    return f"samples were nowhere {times} times; see the estimator's log" if times else ""

@@ -1,0 +1,83 @@
+"""Everything the store has of one device: calibrations, boots, commands, and the bias over time. For people and pictures."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import Calibration, Floats
+from estimator.database import Row
+from estimator.service.store import Store
+
+_SPAN = re.compile(r"(\d+(?:\.\d+)?)\s*([smhdw])\Z")
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Biases:
+    """The bias of one boot: m points, time_ns (m,), bias (m, 3) rad/s and its std (m, 3), temperature_c (m,) or NaN."""
+
+    boot: str
+    time_ns: NDArray[np.int64]
+    bias: Floats
+    std: Floats
+    temperature_c: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """One device, oldest first. `boots` and `commands` are rows of the store."""
+
+    device: str
+    calibrations: Sequence[Calibration]
+    boots: Sequence[Row]
+    commands: Sequence[Row]
+    biases: Sequence[Biases]
+
+    def __bool__(self) -> bool:
+        return bool(self.calibrations or self.boots or self.commands or self.biases)
+
+
+def read(store: Store, device: str, since_ns: int = 0) -> History:
+    """What is whole in the store of a device, from a time on; raises StoreError."""
+    where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
+    points: dict[str, list[Row]] = {}
+    for row in store.database.rows("bias_history", where, values, order):
+        points.setdefault(row["boot"], []).append(row)
+    return History(
+        device,
+        [c for c in store.calibrations(device) if c.time_ns >= since_ns],
+        store.database.rows("boots", where, values, order),
+        store.database.rows("audit", where, values, order),
+        [_biases(boot, rows) for boot, rows in points.items()],
+    )
+
+
+def devices(store: Store) -> list[str]:
+    """Every device the store knows anything of."""
+    return sorted({row["device"] for table in ("calibrations", "boots", "audit") for row in store.database.rows(table)})
+
+
+def since(text: str, now: datetime) -> datetime:
+    """`7d`, `12h`, `30m` before now, or a date with or without a time, of now's zone; ValueError says what is taken."""
+    if match := _SPAN.match(text.strip()):
+        try:
+            return now - timedelta(seconds=float(match[1]) * _SECONDS[match[2]])
+        except OverflowError:
+            raise ValueError(f"{text!r} is too long ago") from None
+    try:
+        found = datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise ValueError(f"{text!r} is no time: 7d, 12h, 30m, 2026-03-01 or 2026-03-01T14:30 are taken") from None
+    return found if found.tzinfo else found.replace(tzinfo=now.tzinfo)
+
+
+def _biases(boot: str, rows: list[Row]) -> Biases:
+    def column(*names: str) -> Floats:
+        return np.array([[np.nan if row[name] is None else row[name] for name in names] for row in rows], float)
+
+    times = np.array([row["time_ns"] for row in rows], np.int64)
+    return Biases(boot, times, column("x", "y", "z"), column("x_std", "y_std", "z_std"), column("temperature_c")[:, 0])

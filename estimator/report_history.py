@@ -1,0 +1,130 @@
+"""A device's history in words and as JSON."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from math import degrees
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+
+from bridge.wire.messages import Calibration
+from estimator.gyro import AXES
+from estimator.history import Biases, History
+
+#: 95 % of a normal distribution
+_SIGMAS = 1.96
+
+
+def as_tables(history: History) -> Iterator[RenderableType]:
+    """A table of calibrations, accepted and not, of boots, of commands, and of the bias of each boot; those that have rows."""
+    refused = [row for row in history.commands if row["verb"] == "calibrate"]
+    tried = [(c.time_ns, _calibration(c)) for c in history.calibrations]
+    tried += [(row["time_ns"], ("", row["who"], "", row["message"])) for row in refused]
+    yield from _table(
+        "calibrations",
+        ("when", "boot", "by", "scale x, y, z ± 95 %", "verdict"),
+        [(_when(time_ns), *rest) for time_ns, rest in sorted(tried)],
+    )
+    yield from _table(
+        "boots",
+        ("when", "boot", "cause", "what it was"),
+        [
+            (_when(row["time_ns"]), row["boot"], _words(row["cause"]), f"{row['model']} {row['firmware']}")
+            for row in history.boots
+        ],
+    )
+    yield from _table(
+        "commands",
+        ("when", "asked for", "by", "reason", "answer"),
+        [
+            (_when(row["time_ns"]), row["verb"], row["who"], row["reason"], row["message"])
+            for row in history.commands
+            if row["verb"] != "calibrate"
+        ],
+    )
+    yield from _table(
+        "bias at the end of each boot, °/s",
+        ("from", "to", "boot", *(f"{axis} ± 95 %" for axis in AXES), "°C"),
+        [_bias(of) for of in history.biases],
+    )
+
+
+def as_json(history: History) -> dict[str, Any]:
+    """All of it in SI, times as ISO 8601."""
+    return {
+        "device": history.device,
+        "calibrations": [
+            {
+                "id": c.id,
+                "time": _iso(c.time_ns),
+                "boot": f"{c.boot:016x}",
+                "method": c.method,
+                "verdict": c.verdict.name.lower(),
+                "reason": c.reason,
+                "who": c.who,
+                "matrix": c.matrix.tolist(),
+                "bias_rad_s": c.bias.tolist(),
+                "parameters": list(c.parameters),
+                "covariance": c.covariance.tolist(),
+                "temperature_c": _number(c.temperature_c),
+            }
+            for c in history.calibrations
+        ],
+        "boots": [{**row, "time": _iso(row["time_ns"])} for row in history.boots],
+        "commands": [{**row, "time": _iso(row["time_ns"])} for row in history.commands],
+        "bias": [
+            {
+                "boot": of.boot,
+                "time": [_iso(int(time)) for time in of.time_ns],
+                "bias_rad_s": of.bias.tolist(),
+                "bias_std_rad_s": of.std.tolist(),
+                "temperature_c": [_number(t) for t in of.temperature_c],
+            }
+            for of in history.biases
+        ],
+    }
+
+
+def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[Table]:
+    if not rows:
+        return
+    shown = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in headings:
+        shown.add_column(heading, overflow="fold")
+    for row in rows:
+        shown.add_row(*row)
+    yield shown
+
+
+def _calibration(c: Calibration) -> tuple[str, ...]:
+    std = np.sqrt(np.diag(c.covariance))
+    known = dict(zip(c.parameters, std, strict=True))
+    scale = " ".join(
+        f"{c.matrix[axis, axis]:.4f}±{_SIGMAS * known.get(f'k_{name}', np.nan):.4f}" for axis, name in enumerate(AXES)
+    )
+    return f"{c.boot:016x}", c.who, scale, f"{c.verdict.name.lower()} ({c.method}): {c.reason}"
+
+
+def _bias(of: Biases) -> tuple[str, ...]:
+    celsius = of.temperature_c[np.isfinite(of.temperature_c)]
+    warm = f"{celsius.min():.1f}…{celsius.max():.1f}" if len(celsius) else ""
+    last = (f"{degrees(b):+.3f}±{_SIGMAS * degrees(s):.3f}" for b, s in zip(of.bias[-1], of.std[-1], strict=True))
+    return _when(int(of.time_ns[0])), _when(int(of.time_ns[-1])), of.boot, *last, warm
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
+
+
+def _when(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _iso(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,82 @@
+"""The conservation law: every sample that came in went out, or was dropped and counted with a reason. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+EVENT = "conservation law broken"
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
+
+    `refused` were another bridge's and never let in.
+    """
+
+    came: int = 0
+    out: int = 0
+    dropped: int = 0
+    said: int = 0
+    refused: int = 0
+
+    @property
+    def unaccounted(self) -> int:
+        """Samples that came and are nowhere; negative where more went out than came."""
+        return self.came - self.out - self.dropped
+
+    @property
+    def unsaid(self) -> int:
+        """Samples that were corrected and never published; negative where they were published and counted as dropped."""
+        return self.out - self.said
+
+    def __add__(self, other: Self) -> "Account":
+        return Account(
+            self.came + other.came,
+            self.out + other.out,
+            self.dropped + other.dropped,
+            self.said + other.said,
+            self.refused + other.refused,
+        )
+
+
+class Conservation:
+    """Looks at all accounts together, again and again; remembers what was told, and devices that are forgotten."""
+
+    def __init__(self) -> None:
+        self.violations: dict[str, int] = {}
+        self.total = Account()
+        self._last: dict[str, Account] = {}
+        self._gone = Account()
+        self._told: dict[str, tuple[int, int]] = {}
+
+    def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
+        """What is newly wrong, by device, "" for all of them together: in words.
+
+        decoded: samples that came through the service's door; turned_away: batches there was no room for a device for.
+        """
+        for name in self._last.keys() - accounts.keys():
+            self._gone += self._last[name]
+            self._told.pop(name, None)
+        self._last = dict(accounts)
+        self.total = sum(accounts.values(), self._gone)
+        wrong = {name: _judged(account) for name, account in accounts.items()}
+        lost = decoded - self.total.came - self.total.refused
+        # A batch that was turned away has at least one sample.
+        wrong[""] = (min(0, lost - turned_away) if turned_away else lost, 0)
+        fresh = {name: found for name, found in wrong.items() if found != self._told.get(name, (0, 0))}
+        self._told |= fresh
+        said = {name: _words(found) for name, found in fresh.items() if any(found)}
+        for name in said:
+            self.violations[name] = self.violations.get(name, 0) + 1
+        return said
+
+
+def _judged(account: Account) -> tuple[int, int]:
+    return account.unaccounted, account.unsaid
+
+
+def _words(found: tuple[int, int]) -> str:
+    unaccounted, unsaid = found
+    parts = [f"{unaccounted} samples came and are neither out nor dropped"] if unaccounted else []
+    return "; ".join(parts + ([f"{unsaid} samples count as out and were not published"] if unsaid else []))

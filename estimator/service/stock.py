@@ -1,0 +1,66 @@
+"""Taking stock, once a second: the conservation law is checked, and what is so is noted for whoever asks."""
+
+import logging
+
+from bridge.wire import codec
+from bridge.wire.messages import SampleBatch
+from bridge.wire.refusal import Tally
+from estimator.service.device import Device
+from estimator.service.law import EVENT, Account, Conservation
+from estimator.service.roster import TOO_MANY, Roster
+from estimator.service.sources import ELSEWHERE
+from estimator.service.vitals import DeviceVitals, Note, Vitals
+
+log = logging.getLogger(__name__)
+
+
+class Stock:
+    """Counts what comes through the door, and holds it against what the devices made of it."""
+
+    def __init__(self, devices: Roster, counts: Tally, vitals: Vitals) -> None:
+        self._devices, self._counts, self._vitals = devices, counts, vitals
+        self._law = Conservation()
+        self._decoded = 0
+
+    def decode(self, key: str, payload: bytes) -> SampleBatch:
+        """A batch of samples, counted."""
+        batch = codec.decode_samples(key, payload)
+        self.came(len(batch))
+        return batch
+
+    def came(self, samples: int) -> None:
+        """So many samples came in."""
+        self._decoded += samples
+
+    def check(self) -> None:
+        """Between two rounds: all that came is out, dropped, refused or waiting; else that is said, once, and counted."""
+        accounts = {name: _account(device) for name, device in self._devices.items()}
+        turned_away = self._counts.as_dict().get(TOO_MANY, 0)
+        for name, words in self._law.check(accounts, self._decoded, turned_away).items():
+            self._counts.add(EVENT)
+            if self._law.violations[name] == 1:
+                log.error("%s: %s: %s (more are only counted)", name or "the ward", EVENT, words)
+            for device in [self._devices[name]] if name else self._devices.values():
+                device.session.count_event(EVENT)
+
+    def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool) -> None:
+        """Tell the vitals; of those devices that have been announced."""
+        devices = {
+            name: DeviceVitals(
+                device.latest,
+                device.session.tracker.consistency.nis,
+                device.delay(),
+                self._law.violations.get(name, 0),
+            )
+            for name, device in self._devices.items()
+            if device.latest is not None
+        }
+        violations = sum(self._law.violations.values())
+        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts))
+
+
+def _account(device: Device) -> Account:
+    sequence = device.session.sequence
+    refused = sum(n for label, n in sequence.events.as_dict().items() if label.startswith(ELSEWHERE))
+    out, said = sequence.samples_out, device.said + device.waiting
+    return Account(sequence.samples_in, out, sequence.dropped.total(), said, refused)

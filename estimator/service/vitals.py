@@ -1,0 +1,126 @@
+"""How the service is, noted once a second on its own thread and read from any other: for /metrics, /healthz and /readyz."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from bridge.health import Asked, Family
+from bridge.wire.messages import State, Status
+from estimator.service.law import Account
+
+#: a loop that has not turned for so long is stuck
+STUCK_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceVitals:
+    """One device: its status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication."""
+
+    status: Status
+    nis: float
+    latency_s: float
+    violations: int
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """What was so at one moment; time_s is monotonic."""
+
+    time_s: float
+    connected: bool
+    store: str
+    devices: Mapping[str, DeviceVitals] = field(default_factory=dict)
+    total: Account = field(default_factory=Account)
+    violations: int = 0
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+class Vitals:
+    """The latest note. `expects`: whether the ward's file has devices, so that none is a trouble."""
+
+    def __init__(self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
+        self._expects, self._clock = expects, clock
+        self._note: Note | None = None
+
+    def note(self, note: Note) -> None:
+        """Replace the note; one assignment, so that readers see one or the other."""
+        self._note = note
+
+    @property
+    def asked(self) -> Asked:
+        """What a health server answers."""
+        return Asked(self.families, self.sick, self.unready)
+
+    def sick(self) -> list[str]:
+        """Why the process is not alive; it is as long as it waits for its first router."""
+        age = 0.0 if self._note is None else self._clock() - self._note.time_s
+        return [f"the loop has not turned for {age:.0f} s"] if age > STUCK_S else []
+
+    def unready(self) -> list[str]:
+        """Why it cannot do its work now."""
+        note = self._note
+        if note is None:
+            return ["no router yet"]
+        why = self.sick()
+        if not note.connected:
+            why.append("the router is gone")
+        if note.store:
+            why.append(note.store)
+        if self._expects and not any(d.status.state is not State.LOST for d in note.devices.values()):
+            why.append("no device is heard")
+        return why
+
+    def families(self) -> Iterator[Family]:
+        """All metrics; labels are devices of the roster, reasons and states, all of them bounded."""
+        note = self._note
+        if note is None:
+            return
+        yield Family("loop_age_seconds", "Since the service's loop turned last.", (), {(): self._clock() - note.time_s})
+        yield Family("bus_connected", "Whether there is a router.", (), {(): float(note.connected)})
+        yield Family("store_works", "Whether the store can be written.", (), {(): float(not note.store)})
+        states = Counter(d.status.state.name.lower() for d in note.devices.values())
+        yield Family(
+            "devices", "Devices by state.", ("state",), {(s.name.lower(),): states[s.name.lower()] for s in State}
+        )
+        yield Family(
+            "troubles", "Refused, lost or given up, on the whole ward.", ("what",), _by(note.counts), counter=True
+        )
+        yield Family(
+            "law_violations_all", "Samples of the ward that are nowhere.", (), {(): note.violations}, counter=True
+        )
+        yield from _of_devices(note.devices)
+
+
+def _of_devices(devices: Mapping[str, DeviceVitals]) -> Iterator[Family]:
+    def family(name: str, words: str, value: Callable[[DeviceVitals], float], *, counter: bool = False) -> Family:
+        values = {(device,): value(vitals) for device, vitals in devices.items()}
+        known = {labels: value for labels, value in values.items() if not math.isnan(value)}
+        return Family(name, words, ("device",), known, counter)
+
+    yield family("samples_in", "Samples taken in.", lambda d: d.status.samples_in, counter=True)
+    yield family("samples_out", "Samples corrected.", lambda d: d.status.samples_out, counter=True)
+    dropped = {(name, why): n for name, d in devices.items() for why, n in d.status.dropped.items()}
+    yield Family("samples_dropped", "Samples dropped.", ("device", "reason"), dropped, counter=True)
+    yield family("gaps", "Gaps in the samples.", lambda d: d.status.events.get("gaps", 0), counter=True)
+    yield family(
+        "samples_missing", "Samples that never came.", lambda d: d.status.events.get("missing_samples", 0), counter=True
+    )
+    yield family("law_violations", "Samples that are neither out nor dropped.", lambda d: d.violations, counter=True)
+    yield family("rate_hz", "Samples a second, by the device's clock.", lambda d: d.status.rate_hz)
+    yield family("latency_seconds", "From a sample's receipt at the bridge to its publication.", lambda d: d.latency_s)
+    yield family("evidence_age_seconds", "Since the bias was measured last.", lambda d: d.status.evidence_age_s)
+    yield family(
+        "nis", "Mean normalised innovation squared per degree of freedom; 1 when all is well.", lambda d: d.nis
+    )
+    yield family("bias_std_rad_s", "Standard deviation of the worst axis's bias.", lambda d: max(d.status.bias_std))
+    yield family("temperature_celsius", "Of the device.", lambda d: d.status.temperature_c)
+    state = {(name, d.status.state.name.lower()): 1.0 for name, d in devices.items()}
+    yield Family("state", "1 for the state a device is in.", ("device", "state"), state)
+    quality = {(name, d.status.quality.name.lower()): 1.0 for name, d in devices.items()}
+    yield Family("quality", "1 for the quality of a device's corrected rates.", ("device", "quality"), quality)
+
+
+def _by(counts: Mapping[str, int]) -> dict[tuple[str, ...], float]:
+    return {(label,): n for label, n in counts.items()}

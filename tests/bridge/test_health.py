@@ -1,0 +1,100 @@
+"""The health server as Prometheus and a person ask it, over a real socket."""
+
+import http.client
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from bridge.config import listening
+from bridge.health import AT_ONCE, Asked, Family, Health
+from tests.bridge.asking import get
+
+
+class Told:
+    """What is answered, to be set by hand."""
+
+    def __init__(self) -> None:
+        self.families: list[Family] = []
+        self.sick: list[str] = []
+        self.unready: list[str] = []
+
+
+@pytest.fixture
+def told() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def health(told: Told) -> Iterator[Health]:
+    asked = Asked(lambda: told.families, lambda: told.sick, lambda: told.unready)
+    with Health(("127.0.0.1", 0), asked) as server:
+        yield server
+
+
+def test_metrics(health: Health, told: Told) -> None:
+    told.families = [
+        Family("rate_hz", "Samples a second.", ("device",), {("chest",): 104.0, ("wrist",): 52.0}),
+        Family("samples_in", "Samples.", ("device",), {("chest",): 7}, counter=True),
+    ]
+    code, said = get(health.port, "/metrics")
+    assert code == 200
+    assert '# TYPE truerate_rate_hz gauge\ntruerate_rate_hz{device="chest"} 104.0' in said
+    assert 'truerate_samples_in_total{device="chest"} 7.0' in said
+    assert "process_resident_memory_bytes" in said
+    told.families = []
+    assert "truerate_rate_hz" not in get(health.port, "/metrics")[1], "what is gone is not shown any more"
+
+
+def test_alive_and_ready(health: Health, told: Told) -> None:
+    assert get(health.port, "/healthz") == (200, "ok\n")
+    assert get(health.port, "/readyz?verbose") == (200, "ok\n")
+    told.sick, told.unready = ["stuck"], ["no router", "no device"]
+    assert get(health.port, "/healthz") == (503, "stuck\n")
+    assert get(health.port, "/readyz") == (503, "no router\nno device\n")
+    assert get(health.port, "/")[0] == 404
+    assert get(health.port, "/../etc/passwd")[0] == 404
+
+
+def test_nothing_but_reading(health: Health) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)
+    connection.request("POST", "/metrics", "x")
+    assert connection.getresponse().status == 501
+    connection.close()
+
+
+def test_those_who_only_wait_shut_nobody_out_for_long(health: Health, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bridge.health._Handler.timeout", 0.2)
+    idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE)]
+    answers: list[tuple[int, str]] = []
+    while not answers:
+        try:
+            answers.append(get(health.port, "/healthz"))
+        except (OSError, http.client.HTTPException):  # there is no room yet: closed at once
+            continue
+    assert answers == [(200, "ok\n")]
+    for one in idle:
+        one.close()
+
+
+def test_what_fails_while_answering_ends_that_answer_only(told: Told, health: Health) -> None:
+    told.families = None  # type: ignore[assignment]
+    with pytest.raises((OSError, http.client.HTTPException)):
+        get(health.port, "/metrics")
+    assert get(health.port, "/healthz") == (200, "ok\n")
+
+
+def test_a_port_in_use_is_said(health: Health) -> None:
+    with pytest.raises(OSError, match=f"cannot listen on 127.0.0.1:{health.port}"):
+        Health(("127.0.0.1", health.port), Asked(list, list, list))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.1:", ":9464", "a:b", "a:0", "a:65536", "a\n:1"])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(ValueError, match="looks like"):
+        listening(address)
+
+
+def test_an_address() -> None:
+    assert listening("127.0.0.1:9464") == ("127.0.0.1", 9464)
+    assert listening("[::1]:9464") == ("::1", 9464)

@@ -1,0 +1,135 @@
+"""A store of an earlier schema is brought to the present one, with a backup before, or left as it was."""
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from estimator.database import SCHEMA_VERSION, inspect, schema
+from estimator.database.connection import connect
+from estimator.service.store import Store, StoreError
+from tests.estimator.database.kept import fill, loaded
+
+
+def old(path: Path) -> set[object]:
+    """A store of schema 1, as the estimator of that time wrote it; what is in it."""
+    present = Store(path)
+    fill(present)
+    kept = loaded(present)
+    rows = {table: present.database.rows(table) for table in schema.TABLES}
+    present.close()
+    path.unlink()
+    db = connect(str(path))
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("BEGIN")
+    schema.build(db, 1)
+    for table, found in rows.items():
+        for row in found:
+            row.pop("version", None)
+            if table in ("calibrations", "bias"):
+                row["digest"] = schema._old_digest(row.get("payload", row.get("state")))
+            places = ", ".join("?" * len(row))
+            db.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places})", tuple(row.values()))
+    db.execute("COMMIT")
+    db.close()
+    return kept
+
+
+def version(path: Path) -> int:
+    db = sqlite3.connect(path)
+    found = int(db.execute("PRAGMA user_version").fetchone()[0])
+    db.close()
+    return found
+
+
+def test_everything_is_there_afterwards_and_sealed(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite3"
+    kept = old(path)
+    store = Store(path)
+    assert loaded(store) == kept
+    store.close()
+    assert version(path) == SCHEMA_VERSION
+    assert inspect(path).sound
+    before = tmp_path / "a.sqlite3.schema-1"
+    assert version(before) == 1
+    assert not before.with_name(before.name + "-wal").exists(), "the backup stands alone"
+
+
+def test_what_was_damaged_before_stays_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.sqlite3"
+    old(path)
+    other = sqlite3.connect(path)
+    with other:
+        other.execute("UPDATE calibrations SET payload = x'01' WHERE id = 'c3'")
+        other.execute("UPDATE calibrations SET boot = '0000000000000009' WHERE id = 'c2'")
+    other.close()
+    store = Store(path)
+    assert [c.id for c in store.calibrations("chest")] == ["c1"]
+    assert "row 3 of calibrations is damaged" in caplog.text
+    assert "c2: its columns are not those of its content" in caplog.text
+    assert store.recall("chest", 9, 0) is None
+    store.close()
+
+
+@pytest.mark.parametrize("statement", range(1, 40, 3))
+def test_a_migration_that_fails_changes_nothing(
+    tmp_path: Path, statement: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.sqlite3"
+    kept = old(path)
+    done = 0
+    seal_everything = schema.MIGRATIONS[1]
+
+    class Failing:
+        def __init__(self, db: schema.Connection) -> None:
+            self.db = db
+
+        def execute(self, *words: object) -> object:
+            nonlocal done
+            done += 1
+            if done == statement:
+                raise sqlite3.OperationalError("database or disk is full")
+            return self.db.execute(*words)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        failing = (schema.MIGRATIONS[0], lambda db: seal_everything(Failing(db)))  # type: ignore[arg-type]
+        patch.setattr("estimator.database.opening.MIGRATIONS", failing)
+        with pytest.raises(StoreError, match="disk is full"):
+            Store(path)
+    assert version(path) == 1
+    store = Store(path)
+    assert loaded(store) == kept
+    store.close()
+
+
+def test_a_disk_without_room_for_the_backup_leaves_the_store_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.sqlite3"
+    kept = old(path)
+
+    def full(*_: object) -> None:
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("estimator.database.opening.replaced", full)
+        with pytest.raises(StoreError, match="cannot be copied"):
+            Store(path)
+    assert version(path) == 1
+    reader = Store.reading(path)
+    assert loaded(reader) == kept, "an old store can be read as it is"
+    reader.close()
+    assert version(path) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.sqlite3"]
+
+
+def test_a_damaged_store_of_the_first_schema_is_put_right_and_brought_up(tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite3"
+    kept = old(path)
+    data = bytearray(path.read_bytes())
+    data[20:24] = b"\xff\xff\xff\xff"
+    path.write_bytes(data)
+    store = Store(path)
+    assert loaded(store) == kept
+    store.close()
+    assert version(path) == SCHEMA_VERSION

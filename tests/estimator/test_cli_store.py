@@ -1,0 +1,156 @@
+"""`truerate history`, `store backup` and `store check`, as people use them."""
+
+import json
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.cli import main
+from estimator.history import read, since
+from estimator.service.store import Store
+from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
+from tests.estimator.stream import NAME
+
+NOW = datetime(2026, 3, 8, 12, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    """As an estimator that is running has it: much is in the log only."""
+    opened = Store(tmp_path / "a.sqlite3")
+    fill(opened)
+    opened.add_audit(7, NAME, "calibrate", "c9", "nurse", "", "repeat: the turn about y is missing", accepted=False)
+    yield opened
+    opened.close()
+
+
+def history(store: Store, *words: str) -> int:
+    return main(["history", NAME, "--store", store.path, *words])
+
+
+def test_history_in_tables(store: Store, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert history(store) == 0
+    said = capsys.readouterr().out
+    for words in (
+        "0.9000±0.0020",
+        "accepted (turn360)",
+        "power up",
+        "m 1.0",
+        "recalibrate",
+        "strap",
+        "nothing to cancel",
+    ):
+        assert words in said, words
+    assert said.count("0.9000±") == len(CALIBRATIONS)
+    assert said.count("repeat: the turn about y is missing") == 1
+
+
+def test_history_as_json(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    assert history(store, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [c["id"] for c in found["calibrations"]] == ["c1", "c2", "c3"]
+    assert np.array(found["calibrations"][0]["covariance"]).shape == (6, 6)
+    assert [boot["boot"][-1] for boot in found["boots"]] == ["1", "2", "3"]
+    assert [command["verb"] for command in found["commands"]] == ["recalibrate", "cancel", "calibrate"]
+    assert [len(boot["bias_rad_s"]) for boot in found["bias"]] == [6, 6, 6]
+    assert found["bias"][1]["bias_rad_s"][0] == pytest.approx([0.2, -0.4, 0.6])
+    assert found["bias"][1]["temperature_c"][0] == 22.0
+
+
+def test_history_from_a_time_on(store: Store) -> None:
+    found = read(store, NAME, since_ns=20)
+    assert (len(found.calibrations), len(found.boots), len(found.commands)) == (0, 0, 0)
+    assert [of.boot[-1] for of in found.biases] == ["2", "3"]
+
+
+def test_history_draws(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "new" / "a.png"
+    assert history(store, "--plot", str(picture)) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert str(picture) in capsys.readouterr().out
+    assert history(store, "--plot", str(tmp_path / "a.txt")) == 2
+
+
+def test_history_of_nothing_says_what_there_is(
+    store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["history", "wrist", "--store", store.path]) == 2
+    assert f"it has {NAME}" in capsys.readouterr().err
+    assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
+    assert "no such file" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+    assert history(store, "--since", "yesterday") == 2
+    assert "2026-03-01" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "when"),
+    [
+        ("7d", "2026-03-01T12:00:00+00:00"),
+        ("1.5h", "2026-03-08T10:30:00+00:00"),
+        ("2026-03-01", "2026-03-01T00:00:00+00:00"),
+        ("2026-03-01T14:30+02:00", "2026-03-01T14:30:00+02:00"),
+    ],
+)
+def test_since(text: str, when: str) -> None:
+    assert since(text, NOW).isoformat() == when
+
+
+@pytest.mark.parametrize("text", ["", "7", "d", "-1d", "2026-13-01", "99999999999w"])
+def test_what_is_no_time_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"no time|too long"):
+        since(text, NOW)
+
+
+def test_a_backup_of_a_store_in_use_has_everything(
+    store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept, folder = loaded(store), tmp_path / "backups"
+    folder.mkdir()
+    assert main(["store", "backup", str(folder), "--store", store.path]) == 0
+    (copy,) = folder.iterdir()
+    assert str(copy) in capsys.readouterr().out
+    again = Store.reading(copy)
+    assert loaded(again) == kept
+    again.close()
+    assert main(["store", "backup", str(copy), "--store", store.path]) == 1
+    assert "already" in capsys.readouterr().err
+
+
+def test_check_says_what_is_whole(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    before = Path(store.path).read_bytes()
+    assert main(["store", "check", "--store", store.path]) == 0
+    said = capsys.readouterr().out
+    assert "3 calibrations" in said
+    assert "18 bias history" in said
+    assert "every row is whole" in said
+    assert Path(store.path).read_bytes() == before
+
+
+def test_check_says_what_is_damaged_and_what_is_left(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    store.close()
+    path = Path(store.path)
+    whole = path.read_bytes()
+    at = whole.index(b"nothing to cancel")
+    path.write_bytes(whole[:at] + b"N" + whole[at + 1 :])
+    assert main(["store", "check", str(path), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["damaged"]["audit"] == [2]
+    assert found["whole"]["calibrations"] == 3
+    path.write_bytes(whole[:-20000])
+    assert main(["store", "check", str(path)]) == 1
+    said = capsys.readouterr().out
+    assert "damaged: " in said
+    assert "what is whole can be used" in said
+    assert list(path.parent.iterdir()) == [path], "looking leaves nothing behind"
+
+
+def test_check_of_what_is_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.txt").write_text("this is no store " * 100)
+    assert main(["store", "check", str(tmp_path / "a.txt")]) == 1
+    assert "is not a store" in capsys.readouterr().err
+    assert main(["store", "check", "--config", str(tmp_path / "none.toml")]) == 2

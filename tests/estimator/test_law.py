@@ -1,0 +1,125 @@
+"""The conservation law, by itself and in a service whose accounts are wrong."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bridge.wire.messages import SampleBatch
+from bridge.wire.refusal import Tally
+from estimator.sequence import Sequence
+from estimator.service.law import EVENT, Account, Conservation
+from estimator.session import DeviceSession, Outcome
+from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.test_service import Ward
+
+GOOD = Account(came=100, out=90, dropped=10, said=90)
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1)
+
+
+def test_it_holds() -> None:
+    law = Conservation()
+    assert law.check({"a": GOOD, "b": GOOD}, decoded=200, turned_away=0) == {}
+    assert law.total == GOOD + GOOD
+    assert law.check({}, 200, 0) == {}, "of devices that are forgotten, too"
+    assert law.check({"c": GOOD}, 300, 0) == {}
+
+
+@pytest.mark.parametrize(
+    ("account", "words"),
+    [
+        (Account(100, 90, 9, 90), "1 samples came and are neither out nor dropped"),
+        (Account(100, 90, 11, 90), "-1 samples came"),
+        (Account(100, 90, 10, 80), "10 samples count as out and were not published"),
+        (Account(100, 90, 9, 91), "-1 samples count as out"),
+    ],
+)
+def test_what_breaks_it_is_told_when_it_is_new(account: Account, words: str) -> None:
+    law = Conservation()
+    (said,) = law.check({"a": account}, 100, 0).values()
+    assert words in said
+    assert law.check({"a": account}, 100, 0) == {}
+    worse = account + Account(came=9, out=4, said=4)
+    assert list(law.check({"a": worse}, 109, 0)) == ["a"]
+    assert law.violations == {"a": 2}
+
+
+@pytest.mark.parametrize(("decoded", "turned_away", "broken"), [(100, 0, False), (101, 0, True), (99, 0, True),
+    (110, 1, False), (100, 1, True), (102, 3, True)])  # fmt: skip
+def test_it_holds_at_the_wards_own_door(decoded: int, turned_away: int, broken: bool) -> None:
+    assert bool(Conservation().check({"a": GOOD}, decoded, turned_away)) == broken
+
+
+def test_samples_of_another_bridge_are_accounted_for() -> None:
+    assert Conservation().check({"a": Account(100, 100, 0, 100, refused=30)}, 130, 0) == {}
+
+
+def test_a_service_in_which_samples_vanish_says_so(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    batches = once.batches()
+    ward.send(batches[:100], info(1))
+    assert EVENT not in ward.latest().events
+    handle = DeviceSession.handle
+
+    def forgetful(self: DeviceSession, batch: SampleBatch) -> Outcome:
+        outcome = handle(self, batch)
+        outcome.corrected = outcome.corrected[:-1]
+        return outcome
+
+    with monkeypatch.context() as patch:
+        patch.setattr(DeviceSession, "handle", forgetful)
+        patch.setattr(DeviceSession, "plain", lambda *_: False)
+        ward.send(batches[100:110])
+    ward.latest()
+    status = ward.latest()
+    assert status.events[EVENT] == 1
+    assert caplog.text.count(" samples count as out and were not published") == 1
+    ward.send(batches[110:120])
+    assert ward.latest().events[EVENT] == 1, "it is told when it is new"
+    with monkeypatch.context() as patch:
+        patch.setattr(Tally, "add", lambda *_: 0)
+        ward.put(b"", bridge="bridge", device=NAME)
+        ward.send([*batches[118:120]])  # repeated, and not counted
+    ward.latest()
+    assert ward.latest().events[EVENT] == 2
+    assert ward.service.counts.as_dict()[EVENT] == 2
+
+
+def test_batches_that_never_reach_a_session_are_missed_by_the_ward(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    batches = once.batches()
+    ward.send(batches[:50], info(1))
+    fresh = Sequence.fresh
+
+    def fails(self: Sequence, batch: SampleBatch) -> int:
+        if batch.sequence == 500:
+            raise ZeroDivisionError
+        return fresh(self, batch)
+
+    monkeypatch.setattr(Sequence, "fresh", fails)
+    monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
+    ward.send(batches[50:60])
+    ward.latest()
+    assert "the ward: conservation law broken: 10 samples came" in caplog.text
+    assert ward.latest().events[EVENT] == 1
+
+
+def test_what_takes_the_fast_lane_is_in_the_account(ward: Ward, once: Stream) -> None:
+    batches = once.batches()
+    ward.send(batches, info(1))
+    status = ward.latest()
+    assert EVENT not in status.events
+    assert ward.service._stock._decoded == status.samples_in == len(once)

@@ -1,0 +1,122 @@
+"""What the estimator says of itself: alive, ready, metrics; of a real service over the bus in memory."""
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bridge.health import Health
+from estimator.cli import main
+from estimator.service.vitals import STUCK_S, Note, Vitals
+from tests.bridge.asking import get
+from tests.estimator.database.test_disk import full_disk
+from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.test_service import Ward
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1)
+
+
+def watched(ward: Ward, *, expects: bool = True) -> Vitals:
+    """The vitals of a ward's service, which says so from now on."""
+    vitals = Vitals(expects=expects)
+    ward.service._stock._vitals = vitals
+    return vitals
+
+
+def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    ward.send(once.batches(), info(1))
+    ward.send([*once.batches()[-3:]])  # repeated
+    ward.latest()
+    with Health(("127.0.0.1", 0), vitals.asked) as health:
+        code, said = get(health.port, "/metrics")
+        assert get(health.port, "/readyz") == (200, "ok\n")
+    values = dict(line.rsplit(" ", 1) for line in said.splitlines() if line.startswith("truerate_"))
+    repeated = sum(map(len, once.batches()[-3:]))
+    assert code == 200
+    assert values[f'truerate_samples_in_total{{device="{NAME}"}}'] == str(float(len(once) + repeated))
+    assert values[f'truerate_samples_out_total{{device="{NAME}"}}'] == str(float(len(once)))
+    assert values[f'truerate_samples_dropped_total{{device="{NAME}",reason="duplicate"}}'] == str(float(repeated))
+    assert float(values[f'truerate_rate_hz{{device="{NAME}"}}']) == pytest.approx(104, abs=0.1)
+    assert values[f'truerate_state{{device="{NAME}",state="tracking"}}'] == "1.0"
+    assert values[f'truerate_quality{{device="{NAME}",quality="good"}}'] == "1.0"
+    assert values['truerate_devices{state="tracking"}'] == "1.0"
+    assert values['truerate_devices{state="lost"}'] == "0.0"
+    assert values["truerate_law_violations_all_total"] == "0.0"
+    assert float(values[f'truerate_latency_seconds{{device="{NAME}"}}']) > 0
+    assert float(values[f'truerate_evidence_age_seconds{{device="{NAME}"}}']) >= 0
+    assert 0 < float(values[f'truerate_bias_std_rad_s{{device="{NAME}"}}']) < math.radians(0.2)
+    ward.latest()
+    assert not any(f.name == "latency_seconds" and f.values for f in vitals.families()), (
+        "nothing was published meanwhile"
+    )
+
+
+def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    assert vitals.unready() == ["no router yet"]
+    assert vitals.sick() == []
+    ward.service._every_second(time.monotonic())
+    assert vitals.unready() == ["no device is heard"]
+    assert ready(ward, expects=False) == []
+    vitals = watched(ward)
+    ward.send(once.batches()[:20], info(1))
+    ward.latest()
+    assert vitals.unready() == []
+    ward.broker.stop()
+    ward.service._every_second(time.monotonic())
+    assert vitals.unready() == ["the router is gone"]
+    ward.broker.start()
+    with full_disk():
+        ward.service._record.boot(ward.service._devices[NAME].session, info(7))
+        ward.service._every_second(time.monotonic())
+    (why,) = vitals.unready()
+    assert "store" in why
+
+
+def ready(ward: Ward, *, expects: bool) -> list[str]:
+    vitals = watched(ward, expects=expects)
+    ward.service._every_second(time.monotonic())
+    return vitals.unready()
+
+
+def test_a_loop_that_is_stuck_is_sick() -> None:
+    now = [100.0]
+    vitals = Vitals(clock=lambda: now[0])
+    vitals.note(Note(100.0, connected=True, store=""))
+    assert vitals.sick() == []
+    now[0] += STUCK_S + 1
+    assert vitals.sick() == ["the loop has not turned for 6 s"]
+    assert vitals.unready() == vitals.sick()
+
+
+@pytest.mark.parametrize(
+    ("bridge", "estimator", "words"),
+    [
+        ("127.0.0.1:9464", "127.0.0.1:9464", "a port of its own"),
+        ("", "9464", "looks like '127.0.0.1:9464'"),
+        ("localhost:http", "", "[bridge]"),
+    ],
+)
+def test_a_wrong_address_is_refused_by_config_check(
+    bridge: str, estimator: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "w.toml"
+    path.write_text(
+        f'ward = "w"\n[bridge]\nid = "b"\nhealth = "{bridge}"\n[estimator]\nid = "e"\nhealth = "{estimator}"\n',
+        encoding="utf-8",
+    )
+    assert main(["config", "check", str(path)]) == 2
+    assert words in capsys.readouterr().err
