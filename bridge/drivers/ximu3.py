@@ -30,17 +30,17 @@ class _Held(NamedTuple):
 class Ximu3Options(StreamOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """rate_hz: what it is to be told to send, 400 divided by a whole number; else what it sends is left as it is.
 
-    fastest_hz: its rate during a calibration; a serial line of 115200 baud carries no more than 200.
+    calibration_rate_hz: its rate during a calibration; a serial line of 115200 baud carries no more than 200.
     keep_settings: tell it nothing, ask only.
     """
 
     rate_hz: float | None = None
-    fastest_hz: float = SAMPLES_HZ
+    calibration_rate_hz: float = SAMPLES_HZ
     keep_settings: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, rate_hz in (("rate_hz", self.rate_hz), ("fastest_hz", self.fastest_hz)):
+        for name, rate_hz in (("rate_hz", self.rate_hz), ("calibration_rate_hz", self.calibration_rate_hz)):
             if rate_hz is not None and not 1 <= rate_hz <= SAMPLES_HZ:
                 raise ValueError(f"{name} is {rate_hz:g}; 1 to {SAMPLES_HZ:g} is taken")
 
@@ -50,7 +50,7 @@ class Ximu3Decoder:
 
     def __init__(self, options: Ximu3Options | None = None) -> None:
         self.faults = Tally()
-        self._fastest_hz = options.fastest_hz if options else SAMPLES_HZ
+        self._calibration_rate_hz = options.calibration_rate_hz if options else SAMPLES_HZ
         self._settings = Settings(
             options.rate_hz if options else None, writes=options is None or not options.keep_settings
         )
@@ -99,7 +99,7 @@ class Ximu3Decoder:
 
     def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of decoders
         """Send as fast as it can during a calibration."""
-        self.set_rate(self._fastest_hz if on else None)
+        self.set_rate(self._calibration_rate_hz if on else None)
 
     def _took(self, message: Message, receive_time_ns: int) -> list[Event]:
         match message:
@@ -182,7 +182,7 @@ def _scaled(vector: Vector, by: float) -> Vector:
 
 KIND = stream_kind(
     "ximu3",
-    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, fastest_hz, keep_settings",
+    "x-io's x-IMU3 and what speaks its protocol, binary or ASCII: port, baud, rate_hz, calibration_rate_hz, keep_settings",
     Ximu3Options,
     Ximu3Decoder,
 )

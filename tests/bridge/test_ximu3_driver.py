@@ -351,8 +351,8 @@ def test_options_out_of_range_are_refused() -> None:
     for wrong in (0.5, 500.0):
         with pytest.raises(ValueError, match=r"rate_hz is .*; 1 to 400 is taken"):
             Ximu3Options(port="/dev/null", rate_hz=wrong)
-        with pytest.raises(ValueError, match=r"fastest_hz is .*; 1 to 400 is taken"):
-            Ximu3Options(port="/dev/null", fastest_hz=wrong)
+        with pytest.raises(ValueError, match=r"calibration_rate_hz is .*; 1 to 400 is taken"):
+            Ximu3Options(port="/dev/null", calibration_rate_hz=wrong)
 
 
 def test_a_simulated_body_is_read_back() -> None:
