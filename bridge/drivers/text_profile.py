@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 
@@ -11,7 +12,7 @@ from bridge.drivers.assembly import About, Assembly
 from bridge.drivers.driver import Event, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.text.lines import Line, Lines
-from bridge.text.profile import Profile, load_profile
+from bridge.text.profile import Profile, load_profile, shipped
 from bridge.text.rows import DECIMAL_TICK_S, CsvReader, Header, Reader, Refused, RegexReader, Row
 from bridge.text.units import TIMES
 from bridge.toml_file import ConfigError
@@ -20,6 +21,7 @@ from bridge.wire.refusal import Tally
 
 LINE_TOO_LONG, LINE_BEGUN, LINE_CUT, BANNER_ODD = "line_too_long", "line_begun", "line_cut", "banner_odd"
 SCALE_FAULT, NO_CLOCK = "known_scale_fault", "no_clock"
+_COUNTED_HZ = 100.0
 
 
 class TextDecoder:
@@ -211,10 +213,21 @@ def _decoder(options: TextOptions) -> TextDecoder:
     return TextDecoder(load_profile(options.profile), options.rate_hz, math.radians(options.gyro_range_dps))
 
 
+def _variants() -> list[dict[str, Any]]:
+    """Every profile that is shipped; those that need a rate with one, which `bridge scan` puts right by counting."""
+    profiles = {name: load_profile(name) for name in shipped()}
+    return [
+        {"profile": name}
+        if profile.time is not None or profile.device.rate_hz
+        else {"profile": name, "rate_hz": _COUNTED_HZ}
+        for name, profile in profiles.items()
+    ]
+
+
 KIND = stream_kind(
     "text_profile",
     "lines of text, described by a profile: port, profile, baud, rate_hz, gyro_range_dps (`truerate bridge profiles`)",
     TextOptions,
     _decoder,
-    auto=False,
+    variants=_variants,
 )

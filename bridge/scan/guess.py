@@ -28,7 +28,7 @@ class Candidate:
     baud: int
 
     def __str__(self) -> str:
-        return " ".join([self.kind.name, *map(str, self.table.values())])
+        return " ".join([self.kind.name, *(str(value) for key, value in self.table.items() if key != "rate_hz")])
 
 
 @dataclass(frozen=True, slots=True)

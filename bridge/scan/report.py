@@ -42,6 +42,8 @@ def snippet(verdicts: Sequence[Verdict]) -> str:
         assert verdict.guess is not None
         candidate = verdict.guess.candidate
         values = {"driver": candidate.kind.name, "port": verdict.found.port, **candidate.table}
+        if "rate_hz" in values:
+            values["rate_hz"] = round(verdict.guess.rate_hz)  # as counted
         if verdict.baud:
             values["baud"] = verdict.baud
         lines = [

@@ -7,6 +7,7 @@ import numpy as np
 
 from bridge.drivers import registry
 from bridge.drivers.driver import Battery, Identity, Notice, Readings
+from bridge.scan.guess import Candidate, candidates
 from tests.fuzz.seeds import SEEDS
 
 _LIFE = 2000  # executions of one decoder
@@ -14,10 +15,11 @@ _MAX_TEXT = 10_000
 
 
 class Target:
-    """The decoder of a driver, as it is with no options; a new one now and then."""
+    """A decoder as `bridge scan` makes it; a new one now and then."""
 
     def __init__(self, name: str) -> None:
         self.name = name
+        [self._candidate] = [candidate for candidate in _candidates() if str(candidate) == name]
         self.seeds = SEEDS[name]
         self.executions = 0
         self.events = 0
@@ -28,9 +30,9 @@ class Target:
         """Execute once; raises AssertionError where an event is none, and whatever the decoder raises."""
         if self.executions % _LIFE == 0:
             self.faults += 0 if self.decoder is None else self.decoder.faults.total()
-            make = registry.kinds()[self.name].decoder
+            make = self._candidate.kind.decoder
             assert make is not None
-            self.decoder = make(None)
+            self.decoder = make(self._candidate.chosen)
         elif self.executions % 97 == 0:
             self.decoder.opened()
         self.executions += 1
@@ -41,8 +43,12 @@ class Target:
 
 
 def names() -> list[str]:
-    """Every driver that has a decoder."""
-    return sorted(name for name, kind in registry.kinds().items() if kind.decoder is not None)
+    """Every driver that has a decoder, and of text every profile."""
+    return sorted(map(str, _candidates()))
+
+
+def _candidates() -> list[Candidate]:
+    return candidates(registry.kinds().values())
 
 
 def inputs(seeds: list[bytes], rng: np.random.Generator, n: int) -> Iterator[bytes]:

@@ -7,6 +7,7 @@ from bridge.framing import ximu3_encode
 from bridge.framing.deframer import frame
 from bridge.framing.packets import Data, Hello, encode_data, encode_hello
 from tests.bridge.mtdata2_device import MtDevice
+from tests.bridge.text.printed import PRINTS
 from tests.bridge.witmotion_device import WitDevice
 
 _ONES = np.ones((3, 3), np.float32)
@@ -38,7 +39,7 @@ def _mtdata2() -> list[bytes]:
     return [device.measure() for _ in range(3)] + [device.power_up()]
 
 
-# A list of messages for each driver that has a decoder.
+# A list of messages for each driver that has a decoder, and each profile of text.
 SEEDS: dict[str, list[bytes]] = {
     "mavlink": [_mavlink(i) for i in range(40)],
     "native": [frame(encode_hello(Hello(1, 1e-6, 104.0, 4.3, True, True, "model", "1.2"))), _native(0), _native(3)],
@@ -52,4 +53,5 @@ SEEDS: dict[str, list[bytes]] = {
     ],
     "mtdata2": _mtdata2(),
     "witmotion": _witmotion(),
+    **{f"text_profile {name}": prints(10).splitlines(keepends=True) for name, prints in PRINTS.items()},
 }

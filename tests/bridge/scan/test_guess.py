@@ -7,12 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
 from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.scan.guess import Guess, booted_by, candidates, guesses
 from bridge.sim.virtual_device import demo_device
 from bridge.transport.transport import Chunk
 from tests.bridge.scan.protocol import KINDS, LineDecoder, lines
+from tests.bridge.text.printed import PRINTS
 
 START_NS = 10**18
 
@@ -81,3 +83,12 @@ def test_a_device_that_booted_with_the_opening_is_known_by_its_clock() -> None:
     assert not booted_by(old, START_NS - 10**9, START_NS)
     assert young.young_s is not None
     assert math.isclose(young.young_s, 0.9)
+
+
+@pytest.mark.parametrize("name", ["nano-33-ble", "icm-20948-sparkfun", "openlog-artemis", "razor-m0"])
+def test_text_is_known_by_its_profile(name: str) -> None:
+    printed = PRINTS[name](60).splitlines(keepends=True)
+    chunks = [Chunk(line, START_NS + 10_000_000 * i) for i, line in enumerate(printed)]
+    first = guesses(candidates(registry.kinds().values()), chunks)[0]
+    assert first.understood
+    assert str(first.candidate) == f"text_profile {name}"
