@@ -39,7 +39,7 @@ class SensorFaults:
         """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown."""
         flags = np.zeros(len(gyro), np.uint32)
         high = np.abs(gyro)
-        if gyro_range and high.max() >= CLIPPED_AT * gyro_range:
+        if gyro_range and np.maximum.reduce(high, axis=None) >= CLIPPED_AT * gyro_range:
             self._mark(flags, SampleFlag.CLIPPED, np.asarray((high >= CLIPPED_AT * gyro_range).any(axis=1)))
         self._mark(flags, SampleFlag.STUCK, self._stuck.seen(time_s, gyro))
         if temperature_c is not None:

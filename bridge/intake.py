@@ -244,7 +244,7 @@ class Intake:
             self.events.add(_NO_TEMPERATURE, n)
         part = slice(begin, begin + n)
         flags = self._sensor.flags(stamps.time_s[part], gyro, temperature_c, identity.gyro_range)
-        if (late := stamps.late[part]).any():
+        if stamps.late is not None and (late := stamps.late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)
             self.events.add(_LATE, int(np.count_nonzero(late)))
         if self._next is not None and sequence != self._next:

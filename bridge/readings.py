@@ -9,6 +9,7 @@ from bridge.wire.refusal import Reason
 
 PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
 _MAX_COUNT = 2**62
+_FOUR = 4  # bytes, in which no count is too large
 
 Bools = NDArray[np.bool_]
 
@@ -24,7 +25,8 @@ def fault(readings: Readings) -> Reason | None:
     )
     if not whole:
         return Reason.LENGTH
-    if not 0 <= readings.sequence < _MAX_COUNT or int(readings.ticks.max()) >= _MAX_COUNT:
+    large = readings.ticks.itemsize > _FOUR and int(readings.ticks.max()) >= _MAX_COUNT
+    if large or not 0 <= readings.sequence < _MAX_COUNT:
         return Reason.RANGE
     return None
 
@@ -32,6 +34,10 @@ def fault(readings: Readings) -> Reason | None:
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
     """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
     limit = min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
+    # Almost always all are; what is no number is below no limit.
+    if _within(readings.gyro, limit) and (readings.accel is None or _within(readings.accel, MAX_ACCEL)):
+        every = np.ones(len(readings.gyro), bool)
+        return every, every
     finite = np.isfinite(readings.gyro).all(axis=1)
     with np.errstate(invalid="ignore"):
         plausible = (np.abs(readings.gyro) <= limit).all(axis=1)
@@ -46,9 +52,11 @@ def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
     if readings.temperature_c is None:
         return None
     column = readings.temperature_c[run]
-    with np.errstate(invalid="ignore"):
-        usable = bool((np.abs(column) <= MAX_CELSIUS).all())
-    return np.ascontiguousarray(column, np.float32) if usable else None
+    return np.ascontiguousarray(column, np.float32) if _within(column, MAX_CELSIUS) else None
+
+
+def _within(column: NDArray[np.floating], limit: float) -> bool:
+    return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
 
 
 def runs(good: Bools) -> list[slice]:

@@ -19,13 +19,13 @@ _ODD_CLOCK = 0.02  # from the host's
 
 
 class Stamps(NamedTuple):
-    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,): it came over 1 s after host_ns."""
+    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,), None if none is: over 1 s after host_ns."""
 
     ticks: Counts
     tick_period_s: float
     clock_rate: float
     host_ns: Counts
-    late: NDArray[np.bool_]
+    late: NDArray[np.bool_] | None
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -68,8 +68,12 @@ class Timeline:
         last_ns = self.clock.host_ns(float(device_s[-1]))
         before_ns = np.rint((device_s[-1] - device_s) * (self.clock.rate * 1e9)).astype(np.int64)
         # A sample cannot come in before it was taken, whatever the fit says.
-        host_ns = np.maximum(0, min(last_ns, receive_time_ns) - before_ns)
-        late = (receive_time_ns - host_ns > _LATE_NS) & self.clock.sure
+        host_ns = min(last_ns, receive_time_ns) - before_ns
+        if host_ns[0] < 0:
+            host_ns = np.maximum(0, host_ns)
+        late = None
+        if self.clock.sure and receive_time_ns - int(host_ns[0]) > _LATE_NS:  # which the first is, if any
+            late = receive_time_ns - host_ns > _LATE_NS
         if identity.has_clock:
             return Stamps(ticks, identity.tick_period_s, self.clock.rate, host_ns, late)
         made = self._made.ticks(ticks, identity.tick_period_s * self.clock.rate)

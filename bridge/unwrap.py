@@ -9,6 +9,7 @@ from bridge.drivers.driver import Identity, Readings
 
 Counts = NDArray[np.int64]
 _REMEMBERED = 256  # missing numbers that may still come
+_NARROW = 61  # bits
 
 
 class Counters:
@@ -27,6 +28,8 @@ class Counters:
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
         else:
             forward = step(readings.sequence, self._sequence, identity.sequence_bits)
+            if forward == 1 and (ticks := self._going_on(readings.ticks, identity.tick_bits)) is not None:
+                return self._sequence + 1 + np.arange(len(ticks)), ticks
             first, origin = self._sequence + forward, self._ticks
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
             # After a long silence the ticks may have gone round unseen; the sequence knows how long it was.
@@ -35,9 +38,21 @@ class Counters:
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
         return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
 
+    def _going_on(self, counts: NDArray[np.unsignedinteger], bits: int) -> Counts | None:
+        """The ticks, if they only rise, and did not go round: which is almost always, and costs little."""
+        turn = 1 << bits
+        if bits > _NARROW:
+            return None
+        ticks: Counts = counts.astype(np.int64) + (self._ticks - self._ticks % turn)
+        rising = self._ticks < int(ticks[0]) and int(ticks[-1]) - self._ticks < turn // 2
+        return ticks if rising and _rise(ticks) else None
+
     def follow(self, sequence: Counts, ticks: Counts) -> "Followed":
         """Which samples (n,) are new, and what the others are; moves on to the last new one."""
         last = -1 if self._sequence is None else self._sequence
+        if int(sequence[0]) == last + 1 and int(ticks[0]) > self._ticks and last >= 0 and _rise(ticks):
+            self._sequence, self._ticks = int(sequence[-1]), int(ticks[-1])
+            return Followed(np.ones(len(ticks), bool), 0)
         unheard = sequence > last
         rising = np.ones(len(ticks), bool) if self._sequence is None else ticks > self._ticks
         # Within the readings ticks must rise above all before them.
@@ -73,6 +88,10 @@ class Followed(NamedTuple):
     repeated: int = 0
     overtaken: int = 0
     backward: int = 0
+
+
+def _rise(ticks: Counts) -> bool:
+    return bool(np.logical_and.reduce(ticks[1:] > ticks[:-1]))
 
 
 def steps(counts: NDArray[np.unsignedinteger], before: int, bits: int) -> Counts:
