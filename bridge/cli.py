@@ -208,6 +208,8 @@ def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
 
 
 def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
+    if not args.file.is_file():
+        raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
     if args.device is None:
         raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
     load_recording(args.file, args.rate_hz)

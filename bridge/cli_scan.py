@@ -2,8 +2,7 @@
 
 import argparse
 
-from rich.console import Console
-
+from bridge.console import plain_console
 from bridge.drivers import registry
 from bridge.scan import report
 from bridge.scan.examine import bauds, examine
@@ -44,14 +43,14 @@ def scan(args: argparse.Namespace) -> int:
         for speed in speeds:
             address.check(port, speed)
     found = [Found(port) for port in args.port] if args.port else find()
-    console = Console()
+    console = plain_console()
     if not found:
         console.print(
             "No serial port is plugged in: there is nothing under /dev/serial/by-id, no /dev/ttyUSB* and no /dev/ttyACM*. "
             "Plug a device in, with a cable that carries data; or name a port with --port."
         )
         return _NOTHING
-    with Console(stderr=True).status("") as status:
+    with plain_console(stderr=True).status("") as status:
         verdicts = [examine(each, tried, speeds, args.seconds, status.update) for each in found]
     console.print(report.table(verdicts))
     for remark in report.remarks(verdicts):

@@ -20,7 +20,7 @@ __all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", 
 
 LOCAL = "tcp/127.0.0.1:7447"
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
-_ADDRESS = re.compile(r"[^?#\s]+:\d{1,5}([?#].*)?\Z")
+_ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
 def check(text: object, what: str) -> str:
@@ -41,8 +41,12 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
             raise ValueError(f"{key}: {endpoint!r} is no endpoint; one looks like {LOCAL!r}")
         if protocol not in PROTOCOLS:
             raise ValueError(f"{key}: {endpoint!r}: unknown protocol {protocol!r}; {nearest(protocol, PROTOCOLS)}")
-        if protocol != "unixsock-stream" and not _ADDRESS.match(address):
+        if protocol == "unixsock-stream":
+            continue
+        if not (match := _ADDRESS.match(address)):
             raise ValueError(f"{key}: {endpoint!r} has no port; one looks like {LOCAL!r}")
+        if int(match[1]) > 65535:
+            raise ValueError(f"{key}: {endpoint!r}: port {match[1]} is none; 65535 is the highest")
     return tuple(endpoints)
 
 

@@ -16,6 +16,7 @@ from rich.console import Console
 from bridge import cli as bridge_cli
 from bridge.bus.contract import BusError
 from bridge.config import LOCAL, ConfigError, check_endpoints, load
+from bridge.console import plain_console
 from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.keys import check_id
@@ -183,21 +184,23 @@ def _devices(given: argparse.Namespace) -> int:
     from estimator.watch import show_devices  # noqa: PLC0415
 
     ward, endpoints = _ward_of(given)
-    return show_devices(Console(), ward, endpoints)
+    return show_devices(plain_console(), ward, endpoints)
 
 
 def _status(given: argparse.Namespace) -> int:
     from estimator.watch import show_status  # noqa: PLC0415
 
     ward, endpoints = _ward_of(given)
-    return show_status(Console(), ward, endpoints, as_json=given.json)
+    return show_status(plain_console(), ward, endpoints, as_json=given.json)
 
 
 def _watch(given: argparse.Namespace) -> int:
     from estimator.watch import watch  # noqa: PLC0415
 
     ward, endpoints = _ward_of(given)
-    return watch(Console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
+    if given.seconds is not None and not given.seconds > 0:
+        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
+    return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
 
 
 def _command(given: argparse.Namespace) -> int:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.config import ConfigError
+from bridge.console import plain_console
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import add_choice, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
@@ -113,7 +113,7 @@ def _correct(given: argparse.Namespace) -> None:
     if given.json:
         print(json.dumps(report_correct.as_json(corrected, recording, given.out)))
         return
-    console = Console()
+    console = plain_console()
     for words in report_correct.said(corrected):
         console.print(words, style="dim", highlight=False, soft_wrap=True)
     for words in report_correct.as_words(corrected, recording, given.out):
@@ -133,7 +133,7 @@ class _Bar:
     """A progress bar on standard error, of a terminal only, and only when somebody would wait for it."""
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True)
+        self._console = plain_console(stderr=True)
         self._began = time.monotonic()
         self._shown: Progress | None = None
 

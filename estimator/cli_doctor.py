@@ -87,7 +87,7 @@ def _places(ward: Ward) -> dict[str, Path]:
 
 
 def _show(findings: Iterable[Finding]) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     for finding in findings:
         mark, colour = _MARKS[finding.level]
         console.print(f"[{colour}]{mark}[/]", end=" ")

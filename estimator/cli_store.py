@@ -7,9 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from bridge.config import ConfigError, load
+from bridge.console import plain_console
 from bridge.wire.keys import check_id
 from estimator.cli_offline import Verbs, add_verb
 
@@ -101,7 +100,7 @@ def _history(given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(report_history.as_json(found)))
     else:
-        console = Console()
+        console = plain_console()
         for table in report_history.as_tables(found):
             console.print(table, highlight=False)
             console.print()

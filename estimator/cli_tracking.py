@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
 from bridge.config import ConfigError
+from bridge.console import plain_console
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import add_choice, recorded
 
@@ -59,7 +58,7 @@ def _allan(given: argparse.Namespace) -> None:
     if given.json:
         print(json.dumps(as_json(rest)))
     else:
-        console = Console()
+        console = plain_console()
         console.print(as_table(rest))
         for sentence in sentences(rest):
             console.print(sentence, style="dim", highlight=False)

@@ -28,6 +28,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         config.check(self.id, "id")
+        if not self.store.strip() or not self.store.isprintable():
+            raise ValueError(f"store is {self.store!r}; the path of a file is expected, such as 'truerate.sqlite3'")
         if self.health:
             config.listening(self.health)
         if self.method not in METHODS:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
+from bridge.console import plain_console
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.toml_file import options
@@ -107,7 +106,11 @@ def _record(given: argparse.Namespace) -> int:
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     return record(
-        check_id(given.ward or root.ward, "ward"), endpoints, settings, Console(stderr=True), seconds=given.seconds
+        check_id(given.ward or root.ward, "ward"),
+        endpoints,
+        settings,
+        plain_console(stderr=True),
+        seconds=given.seconds,
     )
 
 
@@ -125,7 +128,7 @@ def _info(given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(as_json(found)))
     else:
-        show(Console(), found)
+        show(plain_console(), found)
     return 1 if found.trouble else 0
 
 

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from bridge.console import plain_console
 from bridge.record.recorder import WardRecorder
 
 _EVERY_S = 60.0
@@ -77,7 +78,7 @@ class Screen:
 @contextlib.contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """A function to be told of progress, bytes done and of how many: a bar on a terminal, when somebody would wait for it."""
-    console, began_s = Console(stderr=True), time.monotonic()
+    console, began_s = plain_console(stderr=True), time.monotonic()
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -130,6 +130,10 @@ DEVICE = (
             "[bus]: connect: 'tpc/127.0.0.1:7447': unknown protocol 'tpc'; did you mean 'tcp'?",
         ),
         (
+            'ward = "w"\n[bus]\nconnect = ["tcp/127.0.0.1:99999"]',
+            "[bus]: connect: 'tcp/127.0.0.1:99999': port 99999 is none; 65535 is the highest",
+        ),
+        (
             'ward = "w"\n[router]\nlisten = ["tcp/0.0.0.0"]',
             "[router]: listen: 'tcp/0.0.0.0' has no port; one looks like 'tcp/127.0.0.1:7447'",
         ),

@@ -155,6 +155,12 @@ def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pyt
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize("seconds", ["-3", "0", "nan"])
+def test_watching_takes_time(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "chest", "--seconds", seconds]) == 2
+    assert f"--seconds is {seconds}; more than 0 is taken" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["demo.toml", "ward.toml"])
 def test_shipped_configurations_are_right(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "check", str(ROOT / "configs" / name)]) == 0
@@ -165,6 +171,7 @@ def test_shipped_configurations_are_right(name: str, capsys: pytest.CaptureFixtu
     ("change", "words"),
     [
         (("store =", "stor ="), ["[estimator]", "'stor'", "'store'"]),
+        (('"out/demo.sqlite3"', '""'), ["[estimator]", "store is ''", "the path of a file"]),
         (("batch_ms", "batch_mss"), ["[bridge]", "'batch_mss'", "'batch_ms'"]),
         (('driver = "simulated"', 'driver = "simulate"'), ["#1", "'simulate'", "'simulated'"]),
         (('id = "chest"', 'id = "che/st"'), ["#1", "che/st", "not valid"]),

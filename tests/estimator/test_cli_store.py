@@ -49,6 +49,12 @@ def test_history_in_tables(store: Store, capsys: pytest.CaptureFixture[str], mon
     assert said.count("repeat: the turn about y is missing") == 1
 
 
+def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    store.add_audit(8, NAME, "note", "c10", "nurse", "[/foo] :x: [red]left[/red]", "noted", accepted=True)
+    assert history(store) == 0
+    assert "[/foo] :x: [red]left[/red]" in capsys.readouterr().out
+
+
 def test_history_as_json(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
     assert history(store, "--json") == 0
     found = json.loads(capsys.readouterr().out)

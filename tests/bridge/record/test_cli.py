@@ -169,7 +169,9 @@ def test_a_torn_or_flipped_file_gives_what_it_has(
         (["record", "--ward", "Ward 3"], 2, "ward 'Ward 3' is not valid"),
         (["record", "--out", "/nowhere/at/all"], 1, "there is no such folder; make it first"),
         (["record", "--config", "none.toml"], 2, "there is no such file"),
-        (["bridge", "replay", "x.npz"], 2, "x.npz does not say which device it is of: say it with --device ID"),
+        (["bridge", "replay", "x.npz"], 1, "x.npz: there is no such file"),
+        (["bridge", "replay", "/"], 1, "/: not a file"),
+        (["bridge", "replay", __file__], 2, "does not say which device it is of: say it with --device ID"),
         (["calibrate", "x.mcap.part"], 1, "cannot be read"),
     ],
 )

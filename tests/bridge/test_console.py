@@ -1,0 +1,25 @@
+"""What is printed is what was said."""
+
+import pytest
+from rich.table import Table
+
+from bridge.console import plain_console
+
+SAID = "[/foo] :x: [red]left[/red]"
+
+
+@pytest.mark.parametrize("in_a_table", [False, True])
+def test_what_looks_like_markup_is_printed_as_it_is(in_a_table: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table(box=None)
+    table.add_column(SAID)
+    table.add_row(SAID)
+    plain_console().print(table if in_a_table else SAID, soft_wrap=True)
+    assert capsys.readouterr().out.count(SAID) == 1 + in_a_table
+
+
+def test_a_pipe_has_room_for_a_table(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    table = Table(*"abcde", box=None)
+    table.add_row(*["+3.065±0.046 and more"] * 5)
+    plain_console().print(table)
+    assert capsys.readouterr().out.count("+3.065±0.046 and more") == 5
