@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking fuzz clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-tracking fuzz soak clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -46,11 +46,12 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, subscribers.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
+	$(BIN)/python -m tests.bench.subscribing
 
 # Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev
@@ -60,6 +61,10 @@ bench-tracking: setup-dev
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev
 	$(BIN)/python -m tests.fuzz $(ARGS)
+
+# The same tests as in `make test`, with thousands of kills, flipped bits and torn files; for a night.
+soak: setup-dev
+	TRUERATE_SOAK=1 $(BIN)/python -m pytest -m soak --timeout=36000 $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
