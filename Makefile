@@ -52,6 +52,7 @@ bench: setup-dev
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.subscribing
+	$(BIN)/python -m tests.bench.watching
 
 # Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev

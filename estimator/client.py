@@ -90,6 +90,10 @@ class Client:
         """Statuses as they come; the latest known comes first."""
         return Stream(self._subscribe("status", device), Door("status", codec.decode_status))
 
+    def follow_infos(self, device: str | None = None) -> Stream[DeviceInfo]:
+        """Device infos as they come, of every bridge that lists a device; the latest known comes first."""
+        return Stream(self._subscribe("info", device), Door("info", codec.decode_info))
+
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
         """Calibrations the estimator has published lately, accepted or not."""
         return self._collect("calibration", codec.decode_calibration, wait_s, device)
