@@ -321,6 +321,10 @@ class _Subscription(_Declared):
         return self._inbox.missed
 
     @property
+    def overflowed(self) -> int:
+        return self._inbox.overflowed
+
+    @property
     def closed(self) -> bool:
         return self._inbox.closed
 
