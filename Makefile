@@ -46,13 +46,16 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, what a recorder costs and loses.
+# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, subscribers,
+# what a recorder costs and loses.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder
 	-$(BIN)/python -m tests.bench.kills
+	$(BIN)/python -m tests.bench.subscribing
+	$(BIN)/python -m tests.bench.watching
 
 # The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
 bench-bridge: setup-dev

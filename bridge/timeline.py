@@ -19,7 +19,7 @@ _ODD_CLOCK = 0.02  # from the host's
 
 
 class Stamps(NamedTuple):
-    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,), None if none is: over 1 s after host_ns."""
+    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,), over 1 s after it, or None if none is."""
 
     ticks: Counts
     tick_period_s: float

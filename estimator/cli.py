@@ -32,7 +32,7 @@ EPILOG = """examples:
   truerate estimator serve configs/ward.toml       each in a terminal or a service of its own
   truerate devices --config configs/ward.toml    who is there, in what state, and why
   truerate status --config configs/ward.toml     is anything wrong?
-  truerate watch chest --config configs/ward.toml
+  truerate watch --config configs/ward.toml      the same, live, those that need somebody first; or one: watch chest
   truerate record --config configs/ward.toml     all that the ward says, into files
   truerate recording info FILE.mcap              what is in one
   truerate history chest --config configs/ward.toml
@@ -40,6 +40,8 @@ EPILOG = """examples:
   truerate calibrate session.npz --json          calibrate from a recording
   truerate correct day.npz corrected.npz         correct a recording
   truerate allan night.npz                       the noise of a device, from a recording at rest"""
+
+_ONLY = "devices in this state (degraded, awaiting-still …), or with this id (* and ? stand for anything); may be given again"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,8 +101,13 @@ def build() -> argparse.ArgumentParser:
     )
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
     _add_ward(verb)
-    verb = add_verb(verbs, "watch", _watch, "one device, live: corrected rates with their uncertainty, state and bias")
-    verb.add_argument("device", help="its id, as `truerate devices` shows it")
+    verb = add_verb(
+        verbs, "watch", _watch, "a ward, live, those that need a person first; or one device's rates and bias"
+    )
+    verb.add_argument("device", nargs="?", help="its id, as `truerate devices` shows it (default: the whole ward)")
+    verb.add_argument("--only", action="append", default=[], metavar="STATE|ID", help=_ONLY)
+    verb.add_argument("--once", action="store_true", help="the ward as it is now")
+    verb.add_argument("--json", action="store_true", help="a JSON object a line: one a second, or with --once one")
     verb.add_argument("--seconds", type=float, default=None, help="stop after so long (default: until Ctrl-C)")
     _add_ward(verb)
     for name, help_text in (
@@ -195,12 +202,19 @@ def _status(given: argparse.Namespace) -> int:
 
 
 def _watch(given: argparse.Namespace) -> int:
-    from estimator.watch import watch  # noqa: PLC0415
-
     ward, endpoints = _ward_of(given)
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
-    return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
+    if given.device and not (given.only or given.once or given.json):
+        from estimator.watch import watch  # noqa: PLC0415
+
+        return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
+    from estimator.client import Client  # noqa: PLC0415
+    from estimator.watch_ward import watch_ward  # noqa: PLC0415
+
+    only = [*given.only, *([check_id(given.device, "device")] if given.device else [])]
+    with Client(endpoints, ward=ward) as client:
+        return watch_ward(plain_console(), client, only, once=given.once, as_json=given.json, seconds=given.seconds)
 
 
 def _command(given: argparse.Namespace) -> int:

@@ -44,6 +44,10 @@ class Subscription(Protocol):
         """Messages known to be lost: reported by the bus, or dropped because this queue was full."""
 
     @property
+    def overflowed(self) -> int:
+        """Those of them that were dropped because this queue was full: its reader is too slow."""
+
+    @property
     def closed(self) -> bool:
         """Nothing will ever come again, by close() here or because the bus was closed: a reading loop must end."""
 

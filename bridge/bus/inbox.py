@@ -16,7 +16,7 @@ class Inbox:
         self._capacity = capacity
         self._messages: deque[Message] = deque()
         self._ready = threading.Condition()
-        self._missed = 0
+        self._missed = self._overflowed = 0
         self._closed = False
 
     def put(self, messages: Iterable[Message]) -> None:
@@ -27,7 +27,7 @@ class Inbox:
             self._messages.extend(messages)
             while len(self._messages) > self._capacity:
                 self._messages.popleft()
-                self._missed += 1
+                self._overflowed += 1
             self._ready.notify_all()
 
     def add_missed(self, count: int) -> None:
@@ -38,7 +38,12 @@ class Inbox:
     @property
     def missed(self) -> int:
         """How many messages are known to be lost so far."""
-        return self._missed
+        return self._missed + self._overflowed
+
+    @property
+    def overflowed(self) -> int:
+        """How many of them were here and made room."""
+        return self._overflowed
 
     @property
     def closed(self) -> bool:

@@ -210,6 +210,10 @@ class _Subscription:
         return self._inbox.missed
 
     @property
+    def overflowed(self) -> int:
+        return self._inbox.overflowed
+
+    @property
     def closed(self) -> bool:
         return self._inbox.closed
 

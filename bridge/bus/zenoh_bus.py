@@ -11,7 +11,7 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol, Self, TypeVar
 
 import zenoh
@@ -33,6 +33,7 @@ _HEARTBEAT_S = 0.25  # sent only when something was published since the last one
 _JOIN_S = 1.0
 _MAX_KNOWN = 8192
 _RETRY_S = 0.1
+_PAST_S = 2.0
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
@@ -202,6 +203,20 @@ class ZenohBus:
                 if not any(matches(pattern, check_key(key)) for pattern in self._plain):
                     self._session.declare_keyexpr(key)
 
+    def past(self, key: str, end: int) -> Iterable[zenoh.Sample]:
+        """What the caches of a key's publishers hold below number `end`, as it comes; asked for at once."""
+        try:
+            replies = self._session.get(
+                f"{key}/@adv/**?_sn=..{end - 1}",
+                handlers.FifoChannel(_CHANNEL),
+                consolidation=zenoh.ConsolidationMode.NONE,
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                timeout=_PAST_S,
+            )
+        except zenoh.ZError:
+            return ()  # the session is closed
+        return (reply.ok for reply in replies if reply.ok is not None)
+
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that close() waits for; work must end when its channel does."""
 
@@ -286,6 +301,7 @@ class _Subscription(_Declared):
     ) -> None:
         super().__init__(bus, subscriber)
         self._samples, self._misses, self._inbox = samples, misses, inbox
+        self._heard: dict[str, None] = {}  # publishers, in order
         bus.run(self._pump, f"receive {pattern}")
 
     def _pump(self) -> None:
@@ -294,6 +310,8 @@ class _Subscription(_Declared):
                 batch = [self._samples.recv()]
                 while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
                     batch.append(sample)
+                if self._misses is not None:
+                    batch = [*self._before(batch), *batch]
                 messages = [
                     Message(str(s.key_expr), s.payload.to_bytes()) for s in batch if s.kind == zenoh.SampleKind.PUT
                 ]
@@ -304,6 +322,29 @@ class _Subscription(_Declared):
             _log.debug("subscription closed")
         finally:
             self._inbox.close()
+
+    def _before(self, batch: list[zenoh.Sample]) -> list[zenoh.Sample]:
+        """What publishers that are heard for the first time have sent before.
+
+        zenoh 1.10.2 gives the history of a publisher, but drops it when live messages come while it is being fetched: seen
+        with 39 to 75 of 100 publishers that send at 20 Hz. What it has given is not given again: only older messages are.
+        """
+        asked: list[tuple[Iterable[zenoh.Sample], str, int]] = []
+        for sample in batch:
+            info = sample.source_info
+            if info is not None and (source := _source(info)) not in self._heard:
+                self._heard[source] = None
+                if info.source_sn > 0:
+                    asked.append((self._bus.past(str(sample.key_expr), info.source_sn), source, info.source_sn))
+        for source in list(self._heard)[:-_MAX_KNOWN]:
+            del self._heard[source]
+        found: list[zenoh.Sample] = []
+        for samples, source, number in asked:
+            numbered = [
+                (s.source_info.source_sn, s) for s in samples if s.source_info and _source(s.source_info) == source
+            ]
+            found += [s for n, s in sorted(numbered, key=lambda one: one[0]) if n < number]
+        return found
 
     def receive(self, timeout_s: float) -> Message | None:
         return self._inbox.receive(timeout_s)
@@ -321,12 +362,21 @@ class _Subscription(_Declared):
         return self._inbox.missed
 
     @property
+    def overflowed(self) -> int:
+        return self._inbox.overflowed
+
+    @property
     def closed(self) -> bool:
         return self._inbox.closed
 
     def close(self) -> None:
         self._inbox.close()
         super().close()
+
+
+def _source(info: zenoh.SourceInfo) -> str:
+    """A publisher; its id has no hash."""
+    return f"{info.source_id.zid}/{info.source_id.eid}"
 
 
 def _each(channel: _Channel[_T], handle: Callable[[_T], None]) -> None:

@@ -112,6 +112,40 @@ def test_messages_arrive_in_order_and_once(a: Bus, b: Bus) -> None:
     assert subscription.missed == 0
 
 
+def test_who_joins_busy_publishers_has_their_past(world: World, a: Bus) -> None:
+    publishers = [a.publisher(f"t/busy/{n}", cache=1000) for n in range(20)]
+    with world.bus() as early:
+        subscription = early.subscribe("t/busy/*", history=True)
+        for n in range(50):
+            for publisher in publishers:
+                publisher.put(b"%d" % n)
+        assert len(collect(subscription, 1000)) == 1000
+    stop, sent = threading.Event(), [50]
+
+    def go_on() -> None:
+        while not stop.is_set() and sent[0] < 900:
+            for publisher in publishers:
+                publisher.put(b"%d" % sent[0])
+            sent[0] += 1
+            time.sleep(0.001)
+
+    busy = threading.Thread(target=go_on)
+    busy.start()
+    try:
+        for _ in range(5):
+            with world.bus() as late:
+                subscription = late.subscribe("t/busy/*", history=True)
+                got: dict[str, list[int]] = {}
+                while len(got) < len(publishers) or min(map(len, got.values())) < 60:
+                    for key, payload in subscription.drain(1000, 1.0):
+                        got.setdefault(key, []).append(int(payload))
+                assert [found for found in got.values() if found != list(range(len(found)))] == []
+                assert subscription.missed == 0
+    finally:
+        stop.set()
+        busy.join()
+
+
 def test_a_bus_hears_itself(a: Bus) -> None:
     subscription = a.subscribe("t/**")
     a.publisher("t/self").put(b"1")

@@ -82,6 +82,7 @@ def test_a_gap_is_a_gap_and_no_repeat(broker: MemoryBroker, client: Client) -> N
     for start, end in [(0, 10), (30, 40)]:
         put(codec.encode_corrected(corrected(start, end)))
     assert numbers(list(subscription)) == [*range(10), *range(30, 40)]
+    assert subscription.repeated == subscription.missed == 0
 
 
 def test_a_device_started_anew_under_its_old_boot_number_is_heard(broker: MemoryBroker, client: Client) -> None:
@@ -95,24 +96,24 @@ def test_a_device_started_anew_under_its_old_boot_number_is_heard(broker: Memory
     assert subscription.repeated == 0
 
 
-def test_of_too_many_boots_the_oldest_is_forgotten(
-    broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("estimator.client._REMEMBERED_BOOTS", 2)
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    for boot in (1, 2, 3, 3, 2):
-        put(codec.encode_corrected(corrected(0, 10, boot=boot)))
-    assert [b.boot for b in subscription] == [1, 2, 3]
-    assert subscription.repeated == 20
-
-
 @pytest.mark.parametrize("by_bus", [False, True])
 def test_iterating_ends_when_it_is_closed(broker: MemoryBroker, by_bus: bool) -> None:
     bus = MemoryBus(broker)
     subscription = Client(ward=WARD, bus=bus).corrected()
     (bus if by_bus else subscription).close()
     assert list(subscription) == []
+
+
+def test_closed_within_a_loop_it_ends_there(broker: MemoryBroker, client: Client) -> None:
+    subscription = client.corrected()
+    put = publisher(broker).put
+    for start in (0, 10, 20):
+        put(codec.encode_corrected(corrected(start, start + 10)))
+    found = []
+    for batch in subscription:
+        found.append(batch)
+        subscription.close()
+    assert numbers(found) == list(range(10))
 
 
 def test_garbage_is_counted_and_passed_over(broker: MemoryBroker, client: Client) -> None:

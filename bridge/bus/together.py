@@ -1,0 +1,60 @@
+"""Several subscriptions read as one: of a few devices, where a pattern would bring all of them over the network."""
+
+import threading
+from collections.abc import Sequence
+
+from bridge.bus.contract import Message, Subscription
+from bridge.bus.inbox import Inbox
+
+_CHUNK = 512
+_WAIT_S = 1.0
+
+
+class Together:
+    """See contract.Subscription. Takes its subscriptions over: whoever closes it closes them."""
+
+    def __init__(self, subscriptions: Sequence[Subscription], capacity: int = 65536) -> None:
+        if not subscriptions:
+            raise ValueError("nothing to read together; give one subscription or more")
+        self._parts, self._inbox = tuple(subscriptions), Inbox(capacity)
+        self._open = len(self._parts)
+        self._lock = threading.Lock()
+        for part in self._parts:
+            threading.Thread(target=self._pump, args=(part,), name="read together", daemon=True).start()
+
+    def _pump(self, part: Subscription) -> None:
+        while not part.closed:
+            self._inbox.put(part.drain(_CHUNK, _WAIT_S))
+        with self._lock:
+            self._open -= 1
+            if not self._open:
+                self._inbox.close()
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """See contract.Subscription."""
+        return self._inbox.receive(timeout_s)
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """See contract.Subscription."""
+        return self._inbox.drain(limit, timeout_s)
+
+    @property
+    def missed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.missed + sum(part.missed for part in self._parts)
+
+    @property
+    def overflowed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.overflowed + sum(part.overflowed for part in self._parts)
+
+    @property
+    def closed(self) -> bool:
+        """See contract.Subscription."""
+        return self._inbox.closed
+
+    def close(self) -> None:
+        """See contract.Subscription."""
+        self._inbox.close()
+        for part in self._parts:
+            part.close()

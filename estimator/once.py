@@ -1,0 +1,216 @@
+"""Each sample once and in order, by device, boot and sequence number, however often and in whatever order it comes.
+
+What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. Known of a boot
+are the number it has come to, what is held, and its last few holes: never a set of samples.
+"""
+
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+from bridge.wire.messages import CorrectedBatch, SampleFlag
+from bridge.wire.refusal import Tally
+from estimator.revision import SAME_TIME_NS
+
+#: how long a hole is waited for: some batches, so that two publishers may overtake each other
+WAIT_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class OnceKnobs:
+    """How long a hole is waited for, how many samples of a boot are held meanwhile, and how much is remembered."""
+
+    wait_s: float = WAIT_S
+    window: int = 4096  # samples
+    devices: int = 4096  # of more, the one heard longest ago is forgotten
+    boots: int = 64  # of each device
+    holes: int = 64  # of each boot, and of each device for those who ask
+
+
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """Samples `first` to `first + count - 1` did not come. `told`: the sample after them says itself that some were missing."""
+
+    device: str
+    boot: int
+    first: int
+    count: int
+    told: bool
+
+
+@dataclass(slots=True, eq=False)
+class Missing:
+    """What of a device did not come: how many samples in all, and the last few holes."""
+
+    samples: int
+    latest: deque[Miss]
+
+
+Event = CorrectedBatch | Miss
+
+
+@dataclass(slots=True, eq=False)
+class _Boot:
+    came_to: int | None  # all before it was given or given up; None while nothing was
+    reached: int  # after the last of all that came
+    last_ns: int
+    holes: deque[tuple[int, int]]
+    held: list[tuple[CorrectedBatch, float]] = field(default_factory=list)  # by sequence, disjoint; and when each came
+    samples: int = 0  # in them
+    oldest: float = 0.0  # when the first of them came
+
+
+class Once:
+    """Batches in; batches and misses, in the order in which they are to be known, in `ready`.
+
+    `left_out` counts samples that came and are not given: `repeated`, or `late`, after the hole they belong to was given up.
+    """
+
+    def __init__(self, knobs: OnceKnobs | None = None) -> None:
+        self.knobs = knobs or OnceKnobs()
+        self.ready: deque[Event] = deque()
+        self.left_out = Tally()
+        self.missing: dict[str, Missing] = {}
+        self._devices: dict[str, dict[int, _Boot]] = {}
+        self._waiting: dict[tuple[str, int], _Boot] = {}
+
+    def feed(self, batch: CorrectedBatch, now: float) -> None:
+        """Take a batch that came at `now` seconds of a clock that does not go back."""
+        boot = self._boot(batch)
+        end = batch.sequence + len(batch)
+        boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
+        if batch.sequence == boot.came_to and not boot.held:
+            boot.came_to = end
+            self.ready.append(batch)
+            return
+        which = batch.device, batch.boot
+        self._hold(boot, batch, now)
+        self._in_turn(boot)
+        while boot.samples > self.knobs.window:
+            self._give_up_first(which, boot)
+        self._settle(which, boot)
+
+    def due(self) -> float | None:
+        """When something held will have been waited for long enough; None when nothing is held."""
+        oldest = min((boot.oldest for boot in self._waiting.values()), default=None)
+        return None if oldest is None else oldest + self.knobs.wait_s
+
+    def overdue(self, now: float) -> None:
+        """Give what has been held for wait_s, and give up the holes before it."""
+        wait_s = self.knobs.wait_s
+        for which, boot in [one for one in self._waiting.items() if one[1].oldest + wait_s <= now]:
+            last = max(batch.sequence for batch, came in boot.held if came + wait_s <= now)
+            while boot.held and boot.held[0][0].sequence <= last:
+                self._give_up_first(which, boot)
+            self._settle(which, boot)
+
+    def rest(self) -> None:
+        """Give all that is held: nothing more is to come."""
+        for which, boot in list(self._waiting.items()):
+            self._give_up(which, boot)
+
+    def _boot(self, batch: CorrectedBatch) -> _Boot:
+        """What is known of a batch's boot, from now on if nothing is."""
+        which = batch.device, batch.boot
+        boots = self._devices.pop(batch.device, None)
+        boots = self._devices[batch.device] = {} if boots is None else boots  # heard last: at the end
+        boot = boots.get(batch.boot)
+        end = batch.sequence + len(batch)
+        if boot is not None and end <= boot.reached and batch.start_time_ns > boot.last_ns + SAME_TIME_NS:
+            # Low numbers at a later time are no repeats: the device was started anew under the same boot number.
+            self._give_up(which, boot)
+            boot = None
+        if boot is None:
+            begins = 0 if batch.sequence == 0 else None
+            boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes))
+            self._forget(batch.device)
+        return boot
+
+    def _hold(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
+        """Put what is new of a batch among what is held."""
+        start, end = batch.sequence, batch.sequence + len(batch)
+        if boot.came_to is not None and start < boot.came_to:
+            past = min(end, boot.came_to)
+            late = sum(max(0, min(past, b) - max(start, a)) for a, b in boot.holes)
+            self._leave_out("late", late)
+            self._leave_out("repeated", past - start - late)
+            start = past
+        boot.oldest = boot.oldest if boot.held else now
+        at = max(0, bisect_right(boot.held, start, key=lambda one: one[0].sequence) - 1)
+        while start < end:
+            known, until = (end, end) if at == len(boot.held) else _span(boot.held[at][0])
+            if start < min(known, end):
+                piece = _cut(batch, start - batch.sequence, min(known, end) - batch.sequence)
+                boot.held.insert(at, (piece, now))
+                boot.samples += len(piece)
+                start += len(piece)
+            elif start < until:
+                self._leave_out("repeated", min(until, end) - start)
+                start = min(until, end)
+            at += 1
+
+    def _in_turn(self, boot: _Boot) -> None:
+        """Give what there is no hole before."""
+        n = 0
+        while n < len(boot.held) and boot.held[n][0].sequence == boot.came_to:
+            batch = boot.held[n][0]
+            boot.came_to += len(batch)
+            boot.samples -= len(batch)
+            self.ready.append(batch)
+            n += 1
+        del boot.held[:n]
+        if n and boot.held:
+            boot.oldest = min(came for _, came in boot.held)
+
+    def _give_up_first(self, which: tuple[str, int], boot: _Boot) -> None:
+        """Wait no longer for what is missing before the first that is held."""
+        first = boot.held[0][0]
+        boot.holes.append((boot.came_to or 0, first.sequence))
+        if boot.came_to is not None:
+            told = bool(first.flags[0] & SampleFlag.AFTER_GAP)
+            miss = Miss(*which, boot.came_to, first.sequence - boot.came_to, told)
+            missing = self.missing.setdefault(which[0], Missing(0, deque(maxlen=self.knobs.holes)))
+            missing.samples += miss.count
+            missing.latest.append(miss)
+            self.ready.append(miss)
+        boot.came_to = first.sequence
+        self._in_turn(boot)
+
+    def _give_up(self, which: tuple[str, int], boot: _Boot) -> None:
+        while boot.held:
+            self._give_up_first(which, boot)
+        self._settle(which, boot)
+
+    def _settle(self, which: tuple[str, int], boot: _Boot) -> None:
+        """Know whether a boot waits."""
+        if boot.held:
+            self._waiting[which] = boot
+        else:
+            self._waiting.pop(which, None)
+
+    def _forget(self, device: str) -> None:
+        """The oldest, where there are too many boots of a device, or devices."""
+        boots = self._devices[device]
+        if len(boots) > self.knobs.boots:
+            oldest = min(boots, key=lambda number: boots[number].last_ns)
+            self._give_up((device, oldest), boots.pop(oldest))
+        if len(self._devices) > self.knobs.devices:
+            device = next(iter(self._devices))
+            for number, boot in self._devices.pop(device).items():
+                self._give_up((device, number), boot)
+            self.missing.pop(device, None)
+
+    def _leave_out(self, why: str, samples: int) -> None:
+        if samples:
+            self.left_out.add(why, samples)
+
+
+def _span(batch: CorrectedBatch) -> tuple[int, int]:
+    return batch.sequence, batch.sequence + len(batch)
+
+
+def _cut(batch: CorrectedBatch, start: int, end: int) -> CorrectedBatch:
+    """Samples start to end of a batch."""
+    rest = batch.after(start) if start else batch
+    n = end - start
+    return rest if n == len(rest) else replace(rest, ticks=rest.ticks[:n], rate=rest.rate[:n], flags=rest.flags[:n])

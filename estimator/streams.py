@@ -1,0 +1,229 @@
+"""What a subscriber iterates over, with `for` or `async for`: one queue of bounded length between the bus and the program."""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+from bridge.bus.contract import Message, Subscription
+from bridge.wire.messages import CorrectedBatch
+from estimator.door import Door
+from estimator.once import Miss, Missing, Once, OnceKnobs
+
+T = TypeVar("T")
+log = logging.getLogger(__name__)
+_CHUNK = 4096  # messages taken from the queue at a time
+_WAIT_S = 1.0
+
+
+class Stream(Generic[T]):
+    """An iterator over messages of one kind, to be read by one thread or one task.
+
+    A program that reads too slowly hurts only itself: of what waits for it the oldest is dropped, counted in `dropped` and,
+    the first time, told in the log.
+    """
+
+    def __init__(self, subscription: Subscription, door: Door[T], idle_s: float | None = None) -> None:
+        self._subscription, self._door = subscription, door
+        self._ready: deque[T] = deque()
+        self._told = False
+        self.idle_s = idle_s
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Messages that were not understood, by reason."""
+        return self._door.refused.as_dict()
+
+    @property
+    def missed(self) -> int:
+        """Messages known to be lost, on the way or because this program was too slow."""
+        return self._subscription.missed
+
+    @property
+    def dropped(self) -> int:
+        """Messages lost because this program was too slow."""
+        return self._subscription.overflowed
+
+    def receive(self, timeout_s: float) -> T | None:
+        """The next message with something new, or None when none came in time."""
+        return self.pop() if self.wait(timeout_s) else None
+
+    def drain(self, timeout_s: float = 0.0) -> list[T]:
+        """What has come, waiting at most timeout_s for the first."""
+        self.wait(timeout_s)
+        found: list[T] = []
+        while (one := self.pop()) is not None:
+            found.append(one)
+        return found
+
+    def latest(self) -> T | None:
+        """The last of what has come since the last call, or None."""
+        return next(reversed(self.drain()), None)
+
+    def __iter__(self) -> Iterator[T]:
+        while True:
+            one = self.receive(_WAIT_S if self.idle_s is None else self.idle_s)
+            if one is not None:
+                yield one
+            elif self.ended():
+                return
+
+    def __aiter__(self) -> AsyncIterator[T]:
+        return _InALoop(self)
+
+    def close(self) -> None:
+        """Stop receiving; iterating ends at once."""
+        self._subscription.close()
+        self._ready.clear()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether there is something to pop, within timeout_s."""
+        deadline = time.monotonic() + timeout_s
+        while not self._any() and self._fill(max(0.0, deadline - time.monotonic())):
+            pass
+        return self._any()
+
+    def pop(self) -> T | None:
+        """The next of what is ready, or None."""
+        return self._ready.popleft() if self._ready else None
+
+    def ended(self) -> bool:
+        """Whether nothing more is to be waited for, when nothing came for idle_s."""
+        return self._subscription.closed or self.idle_s is not None
+
+    def _any(self) -> bool:
+        return bool(self._ready)
+
+    def _fill(self, timeout_s: float) -> bool:
+        """Take what the queue has, waiting for a first message; False when nothing came in all that time."""
+        messages = self._subscription.drain(_CHUNK, timeout_s)
+        self._take(messages)
+        if not self._told and self._subscription.overflowed:
+            self._told = True
+            log.warning(
+                "%s messages come faster than this program reads them: the oldest are dropped, from now on only counted",
+                self._door.name,
+            )
+        return bool(messages)
+
+    def _take(self, messages: Sequence[Message]) -> None:
+        self._ready += [taken for message in messages if (taken := self._door.take(message)) is not None]
+
+
+class Corrected(Stream[CorrectedBatch]):
+    """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
+
+    on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
+    """
+
+    def __init__(
+        self,
+        subscription: Subscription,
+        door: Door[CorrectedBatch],
+        idle_s: float | None = None,
+        knobs: OnceKnobs | None = None,
+        on_miss: Callable[[Miss], None] | None = None,
+    ) -> None:
+        super().__init__(subscription, door, idle_s)
+        self._once, self._on_miss = Once(knobs), on_miss
+
+    @property
+    def repeated(self) -> int:
+        """Samples that came again and were left out."""
+        return self._once.left_out.as_dict().get("repeated", 0)
+
+    @property
+    def late(self) -> int:
+        """Samples that came when they had been given up, and were left out."""
+        return self._once.left_out.as_dict().get("late", 0)
+
+    @property
+    def missing(self) -> dict[str, Missing]:
+        """What did not come, by device: how many samples, and the last few holes."""
+        return dict(self._once.missing)
+
+    def pop(self) -> CorrectedBatch | None:
+        """The next batch that is ready, or None."""
+        while self._once.ready:
+            event = self._once.ready.popleft()
+            if isinstance(event, CorrectedBatch):
+                return event
+            if self._on_miss is not None:
+                self._on_miss(event)
+        return None
+
+    def close(self) -> None:
+        """Stop receiving; iterating ends at once."""
+        super().close()
+        self._once.ready.clear()
+
+    def ended(self) -> bool:
+        """Whether nothing more is to be waited for: then what is held comes, and the end."""
+        if not super().ended():
+            return False
+        if not self._subscription.closed:
+            self._once.rest()
+        return not self._any()
+
+    def _any(self) -> bool:
+        return bool(self._once.ready)
+
+    def _fill(self, timeout_s: float) -> bool:
+        now, due = time.monotonic(), self._once.due()
+        for_s = timeout_s if due is None else max(0.0, min(timeout_s, due - now))
+        if super()._fill(for_s):
+            self._once.overdue(
+                now
+            )  # all that came until then has been taken from the queue, however slow the program is
+            return True
+        if due is None or due - now > timeout_s or self._subscription.closed:
+            return False
+        self._once.overdue(due)
+        return True
+
+    def _take(self, messages: Sequence[Message]) -> None:
+        now = time.monotonic()
+        for message in messages:
+            if (batch := self._door.take(message)) is not None:
+                self._once.feed(batch, now)
+
+
+class _InALoop(AsyncIterator[T]):
+    """A stream in an event loop: a thread waits and takes whole queues at a time, and the loop reads what it has taken.
+
+    They take turns, so what a slow program has not read yet waits in the bounded queue and nowhere else. A read that is
+    cancelled loses nothing: the next one finds what it has waited for.
+    """
+
+    def __init__(self, stream: Stream[T]) -> None:
+        self._stream = stream
+        self._thread = ThreadPoolExecutor(1, "subscriber")
+        self._waiting: Future[bool] | None = None
+
+    async def __anext__(self) -> T:
+        stream = self._stream
+        while True:
+            if self._waiting is None:
+                if (one := stream.pop()) is not None:
+                    return one
+                self._waiting = self._thread.submit(stream.wait, _WAIT_S if stream.idle_s is None else stream.idle_s)
+            await _done(self._waiting)
+            came, self._waiting = self._waiting.result(), None
+            if not came and stream.ended():
+                self._thread.shutdown(wait=False)
+                raise StopAsyncIteration
+
+
+async def _done(work: "Future[bool]") -> None:
+    loop, done = asyncio.get_running_loop(), asyncio.Event()
+
+    def tell(_: "Future[bool]") -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed, and nobody waits any more
+            loop.call_soon_threadsafe(done.set)
+
+    work.add_done_callback(tell)
+    await done.wait()

@@ -1,0 +1,123 @@
+"""A ward at a glance: of every device what a person should know of it, those that need one first. Pure: time is an argument."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any
+
+from bridge.wire.messages import DeviceInfo, State, Status
+
+#: every device's status comes once a second; after so long it is news that none does
+SILENT_S = 3.5
+LOW_BATTERY_PERCENT = 15.0
+NEVER_S = 1e9
+SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
+#: what needs a person most comes first
+URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
+WORDS = {state: state.name.lower().replace("_", " ") for state in State}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One device. `gaps` and `missing_samples` since the estimator knows it; None is not known."""
+
+    device: str
+    state: str
+    reason: str
+    quality: str = ""
+    rate_hz: float = 0.0
+    gaps: int = 0
+    missing_samples: int = 0
+    evidence_age_s: float | None = None
+    battery_percent: float | None = None
+    charging: bool = False
+    notices: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def low_battery(self) -> bool:
+        """Whether it will soon be off."""
+        return self.battery_percent is not None and self.battery_percent < LOW_BATTERY_PERCENT and not self.charging
+
+    @property
+    def order(self) -> tuple[int, int, str]:
+        """By what needs a person first."""
+        urgency = URGENCY.index(self.state)
+        if self.low_battery:
+            urgency = min(urgency, URGENCY.index("awaiting still"))
+        return urgency, not self.notices, self.device
+
+    def as_dict(self) -> dict[str, Any]:
+        """For programs."""
+        return asdict(self)
+
+
+class WardView:
+    """What was said of the devices of a ward, and when."""
+
+    def __init__(self) -> None:
+        self._statuses: dict[str, tuple[Status, float]] = {}
+        self._infos: dict[str, DeviceInfo] = {}
+
+    def take_status(self, status: Status, now: float) -> None:
+        """The estimator's word on a device, heard at `now` seconds."""
+        self._statuses[status.device] = status, now
+
+    def take_info(self, info: DeviceInfo) -> None:
+        """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
+        known = self._infos.get(info.device)
+        if info.boot or known is None or known.bridge == info.bridge:
+            self._infos[info.device] = info
+
+    def rows(self, now: float) -> list[Row]:
+        """Every device, those that need a person first."""
+        names = self._statuses.keys() | self._infos.keys()
+        return sorted((self._row(name, now) for name in names), key=lambda row: row.order)
+
+    def _row(self, name: str, now: float) -> Row:
+        info, (status, heard) = self._infos.get(name), self._statuses.get(name, (None, now))
+        about: dict[str, Any] = {}
+        if info is not None:
+            battery = None if math.isnan(info.battery_percent) else info.battery_percent
+            about = {"battery_percent": battery, "charging": info.charging, "notices": info.notices}
+        trouble = "" if info is None else info.trouble
+        if status is None:
+            reason = trouble or "a bridge lists it, but no estimator has said anything of it"
+            return Row(name, UNKNOWN, reason, **about)
+        state, reason = WORDS[status.state], status.reason
+        if now - heard > SILENT_S:
+            state, reason = SILENT, f"no word of it for {now - heard:.0f} s: is the estimator running?"
+        elif trouble:
+            reason = f"{reason}: {trouble}" if reason else trouble
+        return Row(
+            name,
+            state,
+            reason,
+            status.quality.name.lower().replace("_", " "),
+            status.rate_hz,
+            status.events.get("gaps", 0),
+            status.events.get("missing_samples", 0),
+            status.evidence_age_s if status.evidence_age_s < NEVER_S else None,
+            **about,
+        )
+
+
+def counted(rows: Iterable[Row]) -> str:
+    """How many are in which state, in words."""
+    found = Counter(row.state for row in rows)
+    return ", ".join(f"{found[state]} {state}" for state in URGENCY if found[state])
+
+
+def head_line(rows: Sequence[Row]) -> str:
+    """How many are tracking, and what the others are."""
+    others = [row for row in rows if row.state != TRACKING]
+    said = f"{len(rows) - len(others)} of {len(rows)} tracking"
+    return f"{said}; {counted(others)}" if others else said
+
+
+def chosen(rows: Iterable[Row], only: Iterable[str]) -> list[Row]:
+    """The rows whose state is one of these words, or whose id matches one (* and ? stand for anything); all if there is none."""
+    words = [word.lower() for word in only]
+    states = {word.replace("-", " ").replace("_", " ") for word in words}
+    return [row for row in rows if not words or row.state in states or any(fnmatchcase(row.device, w) for w in words)]

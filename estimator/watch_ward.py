@@ -1,0 +1,171 @@
+"""`truerate watch` without a device: all of a ward, live in a terminal's height, or as it is now, or as JSON."""
+
+import sys
+import time
+from collections.abc import Sequence
+
+import msgspec
+from rich.cells import cell_len
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from bridge.wire.messages import DeviceInfo, Status
+from estimator.client import Client
+from estimator.screen import STYLES
+from estimator.streams import Stream
+from estimator.ward_view import TRACKING, WORDS, Row, WardView, chosen, counted, head_line
+
+_REDRAW_S = 1.0
+_FIRST_S = 1.5  # every device is heard of once a second
+_STYLE = {WORDS[state]: style for state, style in STYLES.items()}
+_TROUBLE = "bold red"
+HEADINGS = ("device", "state", "quality", "Hz", "gaps", "rest", "battery", "why")
+_ALWAYS, _NUMBERS = ("device", "state", "why"), ("Hz", "gaps", "rest", "battery")
+#: what is left out first where there is no room for the reason
+_DISPENSABLE = ("quality", "rest", "gaps", "Hz")
+_MIN_WHY = 30
+
+
+def watch_ward(
+    console: Console,
+    client: Client,
+    only: Sequence[str] = (),
+    *,
+    once: bool = False,
+    as_json: bool = False,
+    seconds: float | None = None,
+) -> int:
+    """The client's ward until Ctrl-C, for so many seconds, or once; 1 when no device was heard of."""
+    view, heard, said = WardView(), False, dict[str, str]()
+    statuses, infos = client.follow(), client.follow_infos()
+    begin = time.monotonic()
+    screen = Live(console=console, auto_refresh=False, screen=True)
+    live = console.is_terminal and not once and not as_json
+    try:
+        if live:
+            screen.start()
+            screen.update(_text(f"{client.ward}: listening …"), refresh=True)
+        while True:
+            _listen(view, statuses, infos, _REDRAW_S if heard else _FIRST_S)
+            now = time.monotonic()
+            everything = view.rows(now)
+            rows = chosen(everything, only)
+            heard = heard or bool(everything)
+            head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
+            head += f"; none is {' or '.join(only)}" if only and not rows else ""
+            if as_json:
+                _print_json(client.ward, everything, rows)
+            elif live:
+                screen.update(Group(*lines(rows, head, console.width, console.height)), refresh=True)
+            elif once:
+                width = console.width if console.is_terminal else None
+                console.print(*lines(rows, head, width), sep="\n", highlight=False, soft_wrap=True)
+            else:
+                _print_changes(console, rows, said)
+            if once or (seconds is not None and now - begin >= seconds):
+                break
+    except KeyboardInterrupt:
+        pass
+    finally:
+        screen.stop()
+    if not heard:
+        words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+        print(words, file=sys.stderr)  # noqa: T201
+    return 0 if heard else 1
+
+
+def lines(rows: Sequence[Row], head: str, width: int | None = None, height: int | None = None) -> list[Text]:
+    """A head line, headings and a line a device, cut to width and height where there are any; the last line tells of the rest."""
+    room = len(rows) if height is None else max(1, height - 2)
+    shown, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
+    cells = [_cells(row) for row in shown]
+    columns = _fitting([max(map(cell_len, column)) for column in zip(HEADINGS, *cells, strict=True)], cells, width)
+    found = [_text(head, "bold"), _line(HEADINGS, columns, dict.fromkeys(HEADINGS, "dim"))]
+    for row, line in zip(shown, cells, strict=True):
+        styles = {"state": _STYLE.get(row.state, _TROUBLE), "battery": _TROUBLE if row.low_battery else ""}
+        found.append(_line(line, columns, styles))
+    if rest:
+        found.append(_text(f"… and {len(rest)} more: {counted(rest)}", "dim"))
+    if width is not None:
+        for text in found:
+            text.truncate(width, overflow="ellipsis")
+    return found
+
+
+def _fitting(widths: list[int], cells: Sequence[Sequence[str]], width: int | None) -> dict[str, int]:
+    """Columns and their widths: those with something in them, and of these the dispensable only where there is room."""
+    columns = {name: widths[i] for i, name in enumerate(HEADINGS) if name in _ALWAYS or any(line[i] for line in cells)}
+    if width is None:
+        return columns
+    for name in _DISPENSABLE:
+        if width - _taken(columns) < _MIN_WHY:
+            columns.pop(name, None)
+    return columns
+
+
+def _taken(columns: dict[str, int]) -> int:
+    return sum(width + 2 for name, width in columns.items() if name != "why")
+
+
+def _line(cells: Sequence[str], columns: dict[str, int], styles: dict[str, str]) -> Text:
+    text = _text()
+    for name, cell in zip(HEADINGS, cells, strict=True):
+        if name == "why":
+            text.append(cell, styles.get(name, ""))
+        elif name in columns:
+            space = " " * (columns[name] - cell_len(cell))
+            text.append(space + cell if name in _NUMBERS else cell + space, styles.get(name, ""))
+            text.append("  ")
+    return text
+
+
+def _text(words: str = "", style: str = "") -> Text:
+    return Text(words, style, no_wrap=True, overflow="ellipsis")
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    battery = "" if row.battery_percent is None else f"{row.battery_percent:.0f} %{'+' if row.charging else ''}"
+    notices = [f"{name}: {words}" for name, words in row.notices.items()]
+    first, then = (notices, [row.reason]) if row.state == TRACKING else ([row.reason], notices)
+    return (
+        row.device,
+        row.state,
+        row.quality,
+        f"{row.rate_hz:.1f}" if row.rate_hz else "",
+        f"{row.gaps}" if row.quality else "",
+        "" if row.evidence_age_s is None else _age(row.evidence_age_s),
+        battery,
+        "; ".join([*first, *then]),
+    )
+
+
+def _age(seconds: float) -> str:
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _listen(view: WardView, statuses: Stream[Status], infos: Stream[DeviceInfo], for_s: float) -> None:
+    """What is said in so many seconds."""
+    time.sleep(for_s)
+    for info in infos.drain():
+        view.take_info(info)
+    now = time.monotonic()
+    for status in statuses.drain():
+        view.take_status(status, now)
+
+
+def _print_json(ward: str, everything: Sequence[Row], rows: Sequence[Row]) -> None:
+    tracking = sum(row.state == TRACKING for row in everything)
+    found = {"ward": ward, "tracking": tracking, "of": len(everything), "devices": [row.as_dict() for row in rows]}
+    print(msgspec.json.encode(found).decode(), flush=True)  # noqa: T201
+
+
+def _print_changes(console: Console, rows: Sequence[Row], said: dict[str, str]) -> None:
+    """On anything but a terminal a line for every device whose state is new."""
+    for row in rows:
+        if said.get(row.device) != row.state:
+            said[row.device] = row.state
+            console.print(f"{row.device}: {row.state}: {row.reason}", highlight=False, soft_wrap=True, markup=False)

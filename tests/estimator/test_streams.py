@@ -1,0 +1,233 @@
+"""Subscribers in threads and in event loops: slow ones, late ones, over restarts of everything, on both buses."""
+
+import asyncio
+import logging
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from bridge.bus.contract import Bus, BusError, Publisher
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch
+from estimator.client import Client
+from estimator.once import Miss
+from tests.bridge.test_bus import MemoryWorld, World, ZenohWorld, eventually
+from tests.estimator.test_client import numbers
+from tests.estimator.test_revision import batch
+
+WARD = "w"
+
+
+@pytest.fixture(params=[MemoryWorld, ZenohWorld])
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    made: World = request.param()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def client(world: World) -> Iterator[Client]:
+    with world.bus() as bus:
+        yield Client(ward=WARD, bus=bus)
+
+
+@pytest.fixture
+def estimator(world: World) -> Iterator[Bus]:
+    with world.bus() as bus:
+        yield bus
+
+
+def publisher(bus: Bus, device: str = "d") -> Publisher:
+    return bus.publisher(keys.build(WARD, "corrected", device=device), cache=1000)
+
+
+def put(publisher: Publisher, *starts: int, device: str = "d", n: int = 5) -> None:
+    for start in starts:
+        publisher.put(codec.encode_corrected(batch(start, n, device=device)))
+
+
+def until(stream: Iterator[CorrectedBatch], last: int) -> list[CorrectedBatch]:
+    """Batches up to the one that ends with sample `last`."""
+    found = []
+    for one in stream:
+        found.append(one)
+        if one.sequence + len(one) > last:
+            break
+    return found
+
+
+def test_late_joiners_get_the_past_before_what_is_sent_as_they_join(
+    client: Client, world: World, estimator: Bus
+) -> None:
+    sending = publisher(estimator)
+    with world.bus() as bus:
+        early = Client(ward=WARD, bus=bus).corrected("d", idle_s=10.0)
+        put(sending, *range(0, 200, 5))
+        until(iter(early), 199)  # the router knows of the publisher
+    going_on = threading.Thread(target=put, args=(sending, *range(200, 2000, 5)))
+    going_on.start()
+    found = until(iter(client.corrected("d", idle_s=10.0)), 1999)
+    going_on.join()
+    assert numbers(found) == list(range(2000))
+
+
+def test_two_estimators_that_publish_the_same_for_a_while(client: Client, world: World, estimator: Bus) -> None:
+    misses: list[Miss] = []
+    stream = client.corrected("d", idle_s=10.0, on_miss=misses.append, wait_s=5.0)
+    with world.bus() as second:
+        one, other = publisher(estimator), publisher(second)
+        put(one, 0)
+        first = stream.receive(10.0)
+        assert first is not None
+        put(other, 0)
+        eventually(lambda: stream.receive(0.05) is None and stream.repeated == 5)
+        for start in range(5, 100, 5):
+            put(one, *([start] if start < 60 else []))
+            put(other, *([start - 2] if start > 30 else []))
+        put(other, 98)
+        found = [first, *until(iter(stream), 102)]
+    assert numbers(found) == list(range(103))
+    assert misses == []
+    assert stream.repeated > 20
+
+
+def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: World, estimator: Bus) -> None:
+    sending, stream = publisher(estimator), client.corrected("d", idle_s=20.0)
+    put(sending, 0)
+    first = stream.receive(10.0)
+    assert first is not None
+    world.stop()
+    eventually(lambda: not client.connected)
+    put(sending, *range(5, 50, 5))
+    world.start()
+    eventually(lambda: client.connected and estimator.connected)
+    put(sending, 50)
+    assert numbers([first, *until(iter(stream), 54)]) == list(range(55))
+    assert stream.missing == {}
+
+
+def test_a_few_devices_are_read_together(client: Client, estimator: Bus) -> None:
+    stream = client.corrected(["a", "b", "a"], idle_s=0.5)
+    for device in ("a", "b", "c"):
+        put(publisher(estimator, device), 0, 5, device=device)
+    found = list(stream)
+    assert sorted((one.device, one.sequence) for one in found) == [("a", 0), ("a", 5), ("b", 0), ("b", 5)]
+    assert stream.missed == stream.dropped == 0
+    stream.close()
+    assert list(stream) == []
+    with pytest.raises(ValueError, match="empty list"):
+        client.corrected([])
+
+
+@pytest.mark.parametrize("devices", ["d", ["d", "other"]])
+def test_a_slow_program_loses_the_oldest_and_is_told(
+    client: Client, world: World, estimator: Bus, devices: str | list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    misses: list[Miss] = []
+    slow = client.corrected(devices, queue=10, on_miss=misses.append, idle_s=0.5)
+    with world.bus() as bus:
+        quick = Client(ward=WARD, bus=bus).corrected("d", idle_s=10.0)
+        sending = publisher(estimator)
+        put(sending, 0)
+        assert slow.receive(10.0) is not None  # then it does something else for long
+        for start in range(5, 500, 5):
+            put(sending, start)
+        assert numbers(until(iter(quick), 499)) == list(range(500)), "nobody else is hurt"
+    eventually(lambda: slow.dropped == 89)  # of the 99 that came since it has read
+    with caplog.at_level(logging.WARNING):
+        found = list(slow)
+    assert found[-1].sequence == 495
+    assert slow.dropped == slow.missed == 99 - len(found)
+    assert sum(miss.count for miss in misses) == 5 * slow.dropped == slow.missing["d"].samples
+    assert [record for record in caplog.records if "faster than this program" in record.message]
+
+
+def test_a_loop_reads_as_a_thread_does(client: Client, estimator: Bus) -> None:
+    sending = publisher(estimator)
+    put(sending, *range(0, 100, 5))
+
+    async def read() -> list[CorrectedBatch]:
+        return [one async for one in client.corrected("d", idle_s=0.5)]
+
+    assert numbers(asyncio.run(read())) == list(range(100))
+
+
+def test_a_loop_goes_on_while_it_waits_and_a_cancelled_read_loses_nothing(client: Client, estimator: Bus) -> None:
+    async def read() -> list[CorrectedBatch]:
+        stream = aiter(client.corrected("d"))
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(stream), 0.05)
+        put(publisher(estimator), *range(0, 100, 5))
+        found: list[CorrectedBatch] = []
+        while len(found) < 20:
+            try:
+                found.append(await asyncio.wait_for(anext(stream), 0.001))
+            except TimeoutError:
+                continue
+        return found
+
+    assert numbers(asyncio.run(asyncio.wait_for(read(), 30.0))) == list(range(100))
+
+
+def test_several_tasks_each_read_their_own(client: Client, estimator: Bus) -> None:
+    for device in ("a", "b", "c"):
+        put(publisher(estimator, device), *range(0, 50, 5), device=device)
+
+    async def read(device: str) -> list[CorrectedBatch]:
+        return [one async for one in client.corrected(device, idle_s=0.5)]
+
+    async def read_all() -> list[list[CorrectedBatch]]:
+        return await asyncio.gather(*map(read, ("a", "b", "c")))
+
+    for found in asyncio.run(read_all()):
+        assert numbers(found) == list(range(50))
+
+
+def test_a_slow_loop_is_no_other_queue(client: Client, estimator: Bus) -> None:
+    async def slow() -> tuple[int, int]:
+        stream = client.corrected("d", queue=10, idle_s=0.5)
+        reading = aiter(stream)
+        sending = publisher(estimator)
+        put(sending, 0)
+        found = [await anext(reading)]
+        put(sending, *range(5, 500, 5))
+        eventually(lambda: stream.dropped == 89)  # the loop is busy with something else
+        found += [one async for one in reading]
+        return len(found), stream.dropped
+
+    found, dropped = asyncio.run(slow())
+    assert found + dropped == 100
+    assert found <= 11
+
+
+@pytest.mark.parametrize("by_client", [False, True])
+def test_closing_ends_a_loop_that_waits(world: World, by_client: bool) -> None:
+    bus = world.bus()
+    stream = Client(ward=WARD, bus=bus).corrected()
+
+    async def read() -> list[CorrectedBatch]:
+        asyncio.get_running_loop().call_later(0.05, (bus if by_client else stream).close)
+        return [one async for one in stream]
+
+    assert asyncio.run(asyncio.wait_for(read(), 10.0)) == []
+    bus.close()
+
+
+def test_a_loop_that_ends_while_something_waits_makes_no_noise(
+    client: Client, caplog: pytest.LogCaptureFixture
+) -> None:
+    stream = client.corrected("d")
+
+    async def give_up() -> None:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(aiter(stream)), 0.02)
+
+    asyncio.run(give_up())
+    stream.close()
+    assert caplog.records == []
+
+
+def test_without_a_router_the_error_says_what_to_do() -> None:
+    with pytest.raises(BusError, match=r"no router answered at tcp/127\.0\.0\.1:1 .*start one with `truerate router`"):
+        Client(("tcp/127.0.0.1:1",), ward=WARD)

@@ -1,0 +1,217 @@
+"""What a person should know of a ward: everything of every device, those that need somebody first, in the room there is."""
+
+import io
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import DeviceInfo, Quality, State, Status
+from estimator import watch_ward
+from estimator.client import Client
+from estimator.session import DeviceSession
+from estimator.ward_view import SILENT_S, WardView, chosen, head_line
+from tests.estimator.stream import info
+
+WARD = "w"
+
+
+def status(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
+    plain = DeviceSession(device).status(7)
+    return replace(plain, state=state, quality=Quality.GOOD, reason="all is well", **changes)
+
+
+def about(device: str, **changes: Any) -> DeviceInfo:
+    return replace(info(), device=device, **changes)
+
+
+def view(*said: Status | DeviceInfo) -> WardView:
+    made = WardView()
+    for one in said:
+        if isinstance(one, Status):
+            made.take_status(one, 10.0)
+        else:
+            made.take_info(one)
+    return made
+
+
+MANY = view(
+    status("ok"),
+    status("empty"), about("empty", battery_percent=9.0),
+    status("charging"), about("charging", battery_percent=9.0, charging=True),
+    status("noticed"), about("noticed", notices={"led": "blinks red"}),
+    *(status(state.name.lower(), state) for state in State if state not in (State.TRACKING, State.UNKNOWN)),
+    about("unheard", boot=0, trouble="the port is missing"),
+)  # fmt: skip
+
+
+def test_those_that_need_somebody_come_first() -> None:
+    assert [row.device for row in MANY.rows(10.0)] == [
+        "lost", "unheard", "awaiting_still", "empty", "bias_only", "degraded", "turning", "warming", "noticed", "charging", "ok",
+    ]  # fmt: skip
+
+
+def test_the_head_line_counts_them() -> None:
+    assert head_line(MANY.rows(10.0)) == (
+        "4 of 11 tracking; 1 lost, 1 unknown, 1 awaiting still, 1 bias only, 1 degraded, 1 turning, 1 warming"
+    )
+    assert head_line(view(status("a"), status("b")).rows(10.0)) == "2 of 2 tracking"
+
+
+def test_a_row_has_all_that_is_known() -> None:
+    [row] = view(
+        status("a", rate_hz=103.9, evidence_age_s=65.0, events={"gaps": 2, "missing_samples": 31}),
+        about("a", battery_percent=80.0, notices={"led": "blinks"}),
+    ).rows(10.0)
+    assert row.as_dict() == {
+        "device": "a", "state": "tracking", "reason": "all is well", "quality": "good", "rate_hz": 103.9, "gaps": 2,
+        "missing_samples": 31, "evidence_age_s": 65.0, "battery_percent": 80.0, "charging": False, "notices": {"led": "blinks"},
+    }  # fmt: skip
+    [bare] = view(status("a", evidence_age_s=1e12), about("a", battery_percent=math.nan)).rows(10.0)
+    assert (bare.evidence_age_s, bare.battery_percent) == (None, None)
+
+
+def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
+    seen = view(status("a"))
+    assert [row.state for row in seen.rows(10.0 + SILENT_S)] == ["tracking"]
+    [row] = seen.rows(25.0)
+    assert row.state == "silent"
+    assert "15 s" in row.reason
+
+
+def test_what_keeps_a_device_from_being_read_is_said() -> None:
+    [row] = view(status("a", State.LOST), about("a", trouble="the port is missing")).rows(10.0)
+    assert row.reason == "all is well: the port is missing"
+    [row] = view(about("a")).rows(10.0)
+    assert (row.state, "no estimator" in row.reason) == ("unknown", True)
+
+
+def test_of_several_bridges_that_list_a_device_the_one_that_hears_it_has_the_last_word() -> None:
+    seen = view(
+        about("a", bridge="deaf", boot=0, trouble="no"),
+        about("a", bridge="hears"),
+        about("a", bridge="deaf", boot=0, trouble="no"),
+    )
+    assert "no estimator" in seen.rows(0.0)[0].reason
+
+
+@pytest.mark.parametrize(
+    ("only", "found"),
+    [
+        ((), 11),
+        (("degraded",), 1),
+        (("awaiting-still", "LOST"), 2),
+        (("awaiting_still",), 1),
+        (("*ed",), 2),
+        (("ok", "ok", "nobody"), 1),
+    ],
+)
+def test_some_of_them(only: tuple[str, ...], found: int) -> None:
+    assert len(chosen(MANY.rows(10.0), only)) == found
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 200])
+@pytest.mark.parametrize("height", [3, 8, 24])
+def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> None:
+    rows = MANY.rows(10.0)
+    shown = [line.plain for line in watch_ward.lines(rows, "head", width, height)]
+    assert len(shown) <= height
+    assert max(map(cell_len, shown)) <= width
+    assert shown[2].startswith("lost") or height == 3
+    if height < len(rows) + 2:
+        assert shown[-1].startswith(f"… and {len(rows) - (height - 3)} more: ")
+    else:
+        assert shown[-1].startswith("ok")
+
+
+def test_where_there_is_no_width_nothing_is_cut() -> None:
+    rows = view(status("a" * 32, rate_hz=100.0, events={"gaps": 3}), about("a" * 32, notices={"n": "x" * 400})).rows(
+        10.0
+    )
+    _, headings, line = watch_ward.lines(rows, "head")
+    assert headings.plain.split() == ["device", "state", "quality", "Hz", "gaps", "rest", "why"]
+    assert "x" * 400 in line.plain
+
+
+def test_reasons_are_cut_last() -> None:
+    rows = view(status("wrist-left", State.AWAITING_STILL, rate_hz=100.0)).rows(10.0)
+    narrow, wide = (watch_ward.lines(rows, "head", width)[1].plain.split() for width in (60, 100))
+    assert narrow == ["device", "state", "Hz", "why"] or "quality" not in narrow
+    assert wide == ["device", "state", "quality", "Hz", "gaps", "rest", "why"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(1.0, "1 s"), (119.0, "119 s"), (600.0, "10 min"), (10_000.0, "3 h"), (4e5, "5 d")]
+)
+def test_ages_are_short(seconds: float, said: str) -> None:
+    assert watch_ward._age(seconds) == said
+
+
+@pytest.fixture
+def client(monkeypatch: pytest.MonkeyPatch) -> Client:
+    broker = MemoryBroker()
+    bus = MemoryBus(broker)
+    monkeypatch.setattr(watch_ward, "_FIRST_S", 0.0)
+    monkeypatch.setattr(watch_ward, "_REDRAW_S", 0.0)
+    for n in range(120):
+        state = State.DEGRADED if n == 77 else State.TRACKING
+        key = keys.build(WARD, "status", device=f"d{n}")
+        bus.publisher(key, cache=1).put(codec.encode_status(status(f"d{n}", state)))
+    bus.publisher(keys.build(WARD, "info", bridge="bridge", device="d5"), cache=1).put(
+        codec.encode_info(about("d5", battery_percent=3.0))
+    )
+    return Client(ward=WARD, bus=MemoryBus(broker))
+
+
+def terminal(**kind: Any) -> tuple[Console, io.StringIO]:
+    file = io.StringIO()
+    return Console(file=file, width=100, height=30, **kind), file
+
+
+def test_once_it_is_all_there(client: Client) -> None:
+    console, file = terminal()
+    assert watch_ward.watch_ward(console, client, once=True) == 0
+    head, headings, first, *_, last = file.getvalue().splitlines()
+    assert head == "w: 119 of 120 tracking; 1 degraded"
+    assert headings.split() == ["device", "state", "quality", "gaps", "rest", "battery", "why"]
+    assert first.split()[0] == "d5"
+    assert last.split()[0] == "d99"
+    assert len(file.getvalue().splitlines()) == 122
+
+
+def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
+    console, _ = terminal()
+    assert watch_ward.watch_ward(console, client, ["degraded"], once=True, as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["ward"], found["tracking"], found["of"]) == (WARD, 119, 120)
+    [device] = found["devices"]
+    assert (device["device"], device["state"], device["battery_percent"]) == ("d77", "degraded", None)
+
+
+def test_live_it_has_the_height_of_the_terminal(client: Client) -> None:
+    console, file = terminal(force_terminal=True, legacy_windows=False)
+    assert watch_ward.watch_ward(console, client, seconds=0.0) == 0
+    shown = file.getvalue()
+    assert "w: 119 of 120 tracking; 1 degraded" in shown
+    assert "… and 93 more: 93 tracking" in shown
+    assert "d77" in shown
+
+
+def test_where_there_is_no_terminal_changes_are_lines(client: Client) -> None:
+    console, file = terminal()
+    assert watch_ward.watch_ward(console, client, ["d77", "d5"], seconds=0.05) == 0
+    assert sorted(file.getvalue().splitlines()) == ["d5: tracking: all is well", "d77: degraded: all is well"]
+
+
+def test_nobody_there(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
+    console, file = terminal()
+    assert watch_ward.watch_ward(console, Client(ward="other", bus=MemoryBus(MemoryBroker())), once=True) == 1
+    assert "no device is heard" in capsys.readouterr().err
+    assert watch_ward.watch_ward(console, client, ["lost"], once=True) == 0
+    assert "none is lost" in file.getvalue()
