@@ -4,7 +4,7 @@ import argparse
 import logging
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
 from bridge import cli_profiles, cli_scan
@@ -13,7 +13,7 @@ from bridge.bus.router import Router
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
 from bridge.drivers import registry, replayed
 from bridge.health import Health
-from bridge.process import connected, stopped_by_signal
+from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
@@ -55,6 +55,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     cli_scan.add_arguments(scan)
     scan.set_defaults(run=_guarded(cli_scan.scan))
+
+    drivers = _parser(inner, "drivers", "show the drivers", "truerate bridge drivers")
+    drivers.set_defaults(run=_guarded(_list), config=None)
 
     replay = _parser(
         inner,
@@ -227,7 +230,12 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
         bus = connected(connect, stop, patient=patient)
         if bus is None:
             return _DONE
-        with bus, Ward(ward, bridge, bus) as running, _health(bridge, running, bus):
+        with (
+            bus,
+            closing(alone(bus, ward, "bridge", bridge.id)),
+            Ward(ward, bridge, bus) as running,
+            _health(bridge, running, bus),
+        ):
             _log.info(
                 "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
             )

@@ -4,13 +4,18 @@ import contextlib
 import logging
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
-from bridge.bus.contract import Bus, BusError
+from bridge.bus.contract import Bus, BusError, Declared
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal
 
 _RETRY_S = 0.2
+#: how long others are looked for at the start; how long one of our own name that was killed may still seem alive
+_LOOK_S, _GONE_S = 0.5, 3.0
 
 _log = logging.getLogger(__name__)
 
@@ -52,3 +57,30 @@ def connected(
             complained = True
         stop.wait(_RETRY_S)
     return None
+
+
+def alone(bus: Bus, ward: str, kind: str, own: str, another: Callable[[str], None] = lambda _: None) -> Declared:
+    """Watch the others of a kind, `bridge` or `estimator`, in a ward; another(id) is told of each.
+
+    Raises BusError when one of them has our own id, and is not just one that was killed and may still seem alive.
+    """
+    there: dict[str, bool] = {}
+
+    def on_change(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        try:
+            name = keys.parse(key).ids[kind]
+        except Refusal:
+            return
+        there[name] = alive
+        if alive and name != own:
+            another(name)
+
+    watch = bus.watch_alive(keys.pattern(ward, f"alive/{kind}"), on_change)
+    time.sleep(_LOOK_S)
+    deadline = time.monotonic() + _GONE_S
+    while there.get(own, False):
+        if time.monotonic() >= deadline:
+            watch.close()
+            raise BusError(f"{kind} {own} serves ward {ward} already; stop it, or give this one another id")
+        time.sleep(0.05)
+    return watch

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 
 import pytest
 
+from bridge import process
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.process import connected, stopped_by_signal
+from bridge.wire import keys
 
 
 class Coming:
@@ -61,3 +63,17 @@ def test_a_first_signal_asks_and_a_second_would_end(number: signal.Signals) -> N
         assert stop.is_set()
         assert signal.getsignal(number) is signal.SIG_DFL
     assert signal.getsignal(number) is before
+
+
+def test_a_second_bridge_of_one_name_is_refused_and_another_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "_LOOK_S", 0.05)
+    monkeypatch.setattr(process, "_GONE_S", 0.2)
+    broker, others = MemoryBroker(), list[str]()
+    first = MemoryBus(broker)
+    first.declare_alive(keys.build("w", "alive/bridge", bridge="b1"))
+    with pytest.raises(BusError, match="bridge b1 serves ward w already; stop it, or give this one another id"):
+        process.alone(MemoryBus(broker), "w", "bridge", "b1")
+    process.alone(MemoryBus(broker), "w", "bridge", "b2", others.append).close()
+    assert others == ["b1"]
+    threading.Timer(0.1, first.close).start()  # it was killed, and is only now found to be gone
+    process.alone(MemoryBus(broker), "w", "bridge", "b1").close()

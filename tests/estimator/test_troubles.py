@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge import process
 from bridge.bus.contract import BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
@@ -251,8 +252,8 @@ def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(
 
 
 def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve, "LOOK_S", 0.1)
-    monkeypatch.setattr(serve, "GONE_S", 0.3)
+    monkeypatch.setattr(process, "_LOOK_S", 0.1)
+    monkeypatch.setattr(process, "_GONE_S", 0.3)
     serve.look_round(MemoryBus(broker), WARD, own).close()
 
 
