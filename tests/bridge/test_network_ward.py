@@ -167,10 +167,14 @@ def test_a_connection_that_breaks_is_made_again_and_disturbs_nobody(devices: dic
     listener.close()
 
 
+def alive(listener: Listener) -> dict[str, bool]:
+    return {key.split("/")[-2]: there for key, there in list(listener.alive) if "/device/" in key}
+
+
 def test_a_device_that_falls_silent_on_the_network_is_told_of(
     devices: dict[str, TcpDevice | UdpDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bridge.link._SILENT_S", 0.3)
+    monkeypatch.setattr("bridge.link._SILENT_S", 1.0)
     monkeypatch.setattr("bridge.link._WATCH_S", 0.1)
     broker = MemoryBroker()
     listener = Listener(broker)
@@ -178,8 +182,7 @@ def test_a_device_that_falls_silent_on_the_network_is_told_of(
         listener.until(lambda: all(listener.count(name) > 20 for name in devices))
         devices["u1"].device.power_off()
         listener.until(lambda: "nothing comes; is it on" in listener.infos["u1"].trouble)
-        alive = {key.split("/")[-2]: there for key, there in listener.alive if "/device/" in key}
-        assert alive == {"t1": True, "t2": True, "u1": False, "u2": True}
+        listener.until(lambda: alive(listener) == {"t1": True, "t2": True, "u1": False, "u2": True})
         devices["u1"].device.power_on()
         listener.until(lambda: not listener.infos["u1"].trouble)
     listener.close()

@@ -59,7 +59,7 @@ def running(tmp_path: Path) -> Iterator[Running]:
         ward.start("router", "bridge")
         ward.wait_for_router()
         watcher = Watcher(ward.endpoint, WARD)
-        ward.plug(NAME, living(NAME, seed=3), speed=10.0)
+        ward.plug(NAME, living(NAME, seed=3), speed=10.0, lossless=True)
         try:
             wait("a calibration", lambda: watcher.all_tracking(1), watcher, ward)
             yield Running(ward, watcher, *ports)
