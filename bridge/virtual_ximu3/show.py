@@ -7,7 +7,7 @@ import threading
 import time
 from dataclasses import dataclass
 
-from bridge.bus.contract import Bus, Message, Subscription
+from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.virtual_ximu3.ports import Address, Ports, local
 from bridge.wire import codec, keys
@@ -52,16 +52,14 @@ class Show:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._subscriptions: list[Subscription] = []
         try:
+            # Raw and info before corrected: accelerations and names come first.
+            for what in ("raw", "info", *(("corrected",) if wanted.corrected else ())):
+                self._subscriptions.append(bus.subscribe(keys.pattern(wanted.ward, what), history=what == "info"))
             for device in wanted.devices:
                 self._add(device)
-        except OSError:
+        except (OSError, BusError):
             self.close()
             raise
-        # Raw and info before corrected: accelerations and names come first.
-        self._subscriptions = [
-            bus.subscribe(keys.pattern(wanted.ward, what), history=what == "info")
-            for what in ("raw", "info", *(("corrected",) if wanted.corrected else ()))
-        ]
 
     def turn(self) -> None:
         """Pass on what came, answer, announce."""
