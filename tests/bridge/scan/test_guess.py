@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drivers import registry
@@ -45,6 +45,7 @@ def test_a_rate_is_measured() -> None:
     assert guess.rate_hz == pytest.approx(100, rel=0.05)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 5000), st.binary(max_size=200))
 def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: bytes) -> None:
     native = demo_device("d", 1).advance(4.0)
@@ -52,6 +53,7 @@ def test_a_beginning_anywhere_and_some_noise_do_not_mislead(cut: int, noise: byt
     assert str(best(noise + lines(n=400)[cut:]).candidate) == "line"
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=3000))
 def test_noise_is_nobodys(noise: bytes) -> None:
     assert not any(guess.understood for guess in guesses(candidates(KINDS), chunks(noise)))
