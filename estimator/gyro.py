@@ -1,5 +1,6 @@
 """The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 
@@ -20,11 +21,23 @@ def spread(reading: Floats) -> tuple[Floats, Floats]:
     return mean, np.sqrt(np.add.reduce(off * off) / (n - 1))
 
 
+def spreads(reading: Floats, lengths: Sequence[int]) -> tuple[Floats, Floats]:
+    """Mean (m, k) and standard deviation (m, k) of each of m runs of so many readings, which follow each other in (n, k)."""
+    n = np.array(lengths)
+    begins = np.add.accumulate(n) - n
+    mean: Floats = np.add.reduceat(reading, begins) / n[:, None]
+    off = reading - mean.repeat(n, axis=0)
+    return mean, np.sqrt(np.add.reduceat(off * off, begins) / (n - 1)[:, None])
+
+
 def least_step(reading: Floats) -> Floats:
     """(3,) least difference between readings (n, 3); next to nothing where they are not rounded."""
-    steps = np.diff(np.sort(reading, axis=0), axis=0)
-    least = np.where(steps > 1e-9, steps, np.inf).min(axis=0)
-    return np.where(np.isfinite(least), least, COARSE_STEP)
+    ordered = np.sort(reading.T)
+    steps = ordered[:, 1:] - ordered[:, :-1]
+    steps[steps <= 1e-9] = np.inf
+    least: Floats = np.minimum.reduce(steps, axis=1, initial=np.inf)
+    least[np.isinf(least)] = COARSE_STEP
+    return least
 
 
 def rounding_var(std: Floats, step: Floats) -> Floats:

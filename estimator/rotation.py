@@ -4,6 +4,8 @@ Inside, a rotation is a unit quaternion w + xi + yj + zk as two complex numbers,
 of them is then four multiplications.
 """
 
+from math import atan2, hypot
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -69,9 +71,10 @@ def cross_matrix(vector: Floats) -> Floats:
     return crossed
 
 
-def angle_between(a: Floats, b: Floats) -> float:
+def angle_between(one: Floats, other: Floats) -> float:
     """Angle in rad between two vectors (3,)."""
-    return float(np.arctan2(np.linalg.norm(cross_matrix(a) @ b), a @ b))
+    (a, b, c), (x, y, z) = one.tolist(), other.tolist()
+    return atan2(hypot(b * z - c * y, c * x - a * z, a * y - b * x), a * x + b * y + c * z)
 
 
 def _products(a: Complex, b: Complex) -> tuple[Complex, Complex]:

@@ -4,20 +4,25 @@ Limits follow the device: a large turn-on bias is no movement, so rates are comp
 never with zero.
 """
 
+from bisect import bisect_left
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import radians, sqrt
+from math import fsum, radians, sqrt
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import spread
+from estimator.gyro import spread, spreads
 from estimator.held import Held
 from estimator.spikes import SpikeKnobs, mended
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Three = list[float]
+#: mean, standard deviation and rate of a window
+_Quiet = tuple[Three, Three, float]
 #: windows of a rest that tell of its noise
 _RECENT = 16
 #: a window is made longer by so many samples at most, so as not to end at a spike
@@ -94,9 +99,7 @@ class Stillness:
         self._reference: Three | None = None
         self._anchor: Three | None = None  # the reference when this rest began: a slow turn must not drag it along
         self._last: tuple[float, Floats] | None = None  # time and reading
-        self._rest = np.zeros((_RECENT, 2, 3))  # mean and std of the latest windows of a rest
-        self._rates = [0.0] * _RECENT  # and their rates
-        self._rested = 0  # how many of them there are
+        self._rest: deque[_Quiet] = deque(maxlen=_RECENT)  # the latest windows of a rest
         self._odd: list[tuple[float, Three]] = []  # start and mean
         self._count = 0
         self._held = Held()
@@ -104,28 +107,38 @@ class Stillness:
     def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Iterator[Window]:
         """Take samples (n,), (n, 3), (n, 3), (n,) and yield each window as it closes; consume it all before feeding again."""
         self._held.put(time, gyro, accel, clipped)
-        while n := self._whole():
-            yield self._close(n)
+        lengths = list(self._cuts())
+        if not lengths:
+            return
+        times, read, clipping = self._held.draw(sum(lengths))
+        begin = 0
+        for n, mean, std in zip(lengths, *spreads(read, lengths), strict=True):
+            here = slice(begin, begin + n)
+            begin += n
+            yield self._close(times[here], read[here], clipping[here], mean, std)
 
-    def _whole(self) -> int:
-        """How many of the samples that are held make a window; 0 when they do not yet."""
-        held = self._held
-        if len(held) < self.knobs.min_samples or held.span < self.knobs.window_s:
-            return 0
-        time = held.time
-        n = max(self.knobs.min_samples, int(np.searchsorted(time, time[0] + self.knobs.window_s)) + 1)
-        # A window does not end at a spike: what follows it tells that it is one.
-        most = n + _SPIKE_AND_BACK
-        while n <= len(time) and n < most and held.leap(n - 1) > self.knobs.spike.far:
-            n += 1
-        return n if n <= len(time) else 0
+    def _cuts(self) -> Iterator[int]:
+        """How many of the samples that are held make a window, those of the next one, and so on."""
+        held, knobs = self._held, self.knobs
+        time = held.time.tolist()
+        start, end = 0, len(time)
+        while end - start >= knobs.min_samples and time[-1] - time[start] >= knobs.window_s:
+            n = max(knobs.min_samples, bisect_left(time, time[start] + knobs.window_s, start) - start + 1)
+            # A window does not end at a spike: what follows it tells that it is one.
+            most = n + _SPIKE_AND_BACK
+            while start + n <= end and n < most and held.leap(start + n - 1) > knobs.spike.far:
+                n += 1
+            if start + n > end:
+                return
+            yield n
+            start += n
 
-    def _close(self, n: int) -> Window:
-        time, read, clipped = self._held.draw(n)
+    def _close(self, time: Floats, read: Floats, clipped: Flags, mean: Floats, std: Floats) -> Window:
+        """Judge a window: time (n,), gyro and accel side by side (n, 6), clipped (n,); mean and std (6,)."""
+        n = len(time)
         start, self._count = self._count, self._count + n
         begun, ended = float(time[0]), float(time[-1])
         last_time, last_gyro = self._last or (begun, read[0, :3])
-        mean, std = spread(read)
         means, stds, spikes = mean.tolist(), std.tolist(), 0
         if max(stds[:3]) * sqrt(2 * (n - 1)) > self.knobs.spike.far:  # else nothing leaps so far
             gyro, spiked = mended(
@@ -148,7 +161,7 @@ class Stillness:
         still = not (gap or clipped.any()) and self._judge(
             begun, ended, means[:3], stds[:3], limits, stds[3:] if aided else None
         )
-        self._learn(mean[:3], std[:3], rate_hz, still=still)
+        self._learn((means[:3], stds[:3], rate_hz), still=still)
         return Window(
             start,
             self._count,
@@ -196,27 +209,24 @@ class Stillness:
         self._odd.clear()
         return True
 
-    def _learn(self, mean: Floats, std: Floats, rate_hz: float, *, still: bool) -> None:
-        if not still:
-            self._rested, self._anchor = 0, None
-            return
+    def _learn(self, quiet: _Quiet, *, still: bool) -> None:
         rest = self._rest
-        rest[:-1] = rest[1:]
-        rest[-1] = mean, std
-        self._rates = [*self._rates[1:], rate_hz]
-        recent = self._rested = min(self._rested + 1, _RECENT)
-        # The first windows of a stream may still be the end of a movement: wait for some in a row.
-        if self._reference is None and recent < 4:
+        if not still:
+            rest.clear()
+            self._anchor = None
             return
-        self._reference = (np.add.reduce(rest[-recent:, 0]) / recent).tolist()
-        if self._anchor is None and recent >= 4:
+        rest.append(quiet)
+        # The first windows of a stream may still be the end of a movement: wait for some in a row.
+        if self._reference is None and len(rest) < 4:
+            return
+        means, stds, rates = zip(*rest, strict=True)
+        self._reference = [fsum(axis) / len(rest) for axis in zip(*means, strict=True)]
+        if self._anchor is None and len(rest) >= 4:
             self._anchor = self._reference
-        if recent >= 8:
-            ordered = rest[-recent:, 1].copy()
-            ordered.sort(axis=0)
-            self._learnt((ordered[(recent - 1) // 2] + ordered[recent // 2]) / 2)
+        if len(rest) >= 8:
+            self._learnt(np.array([median(axis) for axis in zip(*stds, strict=True)]))
             self.noise_known = True
-            self._noise_hz = sorted(self._rates[-recent:])[recent // 2]
+            self._noise_hz = sorted(rates)[len(rest) // 2]
 
     def _learnt(self, noise_std: Floats) -> None:
         """From now on noise_std (3,) rad/s is the white noise of one reading."""

@@ -27,6 +27,9 @@ class Samples:
     @staticmethod
     def of(windows: Sequence[Window]) -> "Samples":
         """Those of one or more windows in a row, spikes mended."""
+        if len(windows) == 1:
+            (window,) = windows
+            return Samples(window.time, window.gyro, window.accel, window.clipped)
         forces = [window.accel for window in windows if window.accel is not None]
         time, gyro = (np.concatenate([getattr(window, name) for window in windows]) for name in ("time", "gyro"))
         accel = np.concatenate(forces) if len(forces) == len(windows) else None

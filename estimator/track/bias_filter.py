@@ -264,10 +264,15 @@ class BiasFilter:
 
 
 def _inverse(S: Floats) -> Floats:
-    """Of a small symmetric matrix; most are of one or two rows."""
+    """Of a small symmetric matrix; most are of one to three rows."""
     if len(S) == 1:
         return np.asarray(1.0 / S)
     if len(S) == 2:
         (a, b), (_, d) = S.tolist()
         return np.asarray(np.array([[d, -b], [-b, a]]) / (a * d - b * b), np.float64)
-    return np.asarray(np.linalg.inv(S), np.float64)
+    if len(S) > 3:
+        return np.asarray(np.linalg.inv(S), np.float64)
+    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
+    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+    across = np.array([[x, y, z], [y, a * f - c * c, b * c - a * e], [z, b * c - a * e, a * d - b * b]])
+    return np.asarray(across / (a * x + b * y + c * z), np.float64)

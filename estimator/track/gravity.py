@@ -78,7 +78,7 @@ class Gravity:
 
     def matrix_now(self, x: Floats) -> Floats:
         """(3, 3) the matrix as the state x has it."""
-        return (np.eye(3) + x[MATRIX].reshape(3, 3)) @ self.matrix
+        return np.asarray((_ONE + x[MATRIX].reshape(3, 3)) @ self.matrix)
 
     def lose(self) -> None:
         """The way gravity went is not known."""

@@ -5,6 +5,7 @@ A second with clipped or stuck readings, or with a hole in it, tells nothing of 
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from estimator.stillness import Window
 Floats = NDArray[np.float64]
 #: a window, and whether it is still for all that is known of those around it
 Judged = tuple[Window, bool]
+#: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
+_COARSEST = radians(2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,20 +104,25 @@ class Seconds:
         time, gyro = np.concatenate([w.time for w in windows]), np.concatenate([w.gyro for w in windows])
         forces = [w.accel for w in windows if w.accel is not None]
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
-        first = self._last_time if np.isfinite(self._last_time) else time[0] - float(np.median(np.diff(time)))
-        dt = np.diff(time, prepend=first)
+        first = self._last_time if isfinite(self._last_time) else float(time[0] - np.median(np.diff(time)))
+        dt = time.copy()
+        dt[1:] -= time[:-1]
+        dt[0] -= first
         self._last_time = float(time[-1])
         mean, std = spread(gyro)
         accel_mean, accel_std = (None, None) if accel is None else spread(accel)
-        step = least_step(gyro)
-        self._step = np.minimum(self._step, step)
+        if float(std.min()) < _COARSEST or not np.isfinite(self._step).all():
+            step = least_step(gyro)
+            self._step = np.minimum(self._step, step)
+        else:
+            step = self._step  # none could be told from noise
         if still and not self._noisy.all():
             # From one reading to the next: a slow sway is no noise.
             self._noisy |= spread(np.diff(gyro, axis=0))[1] > np.sqrt(2) * self._step
-        flaw = self._flaw(windows, dt, gyro, noise_std)
+        flaw = self._flaw(windows, dt, gyro, std, noise_std)
         return Second(
-            start=float(first),
-            end=float(time[-1]),
+            start=first,
+            end=self._last_time,
             dt=dt,
             gyro=gyro,
             accel=accel,
@@ -127,11 +135,13 @@ class Seconds:
             accel_std=accel_std,
         )
 
-    def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, noise_std: Floats) -> str:
+    def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, std: Floats, noise_std: Floats) -> str:
         if np.concatenate([window.clipped for window in windows]).any():
             return "clipped"
         if dt.max() > self.knobs.gap_s:
             return "gap"
+        if float(std.min()) > 1e-9:
+            return ""
         # A gyro coarser than its noise may well repeat itself at rest; one that showed noise before may not.
         noisy = self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6)
         return "stuck" if ((gyro == gyro[0]).all(axis=0) & noisy).any() else ""

@@ -7,7 +7,7 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import ceil, radians
+from math import ceil, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,8 @@ class Zaru:
 
     def __init__(self, knobs: ZaruKnobs | None = None) -> None:
         self.knobs = knobs or ZaruKnobs()
-        self._means: deque[tuple[Floats, Floats]] = deque(maxlen=_RECENT)  # of quiet seconds, with their variance
+        self._means = np.zeros((_RECENT, 2, 3))  # of the latest quiet seconds, with their variance
+        self._quiet = 0  # how many there have been in a row
         self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
         self._quiet_until = np.inf
         self._rests = 0  # seconds in a row
@@ -80,7 +81,7 @@ class Zaru:
 
     def moved(self, bias: BiasFilter) -> None:
         """What was seen of a rest is over."""
-        self._means.clear()
+        self._quiet = 0
         self._held.clear()
         self._tilted = False
         self._rests, self._in_question = 0, 0.0
@@ -102,7 +103,8 @@ class Zaru:
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
-        self._means.append((second.mean, mean_var(second.std, second.step, len(second))))
+        self._means[self._quiet % _RECENT] = second.mean, mean_var(second.std, second.step, len(second))
+        self._quiet += 1
         self._watch_tilt(second)
         if second.start - self._quiet_until >= self.knobs.gap_s:
             self._gap_s, self._surprised = second.start - self._quiet_until, set()
@@ -112,15 +114,15 @@ class Zaru:
         return resting
 
     def _calm(self) -> bool:
-        if len(self._means) < 3:
+        if self._quiet < 3:
             return True
-        means, variances = np.array(self._means).swapaxes(0, 1)
-        noise = variances.mean(axis=0) + self.knobs.quasi_static**2
-        return bool((spread(means)[1] ** 2 < self.knobs.scatter * noise).all())
+        means = self._means[: self._quiet]
+        noise = np.add.reduce(means[:, 1]) / len(means) + self.knobs.quasi_static**2
+        return bool((spread(means[:, 0])[1] ** 2 < self.knobs.scatter * noise).all())
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
-        proven = len(self._means) >= self.knobs.proven_after
+        proven = self._quiet >= self.knobs.proven_after
         motion = self.knobs.quasi_static if proven else self.knobs.unproven
         var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
@@ -200,7 +202,7 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
-        if evidence.kind in self._surprised or len(self._means) < self.knobs.proven_after:
+        if evidence.kind in self._surprised or self._quiet < self.knobs.proven_after:
             return
         self._surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
@@ -235,13 +237,13 @@ class Zaru:
         mean, std = second.accel_mean, second.accel_std
         if mean is None or std is None:
             return
-        var = float(np.mean(std**2)) / len(second) + knobs.accel_floor**2
+        var = float(std @ std) / (3 * len(second)) + knobs.accel_floor**2
         now = (second.start + second.end) / 2
         while self._held and now - self._held[0][0] > knobs.tilt_s:
             self._held.popleft()
         if self._held:
             since, first, first_var = self._held[0]
-            error = np.sqrt(var + first_var) / float(np.linalg.norm(mean))
+            error = sqrt((var + first_var) / float(mean @ mean))
             if angle_between(first, mean) > knobs.tilt_sigmas * error:
                 self._tilted = True
                 self._held.clear()
