@@ -1,6 +1,8 @@
 """What is applied to readings, and how sure it is: chosen from all that is known of a device, applied to a run of samples."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +11,20 @@ from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBat
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 
 Floats = NDArray[np.float64]
+Float32s = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class Told(NamedTuple):
+    """What every CorrectedBatch says of its parameters: (3,) each, of corrected rates but for the bias."""
+
+    noise_std: Float32s
+    bias_std: Float32s
+    scale_std: Float32s
+    cross_std: Float32s
+    bias: Float32s
+
+
+@dataclass(frozen=True, eq=False)
 class Correction:
     """One set of parameters: everything a CorrectedBatch carries beside its samples. bias_std (3,) rad/s."""
 
@@ -19,6 +32,13 @@ class Correction:
     bias_std: Floats
     quality: Quality
     calibration: str
+
+    @cached_property
+    def told(self) -> Told:
+        """As all batches that it corrects say it: the very same arrays."""
+        model = self.model
+        noise, bias = model.corrected_std(np.array([model.noise_std, self.bias_std]))
+        return Told(*(c.astype(np.float32) for c in (noise, bias, model.scale_std, model.cross_std, model.bias)))
 
     def same(self, other: "Correction") -> bool:
         """Whether both correct alike, to the last bit."""
@@ -50,11 +70,7 @@ class Correction:
             rate=model.correct(batch.gyro[part].astype(float)).astype(np.float32),
             flags=batch.flags[part],
             quality=self.quality,
-            noise_std=model.corrected_std(model.noise_std).astype(np.float32),
-            bias_std=model.corrected_std(self.bias_std).astype(np.float32),
-            scale_std=model.scale_std.astype(np.float32),
-            cross_std=model.cross_std.astype(np.float32),
-            bias=model.bias.astype(np.float32),
+            **self.told._asdict(),
             calibration=self.calibration,
         )
 

@@ -85,8 +85,8 @@ class GyroModel:
         return corrected(reading, self.matrix, self.bias)
 
     def corrected_std(self, reading_std: Floats) -> Floats:
-        """(3,) standard deviation that independent errors of the reading (3,) leave in the corrected rate."""
-        return np.sqrt(self.matrix**2 @ np.square(reading_std))
+        """(…, 3) standard deviation that independent errors of the reading (…, 3) leave in the corrected rate."""
+        return np.sqrt(np.square(reading_std) @ (self.matrix**2).T)
 
 
 @dataclass(frozen=True, slots=True)

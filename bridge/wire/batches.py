@@ -75,15 +75,13 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class Stencil:
-    """Encodes corrected batches that differ from a first one in their samples only, and carry no flags."""
+    """Encodes corrected batches that differ from a first one in their samples only."""
 
     def __init__(self, first: CorrectedBatch) -> None:
-        self.boot = first.boot
         self._message = _corrected(first)
-        self._message.flags = b""
 
-    def encode(self, samples: SampleBatch, rate: Float32s) -> bytes:
-        """The payload for the samples of a batch; rate (n, 3), C-contiguous."""
+    def encode(self, samples: SampleBatch | CorrectedBatch, rate: Float32s) -> bytes:
+        """The payload for the samples of a batch; rate (n, 3), little-endian."""
         message = self._message
         message.sequence = samples.sequence
         message.start_time_ns = samples.start_time_ns
@@ -91,6 +89,7 @@ class Stencil:
         message.clock_rate = samples.clock_rate
         message.ticks = samples.ticks.tobytes()
         message.rate = rate.tobytes()
+        message.flags = _packed_flags(samples.flags)
         return message.SerializeToString()
 
 

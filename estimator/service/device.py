@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.batches import Stencil
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
-from estimator.correction import Correction
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
@@ -43,8 +41,7 @@ class Device:
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
         self._put_corrected: Callable[[bytes], None] = _nowhere
-        self._stencil: Stencil | None = None
-        self._stencil_of: Correction | None = None
+        self._encoder = published.Encoder()
 
     @property
     def announced(self) -> bool:
@@ -64,7 +61,7 @@ class Device:
                 return
             batches, self._waiting = self._waiting, []
         for batch in batches:
-            self._publishers["corrected"].put(codec.encode_corrected(published.corrected(batch)))
+            self._put_corrected(self._encoder.encode(batch))
             self._published(len(batch))
 
     def say_whole(self, batch: SampleBatch) -> None:
@@ -73,10 +70,7 @@ class Device:
 
     def say_rates(self, batch: SampleBatch, rate: NDArray[np.float32]) -> None:
         """Publish a whole batch as the session now applies it; rate (n, 3) are its corrected rates, little-endian."""
-        applied = self.session.applied
-        if self._stencil is None or applied is not self._stencil_of or batch.boot != self._stencil.boot:
-            self._stencil, self._stencil_of = Stencil(published.corrected(applied.apply(batch, 0, len(batch)))), applied
-        self._put_corrected(self._stencil.encode(batch, rate))
+        self._put_corrected(self._encoder.encode_rates(self.session.applied, batch, rate))
         self._published(len(rate))
 
     def _published(self, n: int) -> None:

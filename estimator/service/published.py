@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire import checks
-from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD
-from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag, Status
+from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
+from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
+from estimator.correction import Correction
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -47,6 +48,28 @@ def corrected(batch: CorrectedBatch) -> CorrectedBatch:
         scale_std=_clipped(batch.scale_std, 0.0, MAX_STD),
         bias=_clipped(batch.bias, -MAX_RATE, MAX_RATE),
     )
+
+
+class Encoder:
+    """Corrected batches of one device to payloads fit for the wire; what they have in common is encoded when it changes."""
+
+    def __init__(self) -> None:
+        self._stencil: Stencil | None = None
+        self._bias: NDArray[np.float32] | None = None  # of the batches that fit the stencil: the very array
+
+    def encode(self, batch: CorrectedBatch) -> bytes:
+        """The payload of a batch."""
+        if self._stencil is not None and batch.bias is self._bias and np.abs(batch.rate).max() <= MAX_CORRECTED:
+            return self._stencil.encode(batch, batch.rate)
+        fit = corrected(batch)
+        self._stencil, self._bias = Stencil(fit), batch.bias
+        return self._stencil.encode(fit, fit.rate)
+
+    def encode_rates(self, applied: Correction, batch: SampleBatch, rate: NDArray[np.float32]) -> bytes:
+        """The same of a whole batch, its corrected rates (n, 3) within the wire's range and little-endian."""
+        if self._stencil is not None and applied.told.bias is self._bias:
+            return self._stencil.encode(batch, rate)
+        return self.encode(applied.apply(batch, 0, len(batch)))
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
