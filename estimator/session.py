@@ -191,10 +191,14 @@ class DeviceSession:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""
         return (last_s + self._clock_shift) // BLOCK_S != self._block_number
 
-    def keep(self, batch: SampleBatch) -> None:
-        """Take a plain batch that ends no block; it is to be corrected by `applied`, which is all that `handle` would do."""
+    def keep(self, batch: SampleBatch, time: Floats) -> None:
+        """Take a plain batch that ends no block, taken at time (n,) by the device's clock.
+
+        It is to be corrected by `applied`, which is all that `handle` would do.
+        """
         self._went_on(batch)
-        time = batch.device_time + self._clock_shift
+        if self._clock_shift:
+            time = time + self._clock_shift
         self._block.add(time, batch, 0, len(time))
         self._latest = float(time[-1])
 
@@ -233,7 +237,8 @@ class DeviceSession:
         if self._first_time is None:
             self._first_time = float(time[0])
         blocks = time // BLOCK_S
-        edges = (np.flatnonzero(np.diff(blocks, prepend=self._block_number))).tolist()
+        edges = [] if blocks[0] == self._block_number else [0]
+        edges += ((blocks[1:] != blocks[:-1]).nonzero()[0] + 1).tolist()
         self._block_number = int(blocks[-1])
         start = held = 0
         for edge in edges:
@@ -439,9 +444,10 @@ class DeviceSession:
     def _correction(self) -> Correction:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
-        best = choose(self._belief, track.bias, track.std, noise_std, sure=track.sure)
-        lost = self.life.state is State.LOST
-        doubtful = lost or self.tracker.doubted or bool(np.any(best.bias_std >= self.knobs.track.bias_std))
+        std = track.std
+        sure = bool((std < self.knobs.track.bias_std).all())
+        best = choose(self._belief, track.bias, std, noise_std, sure=sure)
+        doubtful = self.life.state is State.LOST or track.doubted or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
     def _as_message(self, result: Result) -> Calibration:

@@ -150,7 +150,8 @@ def _packed(column: NDArray[np.generic], dtype: str) -> bytes:
 
 
 def _packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    return _packed(flags, "<u4") if flags.any() else b""
+    packed = _packed(flags, "<u4")
+    return packed if packed.strip(b"\0") else b""
 
 
 def _ticks(column: bytes) -> NDArray[np.uint64]:

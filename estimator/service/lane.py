@@ -84,8 +84,9 @@ class Lane:
                 batch = _plain(device, bridge, raw, whole)
                 if batch is not None:
                     self._count(raw.n)
-                    if not device.session.ends_block(float(whole.time[raw.begin + raw.n - 1])):
-                        if self._guarded(device, partial(_keep, device, batch)):
+                    taken = whole.time[raw.begin : raw.begin + raw.n]
+                    if not device.session.ends_block(float(taken[-1])):
+                        if self._guarded(device, partial(_keep, device, batch, taken)):
                             going.setdefault(message.key, []).append((device, batch))
                         continue
                     self._send(going.pop(message.key, []))
@@ -132,9 +133,9 @@ class Lane:
             )
 
 
-def _keep(device: Device, batch: SampleBatch) -> None:
+def _keep(device: Device, batch: SampleBatch, taken: Floats) -> None:
     _heard(device, batch)
-    device.session.keep(batch)
+    device.session.keep(batch, taken)
 
 
 def _heard(device: Device, batch: SampleBatch) -> None:

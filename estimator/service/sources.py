@@ -57,7 +57,7 @@ class Source:
         self._owned_s = silence_s + OWNED_S
         self._heard_s = float("-inf")
         self._others: set[str] = set()
-        self._mark: _Mark | None = None
+        self._latest: tuple[SampleBatch, float] | None = None
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
 
     def owns(self, bridge: str, heard_s: float) -> bool:
@@ -83,7 +83,7 @@ class Source:
         """A batch of the owner's came that only goes on."""
         self._heard_s = heard_s
         self._refused = 0
-        self._mark = _marked(batch, heard_s)
+        self._latest = batch, heard_s
 
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
@@ -98,21 +98,23 @@ class Source:
             else:
                 ruling = Ruling.REPEAT
         self._refused = 0
-        self._mark = _marked(batch, heard_s)
+        self._latest = batch, heard_s
         return ruling
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         boots = sequence.is_new_boot(batch.boot)
         if not boots and (batch.boot != sequence.boot or not sequence.follows(batch)):
             return Ruling.LATE
-        if not _publishable(batch) or self._leaps(batch, None if boots else self._mark, heard_s):
+        if not _publishable(batch) or self._leaps(batch, heard_s, anew=boots):
             return Ruling.RANGE
         return Ruling.BOOT if boots else Ruling.TAKE
 
-    def _leaps(self, batch: SampleBatch, mark: _Mark | None, heard_s: float) -> bool:
+    def _leaps(self, batch: SampleBatch, heard_s: float, *, anew: bool) -> bool:
         begin_s = int(batch.ticks[0]) * batch.tick_period_s
         end_s = int(batch.ticks[-1]) * batch.tick_period_s
-        mark = mark or _Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
+        mark = _Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
+        if self._latest is not None and not anew:
+            mark = _marked(*self._latest)
         # A host's clock may be set back between two batches; ours cannot.
         passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
         device_s = passed_s / min(1.0, batch.clock_rate)

@@ -139,12 +139,12 @@ class Tracker:
     @property
     def std(self) -> Floats:
         """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
-        return np.asarray(np.sqrt(np.diag(self._filter.cov)[BIAS]) * self._consistency.inflation)
+        return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self._consistency.inflation)
 
     @property
     def sure(self) -> bool:
         """Whether anything worth telling is known of this boot's bias."""
-        return bool(np.all(self.std < self.knobs.bias_std))
+        return bool((self.std < self.knobs.bias_std).all())
 
     @property
     def consistency(self) -> Consistency:
@@ -299,8 +299,8 @@ class Tracker:
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
         """All that a whole second says of the bias; receipts of rest."""
-        quiet = bool(np.all(second.std < self.knobs.quiet_gyro)) and (
-            second.accel_std is None or bool(np.all(second.accel_std < self.knobs.quiet_accel))
+        quiet = float(second.std.max()) < self.knobs.quiet_gyro and (
+            second.accel_std is None or float(second.accel_std.max()) < self.knobs.quiet_accel
         )
         resting = quiet and self._zaru.at_rest(second)
         if span is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
@@ -82,9 +83,9 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
     fast = Counter[str]()
     keep = DeviceSession.keep
 
-    def counted(self: DeviceSession, batch: SampleBatch) -> None:
+    def counted(self: DeviceSession, batch: SampleBatch, taken: NDArray[np.float64]) -> None:
         fast["kept"] += 1
-        keep(self, batch)
+        keep(self, batch, taken)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DeviceSession, "keep", counted)
