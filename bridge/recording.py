@@ -25,6 +25,7 @@ from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
+from bridge.wording import count
 
 __all__ = ["Recording", "RecordingError", "load"]
 
@@ -117,7 +118,7 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
         raise RecordingError(f"{path}: there are no samples of {name!r} in it; it has {', '.join(found)}")
     boots = found[name]
     if boot is None and len(boots) > 1:
-        said = ", ".join(f"{one.number} ({len(one)} samples, {one.time_s[-1]:.0f} s)" for one in boots)
+        said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
         raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
     if boot is not None and not 1 <= boot <= len(boots):
         raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
@@ -126,7 +127,7 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
 
 def _of_stretch(path: Path, of: Stretch) -> Recording:
     if len(of) < 2:
-        raise RecordingError(f"{path}: {len(of)} samples of {of.device}; at least 2 are needed")
+        raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
     return Recording(
         time_s=of.time_s,
         gyro=of.gyro.astype(np.float64),
@@ -195,11 +196,11 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     for name, column in columns.items():
         if column.shape != shapes[name]:
             raise RecordingError(
-                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {n} samples"
+                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {count(n, 'sample')}"
             )
         _check_values(path, name, column)
     if n < 2:
-        raise RecordingError(f"{path}: {n} samples; at least 2 are needed")
+        raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
     if rate is not None and not 0.1 <= rate <= 100_000:
         raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")

@@ -12,6 +12,7 @@ from bridge.readings import PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
 from bridge.wire.refusal import Tally
+from bridge.wording import count
 from estimator import smoothed
 from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
@@ -146,7 +147,9 @@ class _Pass:
     def corrected(self) -> Corrected:
         last, rows, session = self._last, self.rows, self._session
         if last is None or rows.filled != len(self._recording):
-            raise RuntimeError(f"{self._recording.name}: {rows.filled} of {len(self._recording)} samples came out")
+            raise RuntimeError(
+                f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
+            )
         matrix = self._matrices[last.calibration]
         if self._smooth:
             smoothed.smooth_rows(rows, self._recording, session, last, matrix)

@@ -56,15 +56,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "recording",
         help="look into recordings of a ward, mend and export them",
         description="Example: truerate recording info ward-3-20260801T101500Z.mcap",
+        epilog="`truerate bridge replay FILE` plays one as if it were the ward; `calibrate`, `correct` and `allan` take one too.",
     )
     inner = recording.add_subparsers(metavar="VERB", required=True)
     verb = _verb(inner, "info", _info, "devices, boots, rates, gaps, calibrations and notes")
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-
-    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
-    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
-    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
 
     verb = _verb(inner, "export", _export, "as .npz, .csv or BIDS-Motion", EXPORT)
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
@@ -75,6 +72,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--subject", default="01", help="of a BIDS dataset: a pseudonym (default: %(default)s)")
     verb.add_argument("--session", default="", help="of a BIDS dataset (default: none)")
     verb.add_argument("--task", default="ward", help="of a BIDS dataset (default: %(default)s)")
+
+    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
+    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
 
 
 def _verb(
@@ -102,7 +103,7 @@ def _record(given: argparse.Namespace) -> int:
         settings = options({**_table(root.recorder), **said}, Recorder)
         endpoints = check_endpoints(given.connect, "--connect") if given.connect else root.bus.connect
     except ValueError as error:
-        raise ConfigError(f"truerate record: {error}") from None
+        raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     return record(

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from bridge.console import plain_console
 from bridge.record.recorder import WardRecorder
+from bridge.wording import count
 
 _EVERY_S = 60.0
 _SILENT_S = 3.0
@@ -27,12 +28,12 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) ->
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
     parts = [
         f"{_clock(elapsed_s)}",
-        f"{len(account.heard)} devices" + (f" ({silent} silent)" if silent else ""),
+        count(len(account.heard), "device") + (f" ({silent} silent)" if silent else ""),
         f"{account.raw:,} samples, {account.corrected:,} corrected",
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(f"{missed} messages missed on the bus")
+        parts.append(f"{count(missed, 'message')} missed on the bus")
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.not_recorded:

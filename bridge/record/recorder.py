@@ -19,6 +19,7 @@ from bridge.record.tape import Item, Output, Tape
 from bridge.wire import keys
 from bridge.wire.messages import CorrectedBatch, SampleBatch
 from bridge.wire.refusal import Refusal, Tally
+from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 
@@ -230,5 +231,7 @@ class WardRecorder:
         self.account.trouble = ""
         if self._tape is not None:
             _log.warning(
-                "recording again, into %s; %d messages were not", self._tape.output.path, self.account.not_recorded
+                "recording again, into %s; %s not recorded",
+                self._tape.output.path,
+                count(self.account.not_recorded, "message"),
             )

@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bridge.wording import count
 from estimator.database import salvage, wal
 from estimator.database.connection import FAULTS, beside, connect
 from estimator.database.errors import StoreError
@@ -37,7 +38,7 @@ def inspect(path: Path) -> Inspection:
         lost = _lost(path.with_name(path.name + "-wal"))
         if head and not salvage.is_ours(head):
             raise StoreError(f"{path} is not a store of truerate's")
-        return _inspected(path, head, [f"the last {lost} writes in its log cannot be read"] if lost else [])
+        return _inspected(path, head, [f"of its log {count(lost, 'write')} at the end cannot be read"] if lost else [])
     except FileNotFoundError:
         raise StoreError(f"store {path}: there is no such file") from None
     except OSError as error:

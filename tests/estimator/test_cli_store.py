@@ -132,7 +132,7 @@ def test_check_says_what_is_whole(store: Store, capsys: pytest.CaptureFixture[st
     assert main(["store", "check", "--store", store.path]) == 0
     said = capsys.readouterr().out
     assert "3 calibrations" in said
-    assert "18 bias history" in said
+    assert "18 points of bias history" in said
     assert "every row is whole" in said
     assert Path(store.path).read_bytes() == before
 

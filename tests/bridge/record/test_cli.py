@@ -160,10 +160,19 @@ def test_a_torn_or_flipped_file_gives_what_it_has(
         assert "Traceback" not in said.err
 
 
+def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        main(["recording", "--help"])
+    said = capsys.readouterr().out
+    places = [said.index(f"\n    {verb} ") for verb in ("info", "export", "recover")]
+    assert places == sorted(places)
+    assert "truerate bridge replay" in said
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["record", "--rotate", "soon"], 2, "rotate is 'soon'; a time such as 90s"),
+        (["record", "--rotate", "soon"], 2, "truerate: record: rotate is 'soon'; a time such as 90s"),
         (["record", "--connect", "here"], 2, "--connect"),
         (["record", "--seconds", "0"], 2, "--seconds is 0"),
         (["record", "--ward", "Ward 3"], 2, "ward 'Ward 3' is not valid"),
