@@ -115,7 +115,8 @@ def _history(given: argparse.Namespace) -> int:
             console.print()
     if not found:
         when = f" since {given.since}" if given.since else ""
-        raise ConfigError(f"{store.path} has nothing of {device}{when}; it has {', '.join(known) or 'nothing at all'}")
+        others = f"it has {', '.join(known)}" if known else "no device has been heard by its estimator yet"
+        raise ConfigError(f"{store.path} has nothing of {device}{when}; {others}")
     if given.plot is not None:
         from estimator import figures  # noqa: PLC0415
 

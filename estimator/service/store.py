@@ -1,10 +1,11 @@
 """What the estimator keeps of a ward: calibrations, boots, the history of biases, and an audit of commands.
 
-Append-only but for the latest bias of each boot. Every row is sealed (estimator/database): what was damaged on disk is
-refused and reported, never used.
+Append-only but for the latest bias of each boot, and for an audit that would grow without end. Every row is sealed
+(estimator/database): what was damaged on disk is refused and reported, never used.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -16,7 +17,7 @@ import numpy as np
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
-from estimator.database import Change, Database, Row, StoreError
+from estimator.database import Change, Database, Row, StoreError, Trim
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -25,6 +26,8 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
+#: of each device the audit keeps about so many lines, those of years; looked after every so many
+AUDITED, _LOOKED_AFTER = 10_000, 100
 
 
 class Store:
@@ -32,6 +35,7 @@ class Store:
 
     def __init__(self, path: Path | str, *, patient: bool = False) -> None:
         self.database = Database(path, patient=patient)
+        self._audited: Counter[str] = Counter()
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
@@ -88,7 +92,9 @@ class Store:
         """Append what was asked of the estimator, or what it refused, and what came of it."""
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         row |= {"reason": reason, "accepted": int(accepted), "message": message}
-        self.database.write(Change("audit", row))
+        trims = [] if self._audited[device] % _LOOKED_AFTER else [Trim("audit", "device", device, AUDITED)]
+        self.database.write(Change("audit", row), *trims)
+        self._audited[device] += 1
 
     # ---- what is known ----------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ import pytest
 from bridge.wire.messages import Calibration, Verdict
 from estimator.database import APPLICATION_ID, SCHEMA_VERSION
 from estimator.database.database import RETRY_S
+from estimator.service import store as service_store
 from estimator.service.store import Store, StoreError
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
@@ -237,6 +238,21 @@ def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") == (True, "done")
     assert store.answer(NAME, "cancel", "r2") == (False, "nothing to cancel")
     assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
+
+
+def test_an_audit_keeps_the_latest_of_each_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service_store, "AUDITED", 50)
+    monkeypatch.setattr(service_store, "_LOOKED_AFTER", 10)
+    for run in range(2):  # restarts do not matter
+        store = Store(tmp_path / "a.sqlite3")
+        store.add_audit(run, "other", "note", f"other-{run}", "nurse", "", "noted", accepted=True)
+        for n in range(100 * run, 100 * run + 100):
+            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", "noted", accepted=True)
+        kept = [row["time_ns"] for row in store.database.rows("audit", "device = ?", (NAME,))]
+        assert 50 <= len(kept) < 60
+        assert kept == list(range(100 * run + 100 - len(kept), 100 * run + 100))
+        assert store.answer("other", "note", "other-0") is not None
+        store.close()
 
 
 def test_its_settings_survive_a_kill(store: Store) -> None:
