@@ -23,13 +23,12 @@ from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
+from estimator.same_rate import same_rate
 from estimator.session import DeviceSession, Outcome, Remembered, SessionKnobs
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
 BATCH_S = 1.0
-#: a calibration and a recording whose rates differ by more than this (relative) are not of one boot
-SAME_RATE = 0.05
 _BOOT = 1
 
 
@@ -182,7 +181,7 @@ def _known(calibration: Calibration | Result | None) -> Calibration | None:
 
 def _foreign(known: Calibration, recording: Recording) -> str | None:
     """Why a calibration cannot be of the recording's boot."""
-    if known.rate_hz and abs(recording.rate_hz / known.rate_hz - 1) > SAME_RATE:
+    if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
         return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
     return None
 

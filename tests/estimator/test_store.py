@@ -123,6 +123,16 @@ def test_a_device_with_a_clock_may_have_been_calibrated_at_another_rate(store: S
     assert same(store.prior(replace(info(boot=2), rate_hz=26.0)), GOOD)
 
 
+def test_a_device_without_a_clock_is_found_again_by_a_rate_that_is_estimated_anew(store: Store) -> None:
+    store.add_calibration(GOOD)
+    store.add_boot(replace(info(1), has_clock=False), 5)
+    store.save_bias(NAME, 1, 6, BIAS, history=True)
+    this = replace(info(boot=2), has_clock=False, rate_hz=GOOD.rate_hz * 1.007)
+    assert same(store.prior(this), GOOD)
+    assert len(store.points(this)) == 1
+    assert store.prior(replace(this, rate_hz=GOOD.rate_hz * 1.03)) is None
+
+
 def test_the_prior_is_the_latest(store: Store) -> None:
     for n in (1, 3, 2):
         store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=n))
