@@ -25,6 +25,7 @@ from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
+from bridge.wire.messages import Calibration
 from bridge.wording import count
 
 __all__ = ["Recording", "RecordingError", "load"]
@@ -48,6 +49,8 @@ class Recording:
     """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
 
     rate_hz: as the file says, or the median of the steps of time. gyro_range: full scale, rad/s; 0 when unknown.
+    made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
+    of its first sample.
     """
 
     time_s: Floats
@@ -57,6 +60,8 @@ class Recording:
     rate_hz: float
     name: str
     gyro_range: float = 0.0
+    made: tuple[Calibration, ...] = ()
+    begin_ns: int = 0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -91,7 +96,7 @@ def load(
     if path.suffix == ".part":
         raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
     if path.suffix == ".mcap":
-        return _of_stretch(path, _chosen(path, device, boot))
+        return _of_stretch(path, *_chosen(path, device, boot))
     if device is not None or boot is not None:
         raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
     if path.suffix == ".npz":
@@ -103,8 +108,8 @@ def load(
     return _checked(path, columns, rate_hz)
 
 
-def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
-    """One boot of one device of a ward's recording."""
+def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
+    """One boot of one device of a ward's recording, and its calibrations."""
     recorded = stretches.read([path], corrected=False)
     for words in recorded.trouble:
         _log.warning("%s", words)
@@ -122,10 +127,11 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
         raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
     if boot is not None and not 1 <= boot <= len(boots):
         raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
-    return boots[0 if boot is None else boot - 1]
+    chosen = boots[0 if boot is None else boot - 1]
+    return chosen, recorded.calibrations_of(chosen)
 
 
-def _of_stretch(path: Path, of: Stretch) -> Recording:
+def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
     if len(of) < 2:
         raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
     return Recording(
@@ -136,6 +142,8 @@ def _of_stretch(path: Path, of: Stretch) -> Recording:
         rate_hz=of.rate_hz,
         name=f"{path.stem}_{of.device}",
         gyro_range=of.info.gyro_range if of.info else 0.0,
+        made=tuple(made),
+        begin_ns=int(of.time_ns[0]),
     )
 
 

@@ -27,8 +27,10 @@ ways:
   --smooth    each row says what is known in the end: later rests improve the bias before them, and a calibration within
               the recording is used for all of it.
 calibrations:
-  The first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
-  device (it has not been switched off since): its scale is used at once, its bias is doubted until a rest confirms it.
+  Of a ward's recording (.mcap) the calibration that this very boot had when it began, if it had one, is used, and said. Else
+  the first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
+  device (it has not been switched off since). Of one made before the scale is used at once, the bias is doubted until a
+  rest confirms it.
   After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten.
 examples:
   truerate correct day.npz corrected.npz

@@ -75,11 +75,11 @@ def correct(
     """Correct a recording as the service would have, row for row what was known when the sample came.
 
     calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
-    one: then its scale is a prior, its bias forgotten. Without it the first calibration within the recording is used from
-    there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it
-    begins when the device was switched on, so that its bias may warm up though no temperature tells of it.
-    batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
-    knobs: by default as a ward treats a device of an unknown kind.
+    one: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had as it began
+    (Recording.made), else the first whose turns are within the recording, from there on. smooth: the whole recording is
+    used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it begins when the device was switched on, so
+    that its bias may warm up though no temperature tells of it. batch: samples handed over at a time, no matter for the
+    result; progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
@@ -88,13 +88,32 @@ def correct(
         knobs = replace(knobs, track=replace(knobs.track, bias=cool))
     if smooth:
         knobs = smoothed.remembering(knobs)
-    pass_ = _Pass(recording, knobs, _known(calibration), smooth=smooth, other_boot=other_boot)
-    for samples in _batches(recording, gyro_range, batch or max(1, round(BATCH_S * recording.rate_hz))):
-        pass_.take(samples)
-        if progress is not None:
-            progress(pass_.rows.filled, len(recording))
-    pass_.over()
-    return pass_.corrected()
+    size = batch or max(1, round(BATCH_S * recording.rate_hz))
+
+    def passed(known: Calibration | None, said: str = "") -> Corrected:
+        pass_ = _Pass(recording, knobs, known, said, smooth=smooth, other_boot=other_boot)
+        for samples in _batches(recording, gyro_range, size):
+            pass_.take(samples)
+            if progress is not None:
+                progress(pass_.rows.filled, len(recording))
+        pass_.over()
+        return pass_.corrected()
+
+    if calibration is not None or not recording.made:
+        return passed(_known(calibration))
+    before = [one for one in recording.made if one.time_ns <= recording.begin_ns]
+    if before:
+        later = count(len(recording.made) - len(before), "later one")
+        return passed(
+            before[-1], f"calibration {before[-1].id} of this boot, which is in the recording, is used; {later} not"
+        )
+    if (found := passed(None)).calibration:
+        return found
+    # Made while this was recorded, and yet not all of its turns are here.
+    first = recording.made[0]
+    return passed(
+        first, f"calibration {first.id} of this boot, which is in the recording without all of its turns, is used"
+    )
 
 
 class _Pass:
@@ -105,22 +124,25 @@ class _Pass:
         recording: Recording,
         knobs: SessionKnobs,
         known: Calibration | None,
+        own: str,
         *,
         smooth: bool,
         other_boot: bool,
     ) -> None:
+        """own: what to say of a calibration of the recording's own boot; empty for one from elsewhere."""
         self.rows = Rows(len(recording))
         self._recording = recording
         self._session = DeviceSession("recorded", knobs)
         self._session.info = _info(recording)
         self._smooth = smooth
-        self._said: list[str] = []
+        self._said: list[str] = [own] if own else []
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
         remembered = None
         if known is not None:
-            if not other_boot and (why := _foreign(known, recording)) is not None:
+            other_boot = other_boot and not own
+            if not own and not other_boot and (why := _foreign(known, recording)) is not None:
                 self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
                 other_boot = True
             remembered = Remembered(replace(known, boot=_BOOT + other_boot), None)
