@@ -68,9 +68,9 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         help="kind of device, of configs/devices or a file (default: %(default)s)",
     )
     verb.add_argument(
-        "--from-power-up",
+        "--warmed-up",
         action="store_true",
-        help="the recording begins when the device was switched on: its bias warms up",
+        help="the device had been on, and worn, for a quarter of an hour; else its bias may warm up, where no temperature tells",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
@@ -102,7 +102,7 @@ def _correct(given: argparse.Namespace) -> None:
             calibration,
             knobs_of(model),
             smooth=given.smooth,
-            from_power_up=given.from_power_up,
+            warmed_up=given.warmed_up,
             other_boot=given.other_boot,
             gyro_range=gyro_range(given, recording),
             progress=bar.on("correcting"),

@@ -68,7 +68,7 @@ def correct(
     smooth: bool = False,
     other_boot: bool = False,
     gyro_range: float = 0.0,
-    from_power_up: bool = False,
+    warmed_up: bool = False,
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Corrected:
@@ -77,13 +77,14 @@ def correct(
     calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
     one: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had as it began
     (Recording.made), else the first whose turns are within the recording, from there on. smooth: the whole recording is
-    used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it begins when the device was switched on, so
-    that its bias may warm up though no temperature tells of it. batch: samples handed over at a time, no matter for the
-    result; progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
+    used for every row. gyro_range in rad/s, 0 when unknown. warmed_up: the device had been on and worn for a quarter of an
+    hour as it began; else its bias may warm up from there on where no temperature tells of it, as live. batch: samples
+    handed over at a time, no matter for the result; progress(done, n) is called after each. knobs: by default as a ward
+    treats a device of an unknown kind.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
-    if not from_power_up:
+    if warmed_up:
         cool = replace(knobs.track.bias, warm_up_walk=0.0)
         knobs = replace(knobs, track=replace(knobs.track, bias=cool))
     if smooth:
@@ -103,10 +104,9 @@ def correct(
         return passed(_known(calibration))
     before = [one for one in recording.made if one.time_ns <= recording.begin_ns]
     if before:
-        later = count(len(recording.made) - len(before), "later one")
-        return passed(
-            before[-1], f"calibration {before[-1].id} of this boot, which is in the recording, is used; {later} not"
-        )
+        later = len(recording.made) - len(before)
+        said = f"calibration {before[-1].id} of this boot, which is in the recording, is used"
+        return passed(before[-1], said + (f"; {count(later, 'later one')} not" if later else ""))
     if (found := passed(None)).calibration:
         return found
     # Made while this was recorded, and yet not all of its turns are here.

@@ -33,7 +33,9 @@ def show(console: Console, survey: Survey) -> None:
     for name, device in survey.devices.items():
         for boot in device.boots.values():
             if boot.alone:
-                line = f"{count(boot.alone, 'corrected rate')} of boot {boot_id(boot.boot)[:8]}, without its readings"
+                line = (
+                    f"{count(boot.alone, 'corrected rate')} of boot {boot_id(boot.boot)[:8]} beyond the readings here"
+                )
                 console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
         for line in _told(device):
             console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
