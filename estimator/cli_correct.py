@@ -2,15 +2,11 @@
 
 import argparse
 import json
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Self
-
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from bridge.progress import Bar
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import add_choice, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
@@ -38,8 +34,6 @@ examples:
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
   truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
 
-#: a bar is shown for what takes longer
-_PATIENCE_S = 2.0
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -96,7 +90,7 @@ def _correct(given: argparse.Namespace) -> None:
     _check_picture(given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
-    with _Bar() as bar:
+    with Bar() as bar:
         corrected = correct(
             recording,
             calibration,
@@ -129,33 +123,3 @@ def _check_picture(picture: Path | None) -> None:
         raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
     if picture is not None and not picture.parent.is_dir():
         raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
-
-
-class _Bar:
-    """A progress bar on standard error, of a terminal only, and only when somebody would wait for it."""
-
-    def __init__(self) -> None:
-        self._console = plain_console(stderr=True)
-        self._began = time.monotonic()
-        self._shown: Progress | None = None
-
-    def on(self, what: str) -> Callable[[int, int], None]:
-        """A function to be told of progress, rows done and of how many."""
-        return lambda done, n: self._tell(what, done, n)
-
-    def _tell(self, what: str, done: int, n: int) -> None:
-        if not self._console.is_terminal or time.monotonic() - self._began < _PATIENCE_S:
-            return
-        if self._shown is None:
-            columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %")
-            self._shown = Progress(*columns, TimeRemainingColumn(), console=self._console, transient=True)
-            self._shown.add_task(what)
-            self._shown.start()
-        self._shown.update(self._shown.task_ids[0], description=what, completed=done, total=n)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown is not None:
-            self._shown.stop()

@@ -8,6 +8,7 @@ from typing import Any
 
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.console import plain_console
+from bridge.progress import Bar
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.toml_file import options
@@ -120,12 +121,11 @@ def _table(settings: Recorder) -> dict[str, Any]:
 
 
 def _info(given: argparse.Namespace) -> int:
-    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
     from bridge.record.survey import survey  # noqa: PLC0415
 
-    with bar("reading") as tell:
-        found = survey(given.files, tell)
+    with Bar() as bar:
+        found = survey(given.files, bar.on("reading"))
     if given.json:
         print(json.dumps(as_json(found)))
     else:
@@ -134,22 +134,20 @@ def _info(given: argparse.Namespace) -> int:
 
 
 def _recover(given: argparse.Namespace) -> None:
-    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.recover import recover  # noqa: PLC0415
 
-    with bar("recovering") as tell:
-        recovered = recover(given.file, given.out, tell)
+    with Bar() as bar:
+        recovered = recover(given.file, given.out, bar.on("recovering"))
     for line in recovered.said():
         print(line)
 
 
 def _export(given: argparse.Namespace) -> None:
     from bridge.record import bids, export, stretches  # noqa: PLC0415
-    from bridge.record.progress import bar  # noqa: PLC0415
 
     session = bids.Session(given.subject, given.task, given.session)
-    with bar("reading") as tell:
-        recorded = stretches.read(given.files, tell=tell)
+    with Bar() as bar:
+        recorded = stretches.read(given.files, tell=bar.on("reading"))
     if given.device:
         recorded = recorded.only(given.device)
     if not recorded.stretches:

@@ -17,7 +17,7 @@ from bridge.record.kinds import KINDS, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.tape import Item, Output, Tape
 from bridge.wire import keys
-from bridge.wire.messages import CorrectedBatch, SampleBatch
+from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
 from bridge.wording import count
 
@@ -102,7 +102,11 @@ class WardRecorder:
             item = Item(message.key, kind, kind.time_ns(said), message.payload)
             if isinstance(said, SampleBatch | CorrectedBatch):
                 self._count(said, now_s)
-            elif kind.repeated and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
+            elif (
+                kind.repeated
+                and not _came_to_nothing(said)
+                and (message.key in self._latest or len(self._latest) < MAX_CHANNELS)
+            ):
                 self._latest[message.key] = item
             if self._tape is None:
                 self.account.not_recorded += 1
@@ -235,3 +239,8 @@ class WardRecorder:
                 self._tape.output.path,
                 count(self.account.not_recorded, "message"),
             )
+
+
+def _came_to_nothing(said: Said) -> bool:
+    """A calibration that was not accepted changes nothing: the one before it goes on, in the next file too."""
+    return isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED

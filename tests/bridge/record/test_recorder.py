@@ -5,13 +5,14 @@ import logging
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
 from bridge.record.mcap_reader import Entry, McapReader
 from bridge.record.recorder import Knobs, WardRecorder
 from bridge.wire import codec, keys
-from bridge.wire.messages import Note
+from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.record.crowd import WARD, corrected, info, samples, status
 
 NOW = 1_790_000_000_000_000_000
@@ -198,6 +199,23 @@ def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecor
     assert disk.last.topics() == ["info/bridge-1/one", "status/one", "raw/bridge-1/one"]
     assert recorder.account.files == [Path("0.mcap"), Path("1.mcap")]
     assert recorder.size == sum(len(output.file.getvalue()) for output in disk.outputs)
+
+
+def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
+    def made(name: str, verdict: Verdict) -> Message:
+        of = Calibration(
+            "one", 7, name, NOW, "closure", verdict, "", np.eye(3), np.zeros(3), (), np.zeros((0, 0)), (), np.ones(3),
+            "m", "f", 8.7, 104.0, 30.0, "anna",
+        )  # fmt: skip
+        return Message(keys.build(WARD, "calibration", device="one"), codec.encode_calibration(of))
+
+    good = made("c1", Verdict.ACCEPTED)
+    recorder.take([raw("one", 0), good, made("c2", Verdict.REPEAT)], NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take([raw("one", 5)], NOW, 11.0)
+    recorder.close()
+    assert len(disk.outputs) == 2
+    assert disk.last.entries()[0].payload == good.payload
 
 
 def test_a_new_file_at_its_size(disk: Disk) -> None:
