@@ -102,11 +102,7 @@ class WardRecorder:
             item = Item(message.key, kind, kind.time_ns(said), message.payload)
             if isinstance(said, SampleBatch | CorrectedBatch):
                 self._count(said, now_s)
-            elif (
-                kind.repeated
-                and not _came_to_nothing(said)
-                and (message.key in self._latest or len(self._latest) < MAX_CHANNELS)
-            ):
+            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
                 self._latest[message.key] = item
             if self._tape is None:
                 self.account.not_recorded += 1
@@ -241,6 +237,6 @@ class WardRecorder:
             )
 
 
-def _came_to_nothing(said: Said) -> bool:
-    """A calibration that was not accepted changes nothing: the one before it goes on, in the next file too."""
-    return isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED
+def _repeated(kind: Kind, said: Said) -> bool:
+    """Whether the next file begins with it too: a calibration that was not accepted leaves the one before in force."""
+    return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

@@ -1,4 +1,4 @@
-"""How honest a corrected recording is about a bias that warms up while no temperature tells of it. `--help` says more.
+"""How honest a corrected recording is about a bias that warms up while no temperature tells of it. `make bench-tracking`.
 
 Simulated days of worn devices from power-up on, corrected offline with the temperature taken away: the error of the bias,
 the standard deviation that came with it, and how often the truth is within ±1.96 of it. Writes nothing.
@@ -55,10 +55,10 @@ def judged(
 def main() -> int:
     """Print a table; no verdict."""
     asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--hours", type=float, default=0.5)
-    asked.add_argument("--seeds", type=int, default=10)
+    asked.add_argument("--hours", type=float, default=0.5, help="of each day")
+    asked.add_argument("--days", type=int, default=10, help="how many devices")
     wanted = asked.parse_args()
-    days = [simulate_day(10 + seed, wanted.hours, _RATE_HZ) for seed in range(wanted.seeds)]
+    days = [simulate_day(10 + seed, wanted.hours, _RATE_HZ) for seed in range(wanted.days)]
     table = Table(title="Bias of a device that warms up", title_justify="left", box=None, pad_edge=False)
     for heading in ("", "", "in ±1.96 σ, %", "worst day", "NEES/dof", "error, °/s", "σ, °/s"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
