@@ -66,10 +66,11 @@ bench-bridge: setup-dev
 bench-load: setup-dev
 	$(BIN)/python -m tests.bench.load $(ARGS)
 
-# Bias trackers, ours and its peers, side by side, and what a learnt temperature law is worth; takes minutes. ARGS='--hours 1 --days 1' for a short look.
+# Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is without one; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
+	$(BIN)/python -m tests.bench.warming $(ARGS)
 
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev

@@ -21,6 +21,7 @@ from bridge.virtual_ximu3.show import MOST_DEVICES, Wanted, show
 from bridge.vitals import Vitals
 from bridge.ward import Ward
 from bridge.wire import keys
+from bridge.wording import count
 
 _DONE, _FAILED, _WRONG = 0, 1, 2
 _log = logging.getLogger(__name__)
@@ -237,7 +238,11 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
             _health(bridge, running, bus),
         ):
             _log.info(
-                "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
+                "bridge %s: %s of ward %s to %s",
+                bridge.id,
+                count(len(bridge.devices), "device"),
+                ward,
+                ", ".join(connect),
             )
             there = True
             while not stop.wait(0.2) and not running.over:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Paced, Readings
 from bridge.intake import Intake
 from bridge.join import joined
-from bridge.unheard import why
+from bridge.unheard import ended, why
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
@@ -131,7 +131,8 @@ class Link:
                 if self._there:  # it had been read from, so try again soon
                     wait_s = _FIRST_WAIT_S
                 self.over = error.over
-                self._complain(str(error))
+                said = ended(self._driver, self._intake.driver) if error.over else ""
+                self._complain(said or str(error), wrong=bool(said))
             except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
                 self._complain(f"its driver failed: {error!r}", trace=True)
             finally:
@@ -226,11 +227,11 @@ class Link:
             self._queued -= len(lost)
             self._intake.overflowed(lost)
 
-    def _complain(self, complaint: str, *, trace: bool = False) -> None:
-        """Say a new trouble aloud, a known one quietly."""
+    def _complain(self, complaint: str, *, trace: bool = False, wrong: bool = False) -> None:
+        """Say a new trouble aloud, a known one quietly; an end is none, unless something is wrong with it."""
         if self._stop.is_set():
             return
         known = complaint == self._complaint
-        level = logging.DEBUG if known else logging.INFO if self.over else logging.WARNING
+        level = logging.DEBUG if known else logging.INFO if self.over and not wrong else logging.WARNING
         _log.log(level, "%s: %s", self.device, complaint, exc_info=trace and not known)
         self._complaint = complaint

@@ -25,6 +25,8 @@ from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
+from bridge.wire.messages import Calibration
+from bridge.wording import count
 
 __all__ = ["Recording", "RecordingError", "load"]
 
@@ -47,6 +49,8 @@ class Recording:
     """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
 
     rate_hz: as the file says, or the median of the steps of time. gyro_range: full scale, rad/s; 0 when unknown.
+    made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
+    of its first sample.
     """
 
     time_s: Floats
@@ -56,6 +60,8 @@ class Recording:
     rate_hz: float
     name: str
     gyro_range: float = 0.0
+    made: tuple[Calibration, ...] = ()
+    begin_ns: int = 0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -90,7 +96,7 @@ def load(
     if path.suffix == ".part":
         raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
     if path.suffix == ".mcap":
-        return _of_stretch(path, _chosen(path, device, boot))
+        return _of_stretch(path, *_chosen(path, device, boot))
     if device is not None or boot is not None:
         raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
     if path.suffix == ".npz":
@@ -102,8 +108,8 @@ def load(
     return _checked(path, columns, rate_hz)
 
 
-def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
-    """One boot of one device of a ward's recording."""
+def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
+    """One boot of one device of a ward's recording, and its calibrations."""
     recorded = stretches.read([path], corrected=False)
     for words in recorded.trouble:
         _log.warning("%s", words)
@@ -117,16 +123,17 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> Stretch:
         raise RecordingError(f"{path}: there are no samples of {name!r} in it; it has {', '.join(found)}")
     boots = found[name]
     if boot is None and len(boots) > 1:
-        said = ", ".join(f"{one.number} ({len(one)} samples, {one.time_s[-1]:.0f} s)" for one in boots)
+        said = ", ".join(f"{one.number} ({count(len(one), 'sample')}, {one.time_s[-1]:.0f} s)" for one in boots)
         raise RecordingError(f"{path}: {name} was booted {len(boots)} times; choose one by --boot: {said}")
     if boot is not None and not 1 <= boot <= len(boots):
         raise RecordingError(f"{path}: {name} has boots 1 to {len(boots)}, not {boot}")
-    return boots[0 if boot is None else boot - 1]
+    chosen = boots[0 if boot is None else boot - 1]
+    return chosen, recorded.calibrations_of(chosen)
 
 
-def _of_stretch(path: Path, of: Stretch) -> Recording:
+def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
     if len(of) < 2:
-        raise RecordingError(f"{path}: {len(of)} samples of {of.device}; at least 2 are needed")
+        raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
     return Recording(
         time_s=of.time_s,
         gyro=of.gyro.astype(np.float64),
@@ -135,6 +142,8 @@ def _of_stretch(path: Path, of: Stretch) -> Recording:
         rate_hz=of.rate_hz,
         name=f"{path.stem}_{of.device}",
         gyro_range=of.info.gyro_range if of.info else 0.0,
+        made=tuple(made),
+        begin_ns=int(of.time_ns[0]),
     )
 
 
@@ -195,11 +204,11 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     for name, column in columns.items():
         if column.shape != shapes[name]:
             raise RecordingError(
-                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {n} samples"
+                f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {count(n, 'sample')}"
             )
         _check_values(path, name, column)
     if n < 2:
-        raise RecordingError(f"{path}: {n} samples; at least 2 are needed")
+        raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
     if rate is not None and not 0.1 <= rate <= 100_000:
         raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording_error import RecordingError
+from bridge.wording import count
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,9 @@ def _table(path: Path) -> tuple[list[str], Floats]:
             names = _names(path, next(rows, []))
             for number, row in enumerate(rows, 1):
                 if len(row) != len(names):
-                    raise RecordingError(f"{path}: row {number} has {len(row)} columns; the header has {len(names)}")
+                    raise RecordingError(
+                        f"{path}: row {number} has {count(len(row), 'column')}; the header has {len(names)}"
+                    )
                 try:
                     numbers.extend(map(float, row))
                 except ValueError:

@@ -7,6 +7,7 @@ from bridge.drivers.driver import Driver
 from bridge.drivers.stream import StreamDriver
 from bridge.scan.guess import candidates, guesses
 from bridge.transport.transport import Chunk
+from bridge.wording import count
 
 
 def why(driver: Driver, name: str) -> str:
@@ -19,6 +20,16 @@ def why(driver: Driver, name: str) -> str:
     return f"{driver.place}: bytes come, but not {name}'s; {_advice(chunks, driver.place, name)}"
 
 
+def ended(driver: Driver, name: str) -> str:
+    """What is wrong with a device that is over for good and said not one sample; nothing, where it said some."""
+    if not isinstance(driver, StreamDriver) or driver.samples_in:
+        return ""
+    if not driver.bytes_in:
+        return f"{driver.place}: it is over, and there was nothing in it: 0 bytes"
+    came = f"{count(driver.bytes_in, 'byte')} came, and no sample of {name}'s is in them"
+    return f"{driver.place}: it is over: {came}; {_advice(driver.unread(), driver.place, name)}"
+
+
 def _advice(chunks: Sequence[Chunk], place: str, name: str) -> str:
     others = [candidate for candidate in candidates(registry.kinds().values()) if candidate.kind.name != name]
     best = next(iter(guesses(others, chunks)), None)
@@ -26,4 +37,5 @@ def _advice(chunks: Sequence[Chunk], place: str, name: str) -> str:
         keys = {"driver": best.candidate.kind.name, **best.candidate.table}
         return f"they look like {', '.join(f'{key} = {value!r}' for key, value in keys.items())}: put that into the ward's file"
     speed = "another speed, or another protocol" if "://" not in place else "another protocol"
-    return f"{speed}? Stop the bridge, and `truerate bridge scan --port {place}` finds out"
+    first = "" if place.startswith("file://") else "Stop the bridge, and "
+    return f"{speed}? {first}`truerate bridge scan --port {place}` finds out"

@@ -2,15 +2,11 @@
 
 import argparse
 import json
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Self
-
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from bridge.progress import Bar
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import add_choice, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
@@ -27,8 +23,10 @@ ways:
   --smooth    each row says what is known in the end: later rests improve the bias before them, and a calibration within
               the recording is used for all of it.
 calibrations:
-  The first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
-  device (it has not been switched off since): its scale is used at once, its bias is doubted until a rest confirms it.
+  Of a ward's recording (.mcap) the calibration that this very boot had when it began, if it had one, is used, and said. Else
+  the first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
+  device (it has not been switched off since). Of one made before the scale is used at once, the bias is doubted until a
+  rest confirms it.
   After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten.
 examples:
   truerate correct day.npz corrected.npz
@@ -36,8 +34,6 @@ examples:
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
   truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
 
-#: a bar is shown for what takes longer
-_PATIENCE_S = 2.0
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -66,9 +62,9 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         help="kind of device, of configs/devices or a file (default: %(default)s)",
     )
     verb.add_argument(
-        "--from-power-up",
+        "--warmed-up",
         action="store_true",
-        help="the recording begins when the device was switched on: its bias warms up",
+        help="the device had been on, and worn, for a quarter of an hour; else its bias may warm up, where no temperature tells",
     )
     verb.add_argument(
         "--picture", type=Path, metavar="FILE", help="draw rates, bias, quality and temperature (.png, .svg, .pdf)"
@@ -94,13 +90,13 @@ def _correct(given: argparse.Namespace) -> None:
     _check_picture(given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
-    with _Bar() as bar:
+    with Bar() as bar:
         corrected = correct(
             recording,
             calibration,
             knobs_of(model),
             smooth=given.smooth,
-            from_power_up=given.from_power_up,
+            warmed_up=given.warmed_up,
             other_boot=given.other_boot,
             gyro_range=gyro_range(given, recording),
             progress=bar.on("correcting"),
@@ -127,33 +123,3 @@ def _check_picture(picture: Path | None) -> None:
         raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
     if picture is not None and not picture.parent.is_dir():
         raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
-
-
-class _Bar:
-    """A progress bar on standard error, of a terminal only, and only when somebody would wait for it."""
-
-    def __init__(self) -> None:
-        self._console = plain_console(stderr=True)
-        self._began = time.monotonic()
-        self._shown: Progress | None = None
-
-    def on(self, what: str) -> Callable[[int, int], None]:
-        """A function to be told of progress, rows done and of how many."""
-        return lambda done, n: self._tell(what, done, n)
-
-    def _tell(self, what: str, done: int, n: int) -> None:
-        if not self._console.is_terminal or time.monotonic() - self._began < _PATIENCE_S:
-            return
-        if self._shown is None:
-            columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %")
-            self._shown = Progress(*columns, TimeRemainingColumn(), console=self._console, transient=True)
-            self._shown.add_task(what)
-            self._shown.start()
-        self._shown.update(self._shown.task_ids[0], description=what, completed=done, total=n)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown is not None:
-            self._shown.stop()

@@ -5,14 +5,22 @@ import json
 from collections.abc import Callable
 from math import isfinite, radians
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from bridge.config import ConfigError
-from bridge.wire.messages import Verdict
+from bridge.console import plain_console
+from bridge.wire.messages import Calibration, Verdict
 from estimator.cli_recorded import add_choice, gyro_range, recorded
 
-METHODS = """methods:
+if TYPE_CHECKING:
+    from estimator.batch.result import Result
+
+METHODS = """A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
+unless a method is named.
+
+methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
                scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.
   turn360      the same session by Algorithm 1 of Wang et al. 2024: exact, but biased when the hand wobbles.
@@ -120,10 +128,9 @@ def _rates(text: str) -> tuple[float, ...]:
 def _calibrate(given: argparse.Namespace) -> int:
     from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
     from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
-    from estimator.batch.result import PARAMETERS  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
-    from estimator.report import as_json, as_matrix, as_table  # noqa: PLC0415
+    from estimator.report import as_json  # noqa: PLC0415
 
     method = given.method or DEFAULT
     if method not in (names := (*BY_HAND, *BY_RATES)):
@@ -133,6 +140,8 @@ def _calibrate(given: argparse.Namespace) -> int:
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
         )
     recording = recorded(given)
+    if given.method is None and recording.made:
+        return _show_made(recording.made[-1], as_json=given.json)
     rates = tuple(map(radians, given.rates_dps))
     result, passed_over = calibrate(recording, method, gyro_range=gyro_range(given, recording), rates=rates)
     if given.json:
@@ -142,11 +151,37 @@ def _calibrate(given: argparse.Namespace) -> int:
         for words in passed_over:
             console.print(f"passed over: {words}", style="dim", highlight=False)
         if isfinite(result.covariance.sum()):
-            console.print(as_table(result))
-            if len(result.parameters) > len(PARAMETERS):
-                console.print(as_matrix(result))
+            _show_parameters(console, result)
         console.print(f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False)
     return 0 if result.verdict is Verdict.ACCEPTED else 1
+
+
+def _show_made(calibration: Calibration, *, as_json: bool) -> int:
+    """One that was made live, in the boot that was recorded."""
+    from estimator.report import recorded_as_json  # noqa: PLC0415
+
+    if as_json:
+        print(json.dumps(recorded_as_json(calibration)))
+        return 0
+    console = plain_console()
+    _show_parameters(console, calibration)
+    console.print(f"accepted ({calibration.method}): {calibration.reason}", highlight=False, soft_wrap=True)
+    console.print(
+        f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method NAME calibrates from "
+        "the samples instead",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def _show_parameters(console: Console, of: "Result | Calibration") -> None:
+    from estimator.batch.result import PARAMETERS  # noqa: PLC0415
+    from estimator.report import as_matrix, as_table  # noqa: PLC0415
+
+    console.print(as_table(of))
+    if len(of.parameters) > len(PARAMETERS):
+        console.print(as_matrix(of))
 
 
 def _study(given: argparse.Namespace) -> None:

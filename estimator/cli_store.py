@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.wire.keys import check_id
+from bridge.wording import count
 from estimator.cli_offline import Verbs, add_verb
 
 if TYPE_CHECKING:
@@ -29,6 +30,14 @@ examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
   truerate store check --config configs/ward.toml
   truerate store check /mnt/backup/truerate-20260301T030000.sqlite3"""
+#: what a row of each table is, one and many
+_ROWS = {
+    "calibrations": ("calibration", ""),
+    "boots": ("boot", ""),
+    "bias": ("latest bias", "latest biases"),
+    "bias_history": ("point of bias history", "points of bias history"),
+    "audit": ("command or refusal", "commands and refusals"),
+}
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -106,7 +115,8 @@ def _history(given: argparse.Namespace) -> int:
             console.print()
     if not found:
         when = f" since {given.since}" if given.since else ""
-        raise ConfigError(f"{store.path} has nothing of {device}{when}; it has {', '.join(known) or 'nothing at all'}")
+        others = f"it has {', '.join(known)}" if known else "no device has been heard by its estimator yet"
+        raise ConfigError(f"{store.path} has nothing of {device}{when}; {others}")
     if given.plot is not None:
         from estimator import figures  # noqa: PLC0415
 
@@ -143,7 +153,7 @@ def _check(given: argparse.Namespace) -> int:
         print(f"damaged: {fault}")
     for table, rows in found.damaged.items():
         if rows:
-            print(f"damaged: {len(rows)} rows of {table}, the first is row {rows[0]}")
+            print(f"damaged: {count(len(rows), 'row')} of {table}, the first is row {rows[0]}")
     print(
         "every row is whole" if found.sound else "what is whole can be used: the estimator takes it when it is started"
     )
@@ -151,4 +161,4 @@ def _check(given: argparse.Namespace) -> int:
 
 
 def _contents(found: "Inspection") -> str:
-    return ", ".join(f"{count} {table.replace('_', ' ')}" for table, count in found.whole.items()) or "nothing in it"
+    return ", ".join(count(rows, *_ROWS[table]) for table, rows in found.whole.items()) or "nothing in it"

@@ -57,8 +57,9 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
 
 
 def devices(store: Store) -> list[str]:
-    """Every device the store knows anything of."""
-    return sorted({row["device"] for table in ("calibrations", "boots", "audit") for row in store.database.rows(table)})
+    """Every device that was there; a command alone may have been to a name that somebody made up."""
+    tried = {row["device"] for row in store.database.rows("audit", "accepted OR verb = 'calibrate'")}
+    return sorted(tried | {row["device"] for table in ("calibrations", "boots") for row in store.database.rows(table)})
 
 
 def since(text: str, now: datetime) -> datetime:

@@ -27,7 +27,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from bridge.toml_file import ConfigError, load, nearest
+from bridge.shipped import file_of
+from bridge.shipped import shipped as in_folders
+from bridge.toml_file import load
 
 Floats = NDArray[np.float64]
 GENERIC = "generic"
@@ -107,15 +109,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 def load_model(name: str | Path) -> NoiseModel:
     """A model that comes with truerate, by its name, or any other by the path of its .toml; raises ConfigError."""
-    path = Path(name)
-    if path.suffix != ".toml":
-        known = shipped()
-        if str(name) not in known:
-            raise ConfigError(
-                f"there is no device model {str(name)!r}; {nearest(str(name), known)} (a file of your own ends in .toml)"
-            )
-        path = known[str(name)]
-    file = load(path, _File)
+    file = load(file_of(name, "device model", _FOLDERS), _File)
     gyro, accel = file.gyro, file.accel
     return NoiseModel(
         model=file.model,
@@ -134,7 +128,7 @@ def load_model(name: str | Path) -> NoiseModel:
 
 def shipped() -> dict[str, Path]:
     """The models that come with truerate: names and files."""
-    return {path.stem: path for folder in _FOLDERS for path in sorted(folder.glob("*.toml"))}
+    return in_folders(_FOLDERS)
 
 
 def as_toml(model: NoiseModel, origin: Mapping[str, str], head: str) -> str:

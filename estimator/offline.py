@@ -12,6 +12,7 @@ from bridge.readings import PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
 from bridge.wire.refusal import Tally
+from bridge.wording import count
 from estimator import smoothed
 from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
@@ -22,13 +23,12 @@ from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
+from estimator.same_rate import same_rate
 from estimator.session import DeviceSession, Outcome, Remembered, SessionKnobs
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
 BATCH_S = 1.0
-#: a calibration and a recording whose rates differ by more than this (relative) are not of one boot
-SAME_RATE = 0.05
 _BOOT = 1
 
 
@@ -68,33 +68,52 @@ def correct(
     smooth: bool = False,
     other_boot: bool = False,
     gyro_range: float = 0.0,
-    from_power_up: bool = False,
+    warmed_up: bool = False,
     batch: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Corrected:
     """Correct a recording as the service would have, row for row what was known when the sample came.
 
     calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
-    one: then its scale is a prior, its bias forgotten. Without it the first calibration within the recording is used from
-    there on. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown. from_power_up: it
-    begins when the device was switched on, so that its bias may warm up though no temperature tells of it.
-    batch: samples handed over at a time, no matter for the result; progress(done, n) is called after each.
-    knobs: by default as a ward treats a device of an unknown kind.
+    one: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had as it began
+    (Recording.made), else the first whose turns are within the recording, from there on. smooth: the whole recording is
+    used for every row. gyro_range in rad/s, 0 when unknown. warmed_up: the device had been on and worn for a quarter of an
+    hour as it began; else its bias may warm up from there on where no temperature tells of it, as live. batch: samples
+    handed over at a time, no matter for the result; progress(done, n) is called after each. knobs: by default as a ward
+    treats a device of an unknown kind.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
-    if not from_power_up:
+    if warmed_up:
         cool = replace(knobs.track.bias, warm_up_walk=0.0)
         knobs = replace(knobs, track=replace(knobs.track, bias=cool))
     if smooth:
         knobs = smoothed.remembering(knobs)
-    pass_ = _Pass(recording, knobs, _known(calibration), smooth=smooth, other_boot=other_boot)
-    for samples in _batches(recording, gyro_range, batch or max(1, round(BATCH_S * recording.rate_hz))):
-        pass_.take(samples)
-        if progress is not None:
-            progress(pass_.rows.filled, len(recording))
-    pass_.over()
-    return pass_.corrected()
+    size = batch or max(1, round(BATCH_S * recording.rate_hz))
+
+    def passed(known: Calibration | None, said: str = "") -> Corrected:
+        pass_ = _Pass(recording, knobs, known, said, smooth=smooth, other_boot=other_boot)
+        for samples in _batches(recording, gyro_range, size):
+            pass_.take(samples)
+            if progress is not None:
+                progress(pass_.rows.filled, len(recording))
+        pass_.over()
+        return pass_.corrected()
+
+    if calibration is not None or not recording.made:
+        return passed(_known(calibration))
+    before = [one for one in recording.made if one.time_ns <= recording.begin_ns]
+    if before:
+        later = len(recording.made) - len(before)
+        said = f"calibration {before[-1].id} of this boot, which is in the recording, is used"
+        return passed(before[-1], said + (f"; {count(later, 'later one')} not" if later else ""))
+    if (found := passed(None)).calibration:
+        return found
+    # Made while this was recorded, and yet not all of its turns are here.
+    first = recording.made[0]
+    return passed(
+        first, f"calibration {first.id} of this boot, which is in the recording without all of its turns, is used"
+    )
 
 
 class _Pass:
@@ -105,22 +124,25 @@ class _Pass:
         recording: Recording,
         knobs: SessionKnobs,
         known: Calibration | None,
+        own: str,
         *,
         smooth: bool,
         other_boot: bool,
     ) -> None:
+        """own: what to say of a calibration of the recording's own boot; empty for one from elsewhere."""
         self.rows = Rows(len(recording))
         self._recording = recording
         self._session = DeviceSession("recorded", knobs)
         self._session.info = _info(recording)
         self._smooth = smooth
-        self._said: list[str] = []
+        self._said: list[str] = [own] if own else []
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
         remembered = None
         if known is not None:
-            if not other_boot and (why := _foreign(known, recording)) is not None:
+            other_boot = other_boot and not own
+            if not own and not other_boot and (why := _foreign(known, recording)) is not None:
                 self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
                 other_boot = True
             remembered = Remembered(replace(known, boot=_BOOT + other_boot), None)
@@ -146,7 +168,9 @@ class _Pass:
     def corrected(self) -> Corrected:
         last, rows, session = self._last, self.rows, self._session
         if last is None or rows.filled != len(self._recording):
-            raise RuntimeError(f"{self._recording.name}: {rows.filled} of {len(self._recording)} samples came out")
+            raise RuntimeError(
+                f"{self._recording.name}: {rows.filled} of {count(len(self._recording), 'sample')} came out"
+            )
         matrix = self._matrices[last.calibration]
         if self._smooth:
             smoothed.smooth_rows(rows, self._recording, session, last, matrix)
@@ -179,7 +203,7 @@ def _known(calibration: Calibration | Result | None) -> Calibration | None:
 
 def _foreign(known: Calibration, recording: Recording) -> str | None:
     """Why a calibration cannot be of the recording's boot."""
-    if known.rate_hz and abs(recording.rate_hz / known.rate_hz - 1) > SAME_RATE:
+    if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
         return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
     return None
 

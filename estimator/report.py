@@ -23,7 +23,12 @@ def as_json(result: Result, calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def as_table(result: Result) -> Table:
+def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
+    """The same of one that was made live: there is nothing to repeat, and what it was told is not known."""
+    return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None}
+
+
+def as_table(result: Result | Calibration) -> Table:
     """Scale, bias and turn of each axis, with standard deviations."""
     table = Table(title=None, box=None, pad_edge=False)
     for heading in ("axis", "scale k", "±", "bias °/s", "±", "turn °", "closed to °", "s"):
@@ -34,7 +39,7 @@ def as_table(result: Result) -> Table:
         turn = turns.get(axis)
         table.add_row(
             name,
-            f"{result.scale[axis]:.5f}",
+            f"{result.matrix[axis, axis]:.5f}",
             f"{std[3 + axis]:.5f}",
             f"{degrees(result.bias[axis]):+.4f}",
             f"{degrees(std[axis]):.4f}",
@@ -47,7 +52,7 @@ def as_table(result: Result) -> Table:
     return table
 
 
-def as_matrix(result: Result) -> Table:
+def as_matrix(result: Result | Calibration) -> Table:
     """The whole matrix, row by row, each element with its standard deviation in brackets."""
     table = Table(title=None, box=None, pad_edge=False)
     for heading in ("corrected", "of reading x", "of reading y", "of reading z"):

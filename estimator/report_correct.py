@@ -8,6 +8,7 @@ import numpy as np
 
 from bridge.recording import Recording
 from bridge.wire.messages import Quality
+from bridge.wording import count
 from estimator.corrected import Corrected
 from estimator.gyro import AXES
 
@@ -45,7 +46,7 @@ def as_words(corrected: Corrected, recording: Recording, out: Path) -> Iterator[
     """A few lines: what came, how far to trust it, what was used and what refused, where it is."""
     minutes = recording.time_s[-1] / 60
     how = "smoothed, all of it with what is known at its end" if corrected.smoothed else "as it would have been live"
-    yield f"{len(corrected)} samples, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
+    yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
     yield "quality: " + ", ".join(
         f"{name} {_span(seconds)} ({_MEANS[name]})" for name, seconds in corrected.seconds().items()
     )

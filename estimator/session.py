@@ -479,7 +479,9 @@ class DeviceSession:
 
     def _bias_of(self, calibration: Calibration) -> BiasState:
         bias, cov = calibration.bias, calibration.covariance[:3, :3]
-        return start(bias, cov, self._now, self.knobs.track.bias, temperature_c=calibration.temperature_c)
+        knobs, celsius = self.knobs.track.bias, calibration.temperature_c
+        # When it was switched on is not known either.
+        return start(bias, cov, self._now, knobs, temperature_c=celsius, powered=self._began)
 
     def _missing(self) -> str:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)

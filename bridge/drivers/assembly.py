@@ -124,7 +124,7 @@ class Assembly:
         return events
 
     def finish(self) -> list[Event]:
-        """What is left at the end of a file, be the rate known or not."""
+        """What is left at the end of a stream, be the rate known or not."""
         self._finish()
         return self.events()
 

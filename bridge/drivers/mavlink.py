@@ -83,6 +83,11 @@ class MavlinkDecoder:
             self._held = 0
         return events and [*self._notices(), *events]
 
+    def finish(self) -> list[Event]:
+        """What is held at the end."""
+        events = self._assembly.finish()
+        return events and [*self._notices(), *events]
+
     def to_send(self) -> bytes:
         """Nothing: who listens does not command."""
         return b""

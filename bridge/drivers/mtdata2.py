@@ -84,6 +84,10 @@ class MtData2Decoder:
         events += self._settings.passed(receive_time_ns)
         return events + ([] if self._assembly is None else self._assembly.events())
 
+    def finish(self) -> list[Event]:
+        """What is held at the end."""
+        return [] if self._assembly is None else self._assembly.finish()
+
     def to_send(self) -> bytes:
         """The next command."""
         return self._settings.command()

@@ -3,11 +3,11 @@
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from msgspec import Struct
 
-from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced
+from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced, Readings
 from bridge.transport import address
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -33,6 +33,14 @@ class Decoder(Protocol):
         """What the device is to be sent now; once."""
 
 
+@runtime_checkable
+class Holds(Protocol):
+    """A decoder that holds samples back until it knows more of the device."""
+
+    def finish(self) -> list[Event]:
+        """What is held, once nothing more comes, ever."""
+
+
 class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the device is, and the speed of a serial port (which USB devices ignore)."""
 
@@ -47,6 +55,7 @@ class StreamDriver:
     """A decoder behind a transport; Paced where the decoder is.
 
     keeps: what came waits to be read, and `read_kept` is all it takes.
+    bytes_in, samples_in: how many came, and were understood, since it was opened.
     """
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
@@ -59,18 +68,25 @@ class StreamDriver:
         if isinstance(decoder, Paced):
             self.calibrating = decoder.calibrating
         self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)
+        self.bytes_in = self.samples_in = 0
 
     def open(self) -> None:
         """Open the transport; raises DeviceUnavailable."""
         self._transport.open()
         self._unread.clear()
+        self.bytes_in = self.samples_in = 0
         self._decoder.opened()
 
     def read(self, timeout_s: float) -> list[Event]:
         """What came; raises DeviceLost."""
         if data := self._decoder.to_send():
             self._transport.write(data)
-        return self._feed(self._transport.read(timeout_s))
+        try:
+            return self._feed(self._transport.read(timeout_s))
+        except DeviceLost as lost:
+            if lost.over and (rest := self._rest()):
+                return rest  # the next call says that it is over
+            raise
 
     def read_kept(self) -> list[Event]:
         """All that came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read."""
@@ -80,17 +96,26 @@ class StreamDriver:
         try:
             while (chunk := self._transport.read(0.0)).data:
                 events += self._feed(chunk)
-        except DeviceLost:
+        except DeviceLost as lost:
+            events += self._rest() if lost.over else []
             if not events:  # else the next call says so
                 raise
         return events + self._feed(Chunk(b"", time.time_ns()))
 
     def _feed(self, chunk: Chunk) -> list[Event]:
-        events = self._decoder.feed(chunk.data, chunk.receive_time_ns)
+        events = self._counted(self._decoder.feed(chunk.data, chunk.receive_time_ns))
+        self.bytes_in += len(chunk.data)
         if events:
             self._unread.clear()
         elif chunk.data:
             self._unread.append(chunk._replace(data=chunk.data[-_UNREAD_BYTES:]))
+        return events
+
+    def _rest(self) -> list[Event]:
+        return self._counted(self._decoder.finish()) if isinstance(self._decoder, Holds) else []
+
+    def _counted(self, events: list[Event]) -> list[Event]:
+        self.samples_in += sum(len(event.ticks) for event in events if isinstance(event, Readings))
         return events
 
     def unread(self) -> list[Chunk]:

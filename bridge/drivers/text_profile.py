@@ -76,8 +76,9 @@ class TextDecoder:
         return [*self._notices(), *events] if events else []
 
     def finish(self) -> list[Event]:
-        """What is left at the end of a file, be the rate known or not."""
-        return self._assembly.finish()
+        """What is left at the end, be the rate known or not."""
+        events = self._assembly.finish()
+        return [*self._notices(), *events] if events else []
 
     def to_send(self) -> bytes:
         """Nothing."""

@@ -96,6 +96,10 @@ class WitMotionDecoder:
         self._notices.clear()
         return events + self._assembled()
 
+    def finish(self) -> list[Event]:
+        """What is held at the end."""
+        return [] if self._assembly is None else self._assembly.finish()
+
     def to_send(self) -> bytes:
         """The next command."""
         return self._settings.command()

@@ -89,6 +89,11 @@ class Ximu3Decoder:
             self._release()
         return events + self._assembled()
 
+    def finish(self) -> list[Event]:
+        """What is held at the end, be it known or not whose it is, and at what rate."""
+        self._release()
+        return self._assembly.finish()
+
     def to_send(self) -> bytes:
         """The next command: each by itself, as a datagram takes it."""
         return self._settings.command()

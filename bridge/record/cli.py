@@ -8,6 +8,7 @@ from typing import Any
 
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.console import plain_console
+from bridge.progress import Bar
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.toml_file import options
@@ -56,15 +57,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "recording",
         help="look into recordings of a ward, mend and export them",
         description="Example: truerate recording info ward-3-20260801T101500Z.mcap",
+        epilog="`truerate bridge replay FILE` plays one as if it were the ward; `calibrate`, `correct` and `allan` take one too.",
     )
     inner = recording.add_subparsers(metavar="VERB", required=True)
     verb = _verb(inner, "info", _info, "devices, boots, rates, gaps, calibrations and notes")
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-
-    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
-    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
-    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
 
     verb = _verb(inner, "export", _export, "as .npz, .csv or BIDS-Motion", EXPORT)
     verb.add_argument("files", type=Path, nargs="+", metavar="FILE", help="one recording, of one or several files")
@@ -75,6 +73,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--subject", default="01", help="of a BIDS dataset: a pseudonym (default: %(default)s)")
     verb.add_argument("--session", default="", help="of a BIDS dataset (default: none)")
     verb.add_argument("--task", default="ward", help="of a BIDS dataset (default: %(default)s)")
+
+    verb = _verb(inner, "recover", _recover, "make a whole file of one that was cut short, and say what is lost")
+    verb.add_argument("file", type=Path, metavar="FILE", help="such as ward-3-20260801T101500Z.mcap.part; it stays")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="what to write (default: beside it)")
 
 
 def _verb(
@@ -102,7 +104,7 @@ def _record(given: argparse.Namespace) -> int:
         settings = options({**_table(root.recorder), **said}, Recorder)
         endpoints = check_endpoints(given.connect, "--connect") if given.connect else root.bus.connect
     except ValueError as error:
-        raise ConfigError(f"truerate record: {error}") from None
+        raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     return record(
@@ -119,12 +121,11 @@ def _table(settings: Recorder) -> dict[str, Any]:
 
 
 def _info(given: argparse.Namespace) -> int:
-    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
     from bridge.record.survey import survey  # noqa: PLC0415
 
-    with bar("reading") as tell:
-        found = survey(given.files, tell)
+    with Bar() as bar:
+        found = survey(given.files, bar.on("reading"))
     if given.json:
         print(json.dumps(as_json(found)))
     else:
@@ -133,22 +134,20 @@ def _info(given: argparse.Namespace) -> int:
 
 
 def _recover(given: argparse.Namespace) -> None:
-    from bridge.record.progress import bar  # noqa: PLC0415
     from bridge.record.recover import recover  # noqa: PLC0415
 
-    with bar("recovering") as tell:
-        recovered = recover(given.file, given.out, tell)
+    with Bar() as bar:
+        recovered = recover(given.file, given.out, bar.on("recovering"))
     for line in recovered.said():
         print(line)
 
 
 def _export(given: argparse.Namespace) -> None:
     from bridge.record import bids, export, stretches  # noqa: PLC0415
-    from bridge.record.progress import bar  # noqa: PLC0415
 
     session = bids.Session(given.subject, given.task, given.session)
-    with bar("reading") as tell:
-        recorded = stretches.read(given.files, tell=tell)
+    with Bar() as bar:
+        recorded = stretches.read(given.files, tell=bar.on("reading"))
     if given.device:
         recorded = recorded.only(given.device)
     if not recorded.stretches:

@@ -19,6 +19,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from bridge.recording_error import RecordingError
+from bridge.wording import count
 
 #: the most a chunk may unpack to
 MAX_UNPACKED = 1 << 28
@@ -85,10 +86,12 @@ class McapReader:
         if not self.finished and not self.trouble:
             left = self.size - self.good
             self.trouble.append(
-                f"it was not finished: the last {left} bytes are a torn record" if left else "it was not finished"
+                f"it was not finished: a torn record is at its end, {count(left, 'byte')}"
+                if left
+                else "it was not finished"
             )
         if self.orphans:
-            self.trouble.append(f"{self.orphans} messages belong to channels that are not in the file")
+            self.trouble.append(f"{count(self.orphans, 'message')} of channels that are not in the file")
 
     def _next(self) -> tuple[int, bytes] | None:
         """The next record, or None where no whole one begins; those that hold no messages come without a body."""
@@ -98,7 +101,7 @@ class McapReader:
         opcode, length = _HEAD.unpack(head)
         here = self._file.tell()
         if not opcode:
-            self.trouble.append(f"from byte {self.good} on it is damaged; {self.size - self.good} bytes are lost")
+            self.trouble.append(f"from byte {self.good} on it is damaged; {count(self.size - self.good, 'byte')} lost")
             return None
         if length > self.size - here:
             if opcode == Opcode.CHUNK and self.size - here >= _SPAN.size:

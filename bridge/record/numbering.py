@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from bridge.wire.messages import SampleBatch
+from bridge.wire.messages import CorrectedBatch, SampleBatch
 
 #: low numbers at a time so much later are no repeats: the device was started anew under the same boot number
 ANEW_NS = 1_000_000_000
@@ -34,7 +34,7 @@ class Numbering:
         """The number that would go on; 0 before any batch."""
         return self._next or 0
 
-    def follow(self, batch: SampleBatch) -> Follows:
+    def follow(self, batch: SampleBatch | CorrectedBatch) -> Follows:
         """How the batch stands to what came before; it is taken as said."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
@@ -43,7 +43,7 @@ class Numbering:
             self._time_ns = max(self._time_ns, batch.start_time_ns) if not follows.anew else batch.start_time_ns
         return follows
 
-    def _judge(self, batch: SampleBatch) -> Follows:
+    def _judge(self, batch: SampleBatch | CorrectedBatch) -> Follows:
         if self._next is None:
             return Follows(0, anew=True)
         skip = max(0, self._next - batch.sequence)

@@ -1,23 +1,18 @@
-"""What a recorder says while it records: a live line on a terminal, elsewhere a log line a minute; and a bar for readers."""
+"""What a recorder says while it records: a live line on a terminal, elsewhere a log line a minute."""
 
-import contextlib
 import logging
-import time
-from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from bridge.console import plain_console
 from bridge.record.recorder import WardRecorder
+from bridge.wording import count
 
 _EVERY_S = 60.0
 _SILENT_S = 3.0
-_PATIENCE_S, _BAR_S = 2.0, 0.1
 _log = logging.getLogger(__name__)
 
 
@@ -27,12 +22,12 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) ->
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
     parts = [
         f"{_clock(elapsed_s)}",
-        f"{len(account.heard)} devices" + (f" ({silent} silent)" if silent else ""),
+        count(len(account.heard), "device") + (f" ({silent} silent)" if silent else ""),
         f"{account.raw:,} samples, {account.corrected:,} corrected",
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(f"{missed} messages missed on the bus")
+        parts.append(f"{count(missed, 'message')} missed on the bus")
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.not_recorded:
@@ -73,31 +68,3 @@ class Screen:
     ) -> None:
         if self._live is not None:
             self._live.stop()
-
-
-@contextlib.contextmanager
-def bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A function to be told of progress, bytes done and of how many: a bar on a terminal, when somebody would wait for it."""
-    console, began_s = plain_console(stderr=True), time.monotonic()
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:.0f} %"),
-        TimeRemainingColumn(),
-    )
-    shown = Progress(*columns, console=console, transient=True)
-    task, told_s = shown.add_task(what), began_s
-
-    def tell(done: int, of: int) -> None:
-        nonlocal told_s
-        now_s = time.monotonic()
-        if console.is_terminal and now_s - began_s > _PATIENCE_S and now_s - told_s > _BAR_S:
-            told_s = now_s
-            shown.start()
-            shown.update(task, completed=done, total=of)
-
-    try:
-        yield tell
-    finally:
-        if shown.live.is_started:  # or it would leave an empty line
-            shown.stop()

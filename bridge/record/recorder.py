@@ -17,8 +17,9 @@ from bridge.record.kinds import KINDS, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.tape import Item, Output, Tape
 from bridge.wire import keys
-from bridge.wire.messages import CorrectedBatch, SampleBatch
+from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from bridge.wording import count
 
 _log = logging.getLogger(__name__)
 
@@ -101,7 +102,7 @@ class WardRecorder:
             item = Item(message.key, kind, kind.time_ns(said), message.payload)
             if isinstance(said, SampleBatch | CorrectedBatch):
                 self._count(said, now_s)
-            elif kind.repeated and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
+            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
                 self._latest[message.key] = item
             if self._tape is None:
                 self.account.not_recorded += 1
@@ -230,5 +231,12 @@ class WardRecorder:
         self.account.trouble = ""
         if self._tape is not None:
             _log.warning(
-                "recording again, into %s; %d messages were not", self._tape.output.path, self.account.not_recorded
+                "recording again, into %s; %s not recorded",
+                self._tape.output.path,
+                count(self.account.not_recorded, "message"),
             )
+
+
+def _repeated(kind: Kind, said: Said) -> bool:
+    """Whether the next file begins with it too: a calibration that was not accepted leaves the one before in force."""
+    return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

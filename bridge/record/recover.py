@@ -12,6 +12,7 @@ from bridge.record.mcap_reader import McapReader
 from bridge.record.mcap_writer import McapWriter
 from bridge.record.tape import ABOUT
 from bridge.recording_error import RecordingError
+from bridge.wording import count
 
 Tell = Callable[[int, int], None]
 
@@ -29,7 +30,7 @@ class Recovered:
 
     def said(self) -> list[str]:
         """For a person, a line each."""
-        kept = f"{self.messages} messages, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
+        kept = f"{count(self.messages, 'message')}, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
         lost = [f"lost: what began at {_clock(first)}" for first, _ in self.lost if first]
         return [f"{self.out}: {kept}", *self.trouble, *lost]
 

@@ -8,6 +8,7 @@ from rich.table import Table
 
 from bridge.record.survey import Boot, Device, Survey
 from bridge.wire.keys import boot_id
+from bridge.wording import count
 
 _HEADINGS = ("device", "boot", "from", "seconds", "Hz", "samples", "missing", "corrected", "good")
 _LEFT = 3
@@ -17,8 +18,8 @@ def show(console: Console, survey: Survey) -> None:
     """Print it."""
     wards = ", ".join(sorted(survey.wards)) or "?"
     console.print(
-        f"ward {wards}: {len(survey.devices)} devices, {_clock(survey.first_ns)} to {_clock(survey.last_ns)} UTC, "
-        f"{survey.duration_s:.1f} s, {survey.messages} messages, {survey.size / 1e6:.1f} MB",
+        f"ward {wards}: {count(len(survey.devices), 'device')}, {_clock(survey.first_ns)} to {_clock(survey.last_ns)} UTC, "
+        f"{survey.duration_s:.1f} s, {count(survey.messages, 'message')}, {survey.size / 1e6:.1f} MB",
         highlight=False,
         soft_wrap=True,
     )
@@ -30,6 +31,12 @@ def show(console: Console, survey: Survey) -> None:
             table.add_row(name, *_row(boot))
     console.print(table)
     for name, device in survey.devices.items():
+        for boot in device.boots.values():
+            if boot.alone:
+                line = (
+                    f"{count(boot.alone, 'corrected rate')} of boot {boot_id(boot.boot)[:8]} beyond the readings here"
+                )
+                console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
         for line in _told(device):
             console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
     if refused := survey.refused.as_dict():
@@ -70,6 +77,7 @@ def _device(device: Device) -> dict[str, Any]:
                 "repeated": boot.repeated,
                 "measured_rate_hz": boot.rate_hz,
                 "corrected": dict(boot.corrected),
+                "corrected_alone": boot.alone,
             }
             for boot in device.boots.values()
         ],
@@ -100,7 +108,7 @@ def _row(boot: Boot) -> tuple[str, ...]:
         f"{boot.rate_hz:.2f}",
         str(boot.samples),
         f"{boot.missing} in {boot.gaps}" if boot.gaps else "0",
-        f"{corrected / boot.samples:.0%}" if boot.samples else str(corrected),
+        f"{corrected / boot.samples:.0%}" if boot.samples else "",
         f"{boot.corrected['GOOD'] / corrected:.0%}" if corrected else "",
     )
 

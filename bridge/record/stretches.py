@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bridge.record.contents import Contents, Tell
 from bridge.record.numbering import Numbering
 from bridge.recording_error import RecordingError
-from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch
+from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
 
 Singles = NDArray[np.float32]
 #: quality of a sample of which no corrected rate was recorded
@@ -83,6 +83,21 @@ class Recorded:
     def begin_ns(self) -> int:
         """Host time of the first sample of all."""
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
+
+    def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
+        """Those accepted ones that were made of this stretch's boot, in order; of several stretches of a boot, each its own."""
+        same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
+        at = same.index(stretch)
+        since_ns = int(stretch.time_ns[0]) if at else 0
+        until_ns = int(same[at + 1].time_ns[0]) if at + 1 < len(same) else np.inf
+        made = [
+            one
+            for one in self.calibrations
+            if (one.device, one.boot, one.verdict) == (stretch.device, stretch.boot, Verdict.ACCEPTED)
+            and one.parameters  # else it does not say how sure it is
+            and since_ns <= one.time_ns < until_ns
+        ]
+        return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
         """Of these devices; raises RecordingError for one that is not there."""

@@ -7,13 +7,18 @@ from pathlib import Path
 
 from bridge.record.contents import Contents, Tell
 from bridge.record.numbering import Numbering
+from bridge.record.runs import Runs
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Quality, SampleBatch
 from bridge.wire.refusal import Tally
 
 
 @dataclass(slots=True)
 class Boot:
-    """One boot of a device: host times of its first and last sample, samples, and what is missing between them."""
+    """One boot of a device: host times of its first and last sample, samples, and what is missing between them.
+
+    corrected: samples by quality, each once, of which the file has the reading; alone: how many of which it has not, as
+    of a reader who came late and was told the last seconds.
+    """
 
     boot: int
     first_ns: int = 0
@@ -23,13 +28,48 @@ class Boot:
     gaps: int = 0
     repeated: int = 0
     device_s: float = 0.0
-    corrected: Counter[str] = field(default_factory=Counter)  # samples by quality
+    corrected: Counter[str] = field(default_factory=Counter)
+    alone: int = 0
     numbering: Numbering = field(default_factory=Numbering)
+    _followed: Numbering = field(default_factory=Numbering)
+    _readings: Runs = field(default_factory=Runs)
+    _rates: Runs = field(default_factory=Runs)
 
     @property
     def rate_hz(self) -> float:
         """Samples a device second, missing ones included; 0 when unknown."""
         return (self.samples + self.missing - 1) / self.device_s if self.device_s > 0 else 0.0
+
+    def read(self, batch: SampleBatch) -> None:
+        """Count readings in."""
+        skip, missing, anew, step = self.numbering.follow(batch)
+        self.repeated += skip
+        if skip == len(batch):
+            return
+        times = batch.sample_time_ns
+        if anew:
+            self.gaps += bool(self.samples)
+        else:
+            self.missing += missing
+            self.gaps += bool(missing)
+            self.device_s += step * batch.tick_period_s
+        self.device_s += float(batch.ticks[-1] - batch.ticks[skip]) * batch.tick_period_s
+        self.first_ns = min(self.first_ns or int(times[skip]), int(times[skip]))
+        self.last_ns = max(self.last_ns, int(times[-1]))
+        self.samples += len(batch) - skip
+        self._readings.add(batch.sequence + skip, batch.sequence + len(batch), int(times[skip]))
+
+    def rated(self, batch: CorrectedBatch) -> None:
+        """Count corrected rates in."""
+        skip = self._followed.follow(batch).skip
+        if skip < len(batch):
+            first, end = batch.sequence + skip, batch.sequence + len(batch)
+            self._rates.add(first, end, int(batch.sample_time_ns[skip]), Quality(batch.quality).name)
+
+    def settle(self) -> None:
+        """Once all has been counted in: which corrected rates belong to the readings."""
+        self.corrected = self._rates.within(self._readings)
+        self.alone = self._rates.qualities().total() - self.corrected.total()
 
 
 @dataclass(slots=True)
@@ -72,16 +112,18 @@ def survey(paths: Sequence[Path], tell: Tell = lambda _done, _of: None) -> Surve
         wards.add(key.ward)
         device = devices.setdefault(key.device, Device())
         if isinstance(said, SampleBatch):
-            _samples(device.boots.setdefault(said.boot, Boot(said.boot)), said)
+            device.boots.setdefault(said.boot, Boot(said.boot)).read(said)
         elif isinstance(said, CorrectedBatch):
-            device.boots.setdefault(said.boot, Boot(said.boot)).corrected[Quality(said.quality).name] += len(said)
+            device.boots.setdefault(said.boot, Boot(said.boot)).rated(said)
         elif isinstance(said, DeviceInfo):
             device.info = said if said.boot or device.info is None else device.info
         elif isinstance(said, Calibration):
             device.calibrations[said.id or str(said.time_ns)] = said
         elif isinstance(said, Note):
             device.notes[said.time_ns, said.text] = said
-    boots = [boot for device in devices.values() for boot in device.boots.values() if boot.samples]
+    for boot in (everyone := [boot for device in devices.values() for boot in device.boots.values()]):
+        boot.settle()
+    boots = [boot for boot in everyone if boot.samples]
     return Survey(
         devices=dict(sorted(devices.items())),
         wards=wards,
@@ -92,21 +134,3 @@ def survey(paths: Sequence[Path], tell: Tell = lambda _done, _of: None) -> Surve
         refused=contents.refused,
         trouble=contents.trouble,
     )
-
-
-def _samples(boot: Boot, batch: SampleBatch) -> None:
-    skip, missing, anew, step = boot.numbering.follow(batch)
-    boot.repeated += skip
-    if skip == len(batch):
-        return
-    times = batch.sample_time_ns
-    if anew:
-        boot.gaps += bool(boot.samples)
-    else:
-        boot.missing += missing
-        boot.gaps += bool(missing)
-        boot.device_s += step * batch.tick_period_s
-    boot.device_s += float(batch.ticks[-1] - batch.ticks[skip]) * batch.tick_period_s
-    boot.first_ns = min(boot.first_ns or int(times[skip]), int(times[skip]))
-    boot.last_ns = max(boot.last_ns, int(times[-1]))
-    boot.samples += len(batch) - skip

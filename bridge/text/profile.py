@@ -36,8 +36,10 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from bridge.shipped import file_of
+from bridge.shipped import shipped as in_folders
 from bridge.text.units import ACCELERATIONS, RATES, STANDARD_GRAVITY, TIMES, in_si
-from bridge.toml_file import ConfigError, load, nearest
+from bridge.toml_file import load, nearest
 from bridge.wire.checks import MAX_SENTENCE
 
 _HERE = Path(__file__).parent.parent
@@ -237,20 +239,12 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 def load_profile(name: str | Path) -> Profile:
     """A profile that comes with truerate, by its name, or any other by the path of its .toml; raises ConfigError."""
-    path = Path(name)
-    if path.suffix != ".toml":
-        known = shipped()
-        if str(name) not in known:
-            raise ConfigError(
-                f"there is no profile {str(name)!r}; {nearest(str(name), known)} (a file of your own ends in .toml)"
-            )
-        path = known[str(name)]
-    return load(path, Profile)
+    return load(file_of(name, "profile", _FOLDERS), Profile)
 
 
 def shipped() -> dict[str, Path]:
     """The profiles that come with truerate: names and files."""
-    return {path.stem: path for folder in _FOLDERS for path in sorted(folder.glob("*.toml"))}
+    return in_folders(_FOLDERS)
 
 
 def _compiled(pattern: str, key: str) -> re.Pattern[str]:

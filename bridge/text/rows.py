@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 from bridge.drivers.assembly import Vector
 from bridge.text.profile import NUMBER, Profile
 from bridge.text.units import TIMES
+from bridge.wording import count
 
 ROW_SHORT, ROW_LONG, NOT_A_NUMBER, NO_MATCH = "row_short", "row_long", "not_a_number", "no_match"
 NO_HEADER, HEADER_INCOMPLETE = "no_header", "header_incomplete"
@@ -116,7 +117,7 @@ class CsvReader:
             return Refused(NO_HEADER, "no header row has come; restart the device, which prints it then")
         if len(fields) != len(self._names):
             fault = ROW_SHORT if len(fields) < len(self._names) else ROW_LONG
-            return Refused(fault, f"{len(fields)} columns came, {len(self._names)} were expected")
+            return Refused(fault, f"{count(len(fields), 'column')} came, {len(self._names)} were expected")
         return self._conversion.row(dict(zip(self._names, fields, strict=True)))
 
     def _split(self, row: str) -> list[str]:

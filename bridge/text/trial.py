@@ -10,6 +10,7 @@ from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.text_profile import TextDecoder
 from bridge.text.profile import Profile
 from bridge.text.rows import Refused
+from bridge.wording import count
 
 SHOWN_SAMPLES: Final = 5
 SHOWN_LINES: Final = 5  # of each fault
@@ -66,7 +67,9 @@ def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
 
 def report(trial: Trial, seconds: float = 0.0) -> list[str]:
     """In words; seconds: how long the device was listened to, 0 where nobody knows."""
-    lines = [f"understood: {trial.samples} samples in {len({who.boot for who in trial.identities})} boots"]
+    lines = [
+        f"understood: {count(trial.samples, 'sample')} in {count(len({who.boot for who in trial.identities}), 'boot')}"
+    ]
     if trial.identities:
         who = trial.identities[-1]
         parts = ["rates", *["accelerations"] * who.has_accel, *["temperature"] * who.has_temperature]

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bridge.wire.messages import Verdict
+from bridge.wording import count
 from estimator import rotation
 from estimator.batch.capture import Capture, Floats, Movement, Rest
 from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW, collect
@@ -37,7 +38,7 @@ def by_accel_aided(capture: Capture) -> Result:
     accel = np.array([rest.accel for rest in data.rests])
     differ = _that_differ(accel)
     if differ < FEWEST_POSES:
-        reason = f"{differ} poses that differ; {FEWEST_POSES} are needed for the accelerometer's own errors"
+        reason = f"{count(differ, 'different pose')}; {FEWEST_POSES} are needed for the accelerometer's own errors"
         return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
     u = gravity_of(accel)
     b, b_cov = _bias(data.rests)
@@ -114,7 +115,7 @@ def _judge(
 ) -> Result:
     limits = VerdictKnobs()
     missed = degrees(float(np.sqrt(np.mean(np.sum(r.reshape(-1, 3) ** 2, axis=1)))))
-    reason = f"full matrix: gravity carried through {len(movements)} movements to {missed:.2f}° rms"
+    reason = f"full matrix: gravity carried through {count(len(movements), 'movement')} to {missed:.2f}° rms"
     verdict = Verdict.ACCEPTED
     repeat: tuple[int, ...] = ()
     bad = unbelievable(np.diag(M), limits)

@@ -12,6 +12,7 @@ from math import degrees
 import numpy as np
 
 from bridge.wire.messages import Verdict
+from bridge.wording import count
 from estimator import rotation
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, Samples
@@ -120,7 +121,7 @@ def judge_fit(capture: Capture, data: Transitions, found: Fit, knobs: VerdictKno
     k, std = np.diag(matrix), np.sqrt(np.diag(covariance)[3:6])
     loose = tuple(axis for axis in range(3) if not std[axis] < knobs.scale_std * k[axis])
     missed = degrees(float(np.sqrt(np.mean(found.angles**2))))
-    carried = f"gravity carried through {len(found.angles)} movements to {missed:.2f}° rms"
+    carried = f"gravity carried through {count(len(found.angles), 'movement')} to {missed:.2f}° rms"
     repeat: tuple[int, ...] = ()
     outside = unbelievable(k, knobs)
     if (outside or found.misfit > MISFIT) and (

@@ -1,6 +1,6 @@
 """A file that keeps what it was given or says that it cannot: SQLite whose rows are sealed. The only package with sqlite3."""
 
-from estimator.database.database import Change, Database
+from estimator.database.database import Change, Database, Trim
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.inspection import Inspection, inspect
 from estimator.database.schema import APPLICATION_ID, SCHEMA_VERSION
@@ -14,6 +14,7 @@ __all__ = [
     "Inspection",
     "Row",
     "StoreError",
+    "Trim",
     "Unavailable",
     "inspect",
 ]

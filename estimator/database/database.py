@@ -15,6 +15,7 @@ from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
     Damaged,
     backed_up,
+    head_of,
     look,
     look_through,
     migrated,
@@ -42,6 +43,15 @@ class Change(NamedTuple):
     table: str
     row: Row
     conflict: str = "IGNORE"
+
+
+class Trim(NamedTuple):
+    """All rows of a table that have `value` in `column` are removed but the `keep` written last."""
+
+    table: str
+    column: str
+    value: str
+    keep: int
 
 
 class Database:
@@ -91,16 +101,16 @@ class Database:
 
         return self._do(read, "restore it from a backup")
 
-    def write(self, *changes: Change) -> None:
+    def write(self, *changes: Change | Trim) -> None:
         """All of them, or none; on disk when it returns."""
 
         def written(db: sqlite3.Connection) -> None:
             with transaction(db):
-                for table, row, conflict in changes:
-                    whole = sealed(table, row, self._types[table])
-                    places = ", ".join("?" * len(whole))
-                    insert = f"INSERT OR {conflict} INTO {table} ({', '.join(whole)}) VALUES ({places})"  # noqa: S608 - our own words
-                    db.execute(insert, tuple(whole.values()))
+                for change in changes:
+                    if isinstance(change, Change):
+                        self._put(db, *change)
+                    else:
+                        _trimmed(db, *change)
 
         self._must_write(written)
 
@@ -185,6 +195,12 @@ class Database:
             log.error("%s", note)
         self.notes += notes
 
+    def _put(self, db: sqlite3.Connection, table: str, row: Row, conflict: str) -> None:
+        whole = sealed(table, row, self._types[table])
+        places = ", ".join("?" * len(whole))
+        insert = f"INSERT OR {conflict} INTO {table} ({', '.join(whole)}) VALUES ({places})"  # noqa: S608 - our own words
+        db.execute(insert, tuple(whole.values()))
+
     def _whole(self, table: str, number: int, row: dict[str, object]) -> Row | None:
         whole = opened(table, row)
         if whole is None:
@@ -195,11 +211,15 @@ class Database:
         return whole
 
 
+def _trimmed(db: sqlite3.Connection, table: str, column: str, value: str, keep: int) -> None:
+    last = f"SELECT rowid FROM {table} WHERE {column} = ? ORDER BY rowid DESC LIMIT 1 OFFSET ?"  # noqa: S608 - our own words
+    db.execute(f"DELETE FROM {table} WHERE {column} = ? AND rowid <= ({last})", (value, value, keep))  # noqa: S608 - our own words
+
+
 def _as_it_is(path: Path) -> sqlite3.Connection:
     """What is in a store now, for reading; raises StoreError where it is missing, damaged or not ours."""
     try:
-        if not path.stat().st_size:
-            raise StoreError(f"store {path} is empty")
+        head_of(path)
         db = _live(path)
         version = look(db, path)
         look_through(db)

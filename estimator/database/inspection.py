@@ -6,10 +6,11 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bridge.wording import count
 from estimator.database import salvage, wal
 from estimator.database.connection import FAULTS, beside, connect
 from estimator.database.errors import StoreError
-from estimator.database.opening import Damaged, look, look_through
+from estimator.database.opening import Damaged, head_of, look, look_through
 from estimator.database.rescue import file_and_log
 from estimator.database.schema import SCHEMA_VERSION, SEALED_FROM
 
@@ -33,11 +34,9 @@ class Inspection:
 def inspect(path: Path) -> Inspection:
     """Look through a store, in use or not; raises StoreError where there is none."""
     try:
-        head = file_and_log(path, salvage.HEAD)
+        head = head_of(path)
         lost = _lost(path.with_name(path.name + "-wal"))
-        if head and not salvage.is_ours(head):
-            raise StoreError(f"{path} is not a store of truerate's")
-        return _inspected(path, head, [f"the last {lost} writes in its log cannot be read"] if lost else [])
+        return _inspected(path, head, [f"of its log {count(lost, 'write')} at the end cannot be read"] if lost else [])
     except FileNotFoundError:
         raise StoreError(f"store {path}: there is no such file") from None
     except OSError as error:
@@ -45,8 +44,6 @@ def inspect(path: Path) -> Inspection:
 
 
 def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:
-    if not head:
-        return Inspection(str(path), 0, [*faults, "the file is empty"])
     if not salvage.header_is_whole(head):
         faults.append("its header is damaged")
     with closing(_copy(path)) as db:

@@ -25,6 +25,10 @@ LOOKED_THROUGH = 256 * 2**20
 _FUTURE = 1000
 
 
+#: to who names a file that is none
+_ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
+
+
 class Damaged(Exception):
     """The file is a store of ours, and not whole: what was found first."""
 
@@ -47,6 +51,19 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
         raise Unavailable(f"store {path}: {error}; check that the folder exists, is writable and has room") from error
     except Damaged as damage:
         raise Unavailable(f"store {path}: damaged again at once ({damage}); is the disk failing?") from damage
+
+
+def head_of(path: Path) -> bytes:
+    """The beginning of a store, damaged or not; StoreError where the file is empty or of another kind, OSError without one."""
+    if not path.stat().st_size:
+        raise StoreError(
+            f"store {path} is an empty file: nothing is kept in it. Put a backup in its place, or remove it: an estimator "
+            f"that is started begins a new one"
+        )
+    head = file_and_log(path, salvage.HEAD)
+    if not salvage.is_ours(head):
+        raise StoreError(f"{path} is not a store of truerate's: {_ADVICE}")
+    return head
 
 
 def look(db: sqlite3.Connection, path: Path | str) -> int:

@@ -5,6 +5,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Any
 
+from bridge.wording import count
 from estimator.database.connection import FAULTS, connect
 from estimator.database.schema import APPLICATION_ID, SCHEMA_VERSION, SEALED_FROM, TABLES, build, columns
 from estimator.database.seal import opened
@@ -95,7 +96,7 @@ def told(found: dict[str, Table]) -> str:
     words = ", ".join(f"{len(table.rows)} of {name}" for name, table in found.items())
     broken = sum(len(table.broken) for table in found.values())
     stopped = ", ".join(name for name, table in found.items() if table.stopped)
-    words += f"; {broken} rows are damaged" if broken else ""
+    words += f"; {count(broken, 'row')} damaged" if broken else ""
     return words + (f"; {stopped} cannot be read to the end" if stopped else "")
 
 

@@ -9,6 +9,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bridge.wording import count
 from estimator.figures.style import AXES, COLOURS
 from estimator.history import History
 
@@ -38,7 +39,8 @@ def history(of: History, path: Path) -> None:
     below.xaxis.set_major_locator(locator)
     below.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     figure.suptitle(
-        f"{of.device}: {len(of.calibrations)} calibrations, {len(of.boots)} boots (times in UTC)", fontsize=12
+        f"{of.device}: {count(len(of.calibrations), 'calibration')}, {count(len(of.boots), 'boot')} (times in UTC)",
+        fontsize=12,
     )
     handles, labels = above.get_legend_handles_labels()
     if handles:

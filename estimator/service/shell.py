@@ -32,6 +32,8 @@ STATUS_S = 1.0
 SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
+#: names told to who asks for a device that is not there
+SHOWN = 20
 
 
 class Service:
@@ -260,17 +262,24 @@ class Service:
     def _do(self, key: keys.Key, command: Command) -> CommandReply:
         if (before := self._record.answered(key, command)) is not None:
             return before
+        if key.device not in self._devices:
+            return self._unknown(key, command)
         reply = self._done(key, command)
         log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
         self._record.audit(key, command, reply)
         return reply
 
+    def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
+        """Anybody can make names up: such a command is counted and not kept."""
+        names = sorted(self._devices)
+        known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+        message = f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}"
+        if self.counts.add("commands to unknown devices") == 1:
+            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
+        return CommandReply(command.request_id, accepted=False, message=message)
+
     def _done(self, key: keys.Key, command: Command) -> CommandReply:
-        verb, device = key.ids["verb"], self._devices.get(key.device)
-        if device is None:
-            known = ", ".join(sorted(self._devices)[:20]) or "none"
-            message = f"no device {key.device} was heard; there are: {known}"
-            return CommandReply(command.request_id, accepted=False, message=message)
+        verb, device = key.ids["verb"], self._devices[key.device]
         refusals: list[str | None] = []
         if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
             return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")

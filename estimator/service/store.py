@@ -1,10 +1,11 @@
 """What the estimator keeps of a ward: calibrations, boots, the history of biases, and an audit of commands.
 
-Append-only but for the latest bias of each boot. Every row is sealed (estimator/database): what was damaged on disk is
-refused and reported, never used.
+Append-only but for the latest bias of each boot, and for an audit that would grow without end. Every row is sealed
+(estimator/database): what was damaged on disk is refused and reported, never used.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -16,7 +17,8 @@ import numpy as np
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
-from estimator.database import Change, Database, Row, StoreError
+from estimator.database import Change, Database, Row, StoreError, Trim
+from estimator.same_rate import same_rate
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -25,6 +27,8 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
+#: of each device the audit keeps about so many lines, those of years; looked after every so many
+AUDITED, _LOOKED_AFTER = 10_000, 100
 
 
 class Store:
@@ -32,6 +36,7 @@ class Store:
 
     def __init__(self, path: Path | str, *, patient: bool = False) -> None:
         self.database = Database(path, patient=patient)
+        self._audited: Counter[str] = Counter()
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
@@ -88,7 +93,9 @@ class Store:
         """Append what was asked of the estimator, or what it refused, and what came of it."""
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         row |= {"reason": reason, "accepted": int(accepted), "message": message}
-        self.database.write(Change("audit", row))
+        trims = [] if self._audited[device] % _LOOKED_AFTER else [Trim("audit", "device", device, AUDITED)]
+        self.database.write(Change("audit", row), *trims)
+        self._audited[device] += 1
 
     # ---- what is known ----------------------------------------------------------------------------------------------
 
@@ -112,14 +119,14 @@ class Store:
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
-        this, key = keys.boot_id(info.boot), _earlier_key(info)
-        return self._latest(info.device, lambda row: row["boot"] != this and _has(row, key))
+        this = keys.boot_id(info.boot)
+        return self._latest(info.device, lambda row: row["boot"] != this and _same(row, info))
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
-        this, key = keys.boot_id(info.boot), _earlier_key(info)
+        this = keys.boot_id(info.boot)
         rows = self.database.rows("boots", "device = ?", (info.device,), "time_ns DESC")
-        boots = [row for row in rows if row["boot"] != this and _has(row, key)][:BOOTS]
+        boots = [row for row in rows if row["boot"] != this and _same(row, info)][:BOOTS]
         return [found for boot in boots if (found := self._points(boot)) is not None]
 
     def _points(self, boot: Row) -> Points | None:
@@ -179,12 +186,14 @@ def _restore_key(of: Calibration | DeviceInfo) -> Row:
     return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
 
 
-def _earlier_key(info: DeviceInfo) -> Row:
-    """A device with a clock may be told another rate, as for a calibration; without one its scale hangs on its rate."""
+def _same(row: Row, info: DeviceInfo) -> bool:
+    """Whether a row is of the hardware that booted.
+
+    A device with a clock may be told another rate, as for a calibration; without one its scale hangs on its rate.
+    """
     key = _restore_key(info)
-    if info.has_clock:
-        del key["rate_hz"]
-    return key
+    rate_hz = key.pop("rate_hz")
+    return _has(row, key) and (info.has_clock or same_rate(row["rate_hz"], rate_hz))
 
 
 def _state(kept: list[Any]) -> BiasState | None:

@@ -31,9 +31,10 @@ class BiasKnobs:
 
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)
-    #: the same just after power-up, where no temperature tells of the warming, and how fast that fades, s
+    #: the same just after power-up, where no temperature tells of the warming, and how fast that fades, s: its own heat
+    #: takes minutes, the skin of who wears it ten (tests/bench/warming.py)
     warm_up_walk: float = radians(3e-3)
-    warm_up_s: float = 300.0
+    warm_up_s: float = 600.0
     #: how much the bias may move per kelvin, before that is learnt
     per_kelvin: float = radians(0.03)
     #: how much the slope itself may change per kelvin, rad/s/K²

@@ -56,7 +56,7 @@ def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
         ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "rate_hz is -5"),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 1, 2]}, "time does not rise at sample 2: 1 s, then 1 s"),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 0.5, 2]}, "time does not rise at sample 2"),
-        ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 samples; at least 2"),
+        ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 sample; at least 2"),
         ({"gyro_rad_s": GYRO}, "neither sample times nor 'rate_hz'; say it with --rate-hz"),
         (
             {"gyro_rad_s": GYRO * 100, "rate_hz": 1.0},

@@ -207,7 +207,7 @@ def test_what_fails_half_way_leaves_the_old_file(
 def test_a_bar_is_shown_to_who_waits_at_a_terminal(recorded: Path, tmp_path: Path) -> None:
     """On a terminal of its own, with no patience at all."""
     code = (
-        "import sys; from estimator import cli, cli_correct; cli_correct._PATIENCE_S = 0.0;"
+        "import sys; from bridge import progress; from estimator import cli; progress._PATIENCE_S = progress._EACH_S = 0.0;"
         f"sys.exit(cli.main(['correct', {str(recorded)!r}, {str(tmp_path / 'c.csv')!r}]))"
     )
     master, slave = os.openpty()

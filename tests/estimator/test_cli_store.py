@@ -86,6 +86,9 @@ def test_history_of_nothing_says_what_there_is(
 ) -> None:
     assert main(["history", "wrist", "--store", store.path]) == 2
     assert f"it has {NAME}" in capsys.readouterr().err
+    store.add_audit(8, "ghost", "recalibrate", "r9", "somebody", "", "no such device", accepted=False)
+    assert main(["history", "wrist", "--store", store.path]) == 2
+    assert capsys.readouterr().err.rstrip().endswith(f"it has {NAME}"), "a name is no device"
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
     assert "no such file" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
@@ -132,7 +135,7 @@ def test_check_says_what_is_whole(store: Store, capsys: pytest.CaptureFixture[st
     assert main(["store", "check", "--store", store.path]) == 0
     said = capsys.readouterr().out
     assert "3 calibrations" in said
-    assert "18 bias history" in said
+    assert "18 points of bias history" in said
     assert "every row is whole" in said
     assert Path(store.path).read_bytes() == before
 
@@ -160,3 +163,32 @@ def test_check_of_what_is_no_store(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["store", "check", str(tmp_path / "a.txt")]) == 1
     assert "is not a store" in capsys.readouterr().err
     assert main(["store", "check", "--config", str(tmp_path / "none.toml")]) == 2
+
+
+@pytest.mark.parametrize(
+    "verb", [["store", "check"], ["history", NAME], ["store", "backup", "copy.sqlite3"]], ids=" ".join
+)
+def test_what_is_empty_or_no_store_is_said_with_what_to_do(
+    tmp_path: Path, verb: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "a.bin"
+    noise = np.random.default_rng(1).bytes(20_000)
+    for content, words in (
+        (b"", ("is an empty file", "backup")),
+        *((noise[:n], ("is not a store", "--config")) for n in (1, 100, 1000, 4096, 20_000)),
+    ):
+        file.write_bytes(content)
+        assert main([*verb, "--store", str(file)]) == 1
+        said = capsys.readouterr()
+        assert said.out == ""
+        (line,) = said.err.splitlines()
+        for word in (str(file), *words):
+            assert word in line, len(content)
+    assert not (tmp_path / "copy.sqlite3").exists()
+
+
+def test_history_of_a_store_without_devices_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Store(tmp_path / "new.sqlite3").close()
+    assert main(["history", NAME, "--store", str(tmp_path / "new.sqlite3")]) == 2
+    assert "no device has been heard by its estimator yet" in capsys.readouterr().err

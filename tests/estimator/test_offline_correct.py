@@ -120,7 +120,7 @@ def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bo
         for event in playback.due(until, int(until * 1e9) + 1):
             batches += intake.take(event)
     live = feed(DeviceSession(NAME, knobs_of(load_model(GENERIC))), batches).corrected
-    found = correct(of, gyro_range=gyro_range, from_power_up=True)
+    found = correct(of, gyro_range=gyro_range)
     np.testing.assert_array_equal(found.rate, rates(live))
     np.testing.assert_array_equal(found.quality, np.concatenate([np.full(len(b), b.quality) for b in live]))
     np.testing.assert_allclose(found.rate_std, np.concatenate([b.rate_std for b in live]), rtol=1e-6)

@@ -9,6 +9,7 @@ import pytest
 from bridge.wire.messages import Calibration, Verdict
 from estimator.database import APPLICATION_ID, SCHEMA_VERSION
 from estimator.database.database import RETRY_S
+from estimator.service import store as service_store
 from estimator.service.store import Store, StoreError
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
@@ -120,6 +121,16 @@ def test_a_prior_needs_the_whole_restore_key(store: Store, change: str) -> None:
 def test_a_device_with_a_clock_may_have_been_calibrated_at_another_rate(store: Store) -> None:
     store.add_calibration(GOOD)
     assert same(store.prior(replace(info(boot=2), rate_hz=26.0)), GOOD)
+
+
+def test_a_device_without_a_clock_is_found_again_by_a_rate_that_is_estimated_anew(store: Store) -> None:
+    store.add_calibration(GOOD)
+    store.add_boot(replace(info(1), has_clock=False), 5)
+    store.save_bias(NAME, 1, 6, BIAS, history=True)
+    this = replace(info(boot=2), has_clock=False, rate_hz=GOOD.rate_hz * 1.007)
+    assert same(store.prior(this), GOOD)
+    assert len(store.points(this)) == 1
+    assert store.prior(replace(this, rate_hz=GOOD.rate_hz * 1.03)) is None
 
 
 def test_the_prior_is_the_latest(store: Store) -> None:
@@ -237,6 +248,21 @@ def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") == (True, "done")
     assert store.answer(NAME, "cancel", "r2") == (False, "nothing to cancel")
     assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
+
+
+def test_an_audit_keeps_the_latest_of_each_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service_store, "AUDITED", 50)
+    monkeypatch.setattr(service_store, "_LOOKED_AFTER", 10)
+    for run in range(2):  # restarts do not matter
+        store = Store(tmp_path / "a.sqlite3")
+        store.add_audit(run, "other", "note", f"other-{run}", "nurse", "", "noted", accepted=True)
+        for n in range(100 * run, 100 * run + 100):
+            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", "noted", accepted=True)
+        kept = [row["time_ns"] for row in store.database.rows("audit", "device = ?", (NAME,))]
+        assert 50 <= len(kept) < 60
+        assert kept == list(range(100 * run + 100 - len(kept), 100 * run + 100))
+        assert store.answer("other", "note", "other-0") is not None
+        store.close()
 
 
 def test_its_settings_survive_a_kill(store: Store) -> None:

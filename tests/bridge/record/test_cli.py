@@ -1,16 +1,22 @@
 """The verbs as people use them: what they print, what they say of bad files, and their exit codes."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
 from bridge.bus.contract import Message
-from bridge.sim.session import simulate_session
+from bridge.record.stretches import read
+from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, Verdict
+from estimator.batch.result import PARAMETERS
+from estimator.calibration_file import load
 from estimator.cli import main
 from tests.bridge.record.crowd import WARD, info, samples
 from tests.bridge.record.test_contents import NOW, S, about, marked, recorded, run
@@ -59,15 +65,13 @@ def test_export_of_one_device(path: Path, tmp_path: Path, capsys: Capture) -> No
     assert "no samples of 'three'; there are of one, two" in capsys.readouterr().err
 
 
-def test_calibrate_and_correct_take_a_wards_recording(tmp_path: Path, capsys: Capture) -> None:
-    session = simulate_session(4)
+def sent(session: Session, first: int = 0) -> list[Message]:
+    """A session as a ward sends it, from a sample on."""
     n = len(session.gyro)
     assert session.accel is not None
     part = [Message(keys.build(WARD, "info", bridge="b", device="one"), codec.encode_info(info("one", NOW)))]
-    from dataclasses import replace
-
     step = round(1e6 / session.rate_hz)
-    for at in range(0, n, 20):
+    for at in range(first, n, 20):
         rows = slice(at, min(n, at + 20))
         batch = replace(
             samples("one", at, rows.stop - at, NOW + at * step * 1000),
@@ -76,7 +80,24 @@ def test_calibrate_and_correct_take_a_wards_recording(tmp_path: Path, capsys: Ca
             accel=session.accel[rows].astype(np.float32),
         )
         part.append(Message(keys.build(WARD, "raw", bridge="b", device="one"), codec.encode_samples(batch)))
-    (path,) = recorded(tmp_path, [*part, *run("two", 0, 50)])
+    return part
+
+
+def calibrated(session: Session, time_s: float, boot: int = 7, verdict: Verdict = Verdict.ACCEPTED) -> Message:
+    """What an estimator said of it at a time, a little off what the session itself gives."""
+    std = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
+    made = Calibration(
+        "one", boot, f"live-{time_s:g}", NOW + round(time_s * S), "closure", verdict, "three turns",
+        np.diag(session.truth.k + 2e-3), session.truth.turn_on_bias, PARAMETERS, np.diag(std**2), (), np.full(3, 1e-3), "m", "f",
+        8.7, 400.0, 30.0, "",
+    )  # fmt: skip
+    return Message(keys.build(WARD, "calibration", device="one"), codec.encode_calibration(made))
+
+
+def test_calibrate_and_correct_take_a_wards_recording(tmp_path: Path, capsys: Capture) -> None:
+    session = simulate_session(4)
+    n = len(session.gyro)
+    (path,) = recorded(tmp_path, [*sent(session), *run("two", 0, 50)])
     assert main(["calibrate", str(path), "--device", "one", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert np.diag(found["matrix"]) == pytest.approx(session.truth.k, abs=5e-4)
@@ -87,6 +108,70 @@ def test_calibrate_and_correct_take_a_wards_recording(tmp_path: Path, capsys: Ca
     capsys.readouterr()
     assert main(["calibrate", str(path)]) == 1
     assert "it has 2 devices; choose one by --device: one, two" in capsys.readouterr().err
+
+
+def corrected(path: Path, capsys: Capture, *words: str) -> dict[str, Any]:
+    assert main(["correct", str(path), str(path.with_suffix(".npz")), "--json", *words]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_the_calibration_that_the_boot_had_as_the_recording_began_is_used(tmp_path: Path, capsys: Capture) -> None:
+    session = simulate_session(4)
+    others = [calibrated(session, -5.0, boot=6), calibrated(session, -2.0, verdict=Verdict.REPEAT)]
+    (path,) = recorded(tmp_path, [calibrated(session, -3.0), *others, *sent(session), calibrated(session, 9.0)])
+    found = corrected(path, capsys)
+    assert found["calibration"] == "live--3"
+    assert found["said"][0] == "calibration live--3 of this boot, which is in the recording, is used; 1 later one not"
+    assert np.diag(found["matrix"]) == pytest.approx(session.truth.k + 2e-3, abs=1e-9)
+    assert "NONE" not in found["seconds_by_quality"]
+    assert "PRIOR" not in found["seconds_by_quality"], "the calibration at another rate is of this boot all the same"
+    other = tmp_path / "other.json"
+    assert main(["calibrate", str(path), "--method", "closure", "--json"]) == 0
+    other.write_text(capsys.readouterr().out)
+    assert corrected(path, capsys, "--calibration", str(other))["calibration"] != "live--3", (
+        "who says one gets that one"
+    )
+
+
+def test_one_made_meanwhile_is_used_where_its_turns_were_not_recorded(tmp_path: Path, capsys: Capture) -> None:
+    session = simulate_session(4)
+    end_s = session.time_s[-1]
+    whole, torn = recorded(
+        tmp_path, [*sent(session), calibrated(session, end_s)], [*sent(session, 1600), calibrated(session, end_s)]
+    )
+    assert corrected(whole, capsys)["calibration"] == f"{whole.stem}_one", "the turns themselves, from there on"
+    found = corrected(torn, capsys)
+    assert found["calibration"] == f"live-{end_s:g}"
+    assert "without all of its turns" in found["said"][0]
+
+
+def test_calibrate_shows_what_was_made_live_unless_a_method_is_named(tmp_path: Path, capsys: Capture) -> None:
+    session = simulate_session(4)
+    (path,) = recorded(tmp_path, [calibrated(session, -3.0), *sent(session)])
+    assert main(["calibrate", str(path)]) == 0
+    said = capsys.readouterr().out
+    for words in (f"{session.truth.k[0] + 2e-3:.5f}", "live--3", "--method"):
+        assert words in said
+    kept = tmp_path / "live.json"
+    assert main(["calibrate", str(path), "--json"]) == 0
+    kept.write_text(capsys.readouterr().out)
+    assert load(kept).id == "live--3"
+    assert main(["calibrate", str(path), "--method", "closure", "--json"]) == 0
+    assert np.diag(json.loads(capsys.readouterr().out)["matrix"]) == pytest.approx(session.truth.k, abs=5e-4)
+
+
+def test_of_a_boot_whose_numbers_began_anew_each_stretch_has_its_own_calibrations(tmp_path: Path) -> None:
+    session = simulate_session(4)
+    part = [
+        *run("one", 0, 200),
+        calibrated(session, 1.0),
+        *run("one", 0, 200, later_ns=20 * S),
+        calibrated(session, 21.0),
+    ]
+    (path,) = recorded(tmp_path, part)
+    found = read([path])
+    assert [[c.id for c in found.calibrations_of(one)] for one in found.stretches["one"]] == [["live-1"], ["live-21"]]
 
 
 COMMANDS = [
@@ -160,10 +245,19 @@ def test_a_torn_or_flipped_file_gives_what_it_has(
         assert "Traceback" not in said.err
 
 
+def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        main(["recording", "--help"])
+    said = capsys.readouterr().out
+    places = [said.index(f"\n    {verb} ") for verb in ("info", "export", "recover")]
+    assert places == sorted(places)
+    assert "truerate bridge replay" in said
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["record", "--rotate", "soon"], 2, "rotate is 'soon'; a time such as 90s"),
+        (["record", "--rotate", "soon"], 2, "truerate: record: rotate is 'soon'; a time such as 90s"),
         (["record", "--connect", "here"], 2, "--connect"),
         (["record", "--seconds", "0"], 2, "--seconds is 0"),
         (["record", "--ward", "Ward 3"], 2, "ward 'Ward 3' is not valid"),

@@ -5,13 +5,14 @@ import logging
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
 from bridge.record.mcap_reader import Entry, McapReader
 from bridge.record.recorder import Knobs, WardRecorder
 from bridge.wire import codec, keys
-from bridge.wire.messages import Note
+from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.record.crowd import WARD, corrected, info, samples, status
 
 NOW = 1_790_000_000_000_000_000
@@ -200,6 +201,23 @@ def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecor
     assert recorder.size == sum(len(output.file.getvalue()) for output in disk.outputs)
 
 
+def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
+    def made(name: str, verdict: Verdict) -> Message:
+        of = Calibration(
+            "one", 7, name, NOW, "closure", verdict, "", np.eye(3), np.zeros(3), (), np.zeros((0, 0)), (), np.ones(3),
+            "m", "f", 8.7, 104.0, 30.0, "anna",
+        )  # fmt: skip
+        return Message(keys.build(WARD, "calibration", device="one"), codec.encode_calibration(of))
+
+    good = made("c1", Verdict.ACCEPTED)
+    recorder.take([raw("one", 0), good, made("c2", Verdict.REPEAT)], NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take([raw("one", 5)], NOW, 11.0)
+    recorder.close()
+    assert len(disk.outputs) == 2
+    assert disk.last.entries()[0].payload == good.payload
+
+
 def test_a_new_file_at_its_size(disk: Disk) -> None:
     recorder = WardRecorder(disk, WARD, knobs=Knobs(rotate_bytes=20_000, keep_free_bytes=0, room_bytes=0))
     recorder.begin(NOW, 0.0)
@@ -233,7 +251,7 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
     recorder.close()
     assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
     assert (account.trouble, account.files) == ("", [Path("1.mcap")])
-    assert "4 messages were not" in caplog.text
+    assert "4 messages not recorded" in caplog.text
 
 
 def test_a_disk_that_fills_up_ends_the_file_well_while_others_have_room(recorder: WardRecorder, disk: Disk) -> None:

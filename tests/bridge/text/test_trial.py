@@ -19,7 +19,7 @@ def test_a_capture_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["bridge", "try", "nano-33-ble", str(capture), "--seconds", "2"]) == 0
     said = capsys.readouterr().out
     for words in [
-        "understood: 238 samples in 1 boots",
+        "understood: 238 samples in 1 boot",
         "rate:       119 Hz, as promised: it tells no time",
         "counted:    119 samples a second in 2 s",
         "reads 12.8 % low",

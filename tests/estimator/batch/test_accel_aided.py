@@ -31,4 +31,4 @@ def test_few_poses_are_not_enough() -> None:
     for of in (in_poses(13, 4), calibration(seed=33)):
         result, _ = offline.calibrate(of.recording(), "accel_aided")
         assert result.verdict is Verdict.REPEAT
-        assert "poses that differ" in result.reason
+        assert "different pose" in result.reason
