@@ -112,18 +112,18 @@ class Device:
         return published.status(self.session.status(time_ns))
 
     @property
-    def waiting(self) -> int:
-        """Corrected samples kept until there is somebody to tell them."""
-        return sum(map(len, self._waiting))
+    def told(self) -> int:
+        """Corrected samples that were published, or are kept until it is clear that there is a device."""
+        return self.said + sum(map(len, self._waiting))
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
         delay_s, self._delay_s, self._timed = self._delay_s, math.nan, False
         return delay_s
 
-    def restart(self, lost: int) -> None:
-        """A session without a boot: the next batch begins it. The counts stay; `lost` samples came to nothing."""
-        sequence = self.session.sequence.anew(lost)
+    def restart(self, lost: int, uncounted: int) -> None:
+        """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
+        sequence = self.session.sequence.anew(lost, uncounted)
         self.session = DeviceSession(self.name, self._knobs)
         self.session.sequence = sequence
 

@@ -53,7 +53,7 @@ class Conservation:
     def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
         """What is newly wrong, by device, "" for all of them together: in words.
 
-        decoded: samples that came through the service's door; turned_away: batches there was no room for a device for.
+        decoded: samples that came through the service's door; turned_away: those of devices there was no room for.
         """
         for name in self._last.keys() - accounts.keys():
             self._gone += self._last[name]
@@ -61,9 +61,7 @@ class Conservation:
         self._last = dict(accounts)
         self.total = sum(accounts.values(), self._gone)
         wrong = {name: _judged(account) for name, account in accounts.items()}
-        lost = decoded - self.total.came - self.total.refused
-        # A batch that was turned away has at least one sample.
-        wrong[""] = (min(0, lost - turned_away) if turned_away else lost, 0)
+        wrong[""] = (decoded - self.total.came - self.total.refused - turned_away, 0)
         fresh = {name: found for name, found in wrong.items() if found != self._told.get(name, (0, 0))}
         self._told |= fresh
         said = {name: _words(found) for name, found in fresh.items() if any(found)}

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from bridge.bus.contract import Bus, BusError, Message
+from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
@@ -15,6 +15,7 @@ from estimator.door import Door
 from estimator.noise_model import load_model
 from estimator.service.commands import Commands
 from estimator.service.device import Device
+from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
 from estimator.service.record import Record
 from estimator.service.roster import Roster
@@ -54,6 +55,7 @@ class Service:
         usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
         self._knobs = knobs_of(load_model(settings.model), usual)
         self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
+        self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
         self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
@@ -139,7 +141,7 @@ class Service:
         now = time.monotonic()
         device = self._devices.get(batch.device)
         if device is None:
-            if not self._devices.room(now):
+            if not self._devices.room(now, len(batch)):
                 return
             knobs = self._knobs_of.get(batch.device, self._knobs)
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
@@ -147,7 +149,7 @@ class Service:
         if device.source.owns(batch.bridge, now):
             device.heard = now
             self._lane.admit(message.key, device, batch.bridge)
-            self._guarded(device, lambda: self._take(device, batch, now))
+            self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
         if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):
             log.warning(
@@ -236,24 +238,6 @@ class Service:
         }
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
         return refused | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
-
-    # ---- one device's fault is not another's ------------------------------------------------------------------------
-
-    def _guarded(self, device: Device, work: Callable[[], None]) -> bool:
-        taken = device.session.sequence.samples_out
-        try:
-            work()
-        except BusError:
-            raise  # the bus itself is gone: for all
-        except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others
-            device.restart(max(0, device.session.sequence.samples_out - taken))
-            self.counts.add("sessions failed")
-            if device.session.count_event("session failed") == 1:
-                log.exception(
-                    "%s: its session failed and begins anew (more of this device are only counted)", device.name
-                )
-            return False
-        return True
 
     # ---- commands -------------------------------------------------------------------------------------------------
 

@@ -176,7 +176,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
         ward._bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=name)).put(
             codec.encode_info(replace(info(1), device=name))
         )
-    assert ward.service.counts.as_dict()["too many devices"] == 2
+    assert ward.service.counts.as_dict()[roster.TOO_MANY] == 20
     assert caplog.text.count("no more are taken") == 1
     clock[0] += 10.0
     put(ward, replace(batch, device="real"))
