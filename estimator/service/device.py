@@ -12,6 +12,7 @@ from bridge.wire import codec, keys
 from bridge.wire.batches import Stencil
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
 from estimator.correction import Correction
+from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
@@ -40,6 +41,7 @@ class Device:
         self._delay_s, self._timed = math.nan, False
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs)
+        self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
         self._put_corrected: Callable[[bytes], None] = _nowhere
@@ -123,6 +125,7 @@ class Device:
 
     def restart(self, lost: int, uncounted: int) -> None:
         """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
+        self.overtaken = Overtaken(self.session.sequence.next)
         sequence = self.session.sequence.anew(lost, uncounted)
         self.session = DeviceSession(self.name, self._knobs)
         self.session.sequence = sequence

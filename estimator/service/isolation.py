@@ -23,7 +23,7 @@ class Isolation:
 
         came: samples that the work takes in. owed: samples that count as corrected, which the work is to publish.
         """
-        sequence = device.session.sequence
+        sequence, held = device.session.sequence, device.overtaken.samples
         samples_in, samples_out, told = sequence.samples_in, sequence.samples_out, device.told
         try:
             work()
@@ -31,7 +31,7 @@ class Isolation:
             raise  # the bus itself is gone: for all
         except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others
             sequence = device.session.sequence
-            uncounted = came - (sequence.samples_in - samples_in)
+            uncounted = held + came - (sequence.samples_in - samples_in)
             unsaid = owed + sequence.samples_out - samples_out - (device.told - told)
             device.restart(lost=max(0, unsaid), uncounted=max(0, uncounted))
             self._counts.add("sessions failed")

@@ -200,6 +200,7 @@ def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBat
         message.device != device.name
         or device.source.owner != bridge
         or not device.announced
+        or device.overtaken
         or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]))
     ):
         return None

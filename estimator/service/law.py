@@ -11,7 +11,7 @@ EVENT = "conservation law broken"
 class Account:
     """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
 
-    `refused` were another bridge's and never let in.
+    `refused` were another bridge's and never let in; `held` wait for their turn before they are.
     """
 
     came: int = 0
@@ -19,6 +19,7 @@ class Account:
     dropped: int = 0
     said: int = 0
     refused: int = 0
+    held: int = 0
 
     @property
     def unaccounted(self) -> int:
@@ -37,6 +38,7 @@ class Account:
             self.dropped + other.dropped,
             self.said + other.said,
             self.refused + other.refused,
+            self.held + other.held,
         )
 
 
@@ -61,7 +63,7 @@ class Conservation:
         self._last = dict(accounts)
         self.total = sum(accounts.values(), self._gone)
         wrong = {name: _judged(account) for name, account in accounts.items()}
-        wrong[""] = (decoded - self.total.came - self.total.refused - turned_away, 0)
+        wrong[""] = (decoded - self.total.came - self.total.refused - self.total.held - turned_away, 0)
         fresh = {name: found for name, found in wrong.items() if found != self._told.get(name, (0, 0))}
         self._told |= fresh
         said = {name: _words(found) for name, found in fresh.items() if any(found)}

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.restore import changed
 from estimator.service.device import UNSAVED, Device
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Remembered
@@ -18,6 +19,8 @@ from estimator.track.temperature import TemperatureLaw
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+#: what a history says where nothing known of a device holds any more
+SCRATCH = "from scratch"
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -68,6 +71,26 @@ class Record:
             self._failed(session, error)
             return None
 
+    def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
+        """Why no calibration of this device holds, in words for a person; empty where there is none."""
+        try:
+            latest = self._store.latest(info.device)
+        except StoreError as error:
+            self._failed(session, error)
+            return ""
+        return "" if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
+
+    def started_over(self, session: DeviceSession, info: DeviceInfo, why: str) -> None:
+        """For the device's history, once a boot: from here on it is calibrated from scratch."""
+        request = keys.boot_id(info.boot)
+        row = (info.device, SCRATCH, request, "estimator", "", why)
+
+        def once() -> None:
+            if self._store.answer(info.device, SCRATCH, request) != (True, why):
+                self._store.add_audit(self._now_ns(), *row, accepted=True)
+
+        self._keep(session, once)
+
     def law(self, session: DeviceSession, info: DeviceInfo) -> TemperatureLaw | None:
         """What the same hardware taught of temperature in earlier boots."""
         try:
@@ -111,7 +134,11 @@ class Record:
         history = now - device.recorded >= HISTORY_S
         if history:
             device.recorded = now
-        self._keep(session, lambda: self._store.save_bias(device.name, boot, self._now_ns(), state, history=history))
+        doubted = session.tracker.doubted and session.calibration is not None
+        self._keep(
+            session,
+            lambda: self._store.save_bias(device.name, boot, self._now_ns(), state, history=history, doubted=doubted),
+        )
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
         """What this very command was answered before, be it by an estimator that has been restarted since."""

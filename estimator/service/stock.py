@@ -62,4 +62,5 @@ class Stock:
 def _account(device: Device) -> Account:
     sequence = device.session.sequence
     refused = sum(n for label, n in sequence.events.as_dict().items() if label.startswith(ELSEWHERE))
-    return Account(sequence.samples_in, sequence.samples_out, sequence.dropped.total(), device.told, refused)
+    held = device.overtaken.samples
+    return Account(sequence.samples_in, sequence.samples_out, sequence.dropped.total(), device.told, refused, held)

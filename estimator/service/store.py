@@ -17,6 +17,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError
+from estimator.restore import earlier_key, restore_key
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -25,6 +26,8 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
+#: numbers a bias is kept as; one more where it was in doubt
+_STATE = 5
 
 
 class Store:
@@ -61,12 +64,14 @@ class Store:
         """Note a boot; the same boot again changes nothing."""
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row["cause"] = BootCause(info.boot_cause).name
-        self.database.write(Change("boots", row | _restore_key(info)))
+        self.database.write(Change("boots", row | restore_key(info)))
 
-    def save_bias(self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool) -> None:
+    def save_bias(
+        self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool, doubted: bool = False
+    ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
-        powered = _or_none(state.powered)
-        text = json.dumps([state.x.tolist(), state.P.tolist(), state.time, _or_none(state.temperature_c), powered])
+        at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
+        text = json.dumps([state.x.tolist(), state.P.tolist(), *at, *([True] if doubted else [])])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
@@ -100,24 +105,27 @@ class Store:
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
-        """The calibration of this very boot, with the bias since, and its age at now_ns."""
+        """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         name = keys.boot_id(boot)
         calibration = self._latest(device, lambda row: row["boot"] == name)
-        if calibration is None:
-            return None
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
-            bias = _state(json.loads(row["state"]))
-            return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9 if bias is not None else 0.0)
-        return Remembered(calibration, None)
+            kept = json.loads(row["state"])
+            if (bias := _state(kept)) is not None:
+                return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, doubted=len(kept) > _STATE)
+        return None if calibration is None else Remembered(calibration, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
-        this, key = keys.boot_id(info.boot), _earlier_key(info)
+        this, key = keys.boot_id(info.boot), earlier_key(info)
         return self._latest(info.device, lambda row: row["boot"] != this and _has(row, key))
+
+    def latest(self, device: str) -> Calibration | None:
+        """The last calibration of a device, whatever it was then."""
+        return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
-        this, key = keys.boot_id(info.boot), _earlier_key(info)
+        this, key = keys.boot_id(info.boot), earlier_key(info)
         rows = self.database.rows("boots", "device = ?", (info.device,), "time_ns DESC")
         boots = [row for row in rows if row["boot"] != this and _has(row, key)][:BOOTS]
         return [found for boot in boots if (found := self._points(boot)) is not None]
@@ -147,7 +155,7 @@ class Store:
         except Refusal as refusal:
             self.database.refuse("calibrations", f"{row['id']}: {refusal}")
             return None
-        if not _has(row, {"boot": keys.boot_id(found.boot), "time_ns": found.time_ns} | _restore_key(found)):
+        if not _has(row, {"boot": keys.boot_id(found.boot), "time_ns": found.time_ns} | restore_key(found)):
             self.database.refuse("calibrations", f"{row['id']}: its columns are not those of its content")
             return None
         return found
@@ -167,7 +175,7 @@ def _has(row: Row, part: Row) -> bool:
 def _as_row(c: Calibration) -> Row:
     row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns, "method": c.method}
     row |= {"verdict": c.verdict.name, "reason": c.reason, "who": c.who, "version": _version()}
-    return row | _restore_key(c) | {"payload": codec.encode_calibration(c)}
+    return row | restore_key(c) | {"payload": codec.encode_calibration(c)}
 
 
 @cache
@@ -175,22 +183,10 @@ def _version() -> str:
     return version("truerate")
 
 
-def _restore_key(of: Calibration | DeviceInfo) -> Row:
-    return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
-
-
-def _earlier_key(info: DeviceInfo) -> Row:
-    """A device with a clock may be told another rate, as for a calibration; without one its scale hangs on its rate."""
-    key = _restore_key(info)
-    if info.has_clock:
-        del key["rate_hz"]
-    return key
-
-
 def _state(kept: list[Any]) -> BiasState | None:
-    if len(kept) != 5:  # of an earlier truerate: the calibration's own bias is used
+    if len(kept) < _STATE:  # of an earlier truerate: the calibration's own bias is used
         return None
-    x, P, time, temperature, powered = kept
+    x, P, time, temperature, powered = kept[:_STATE]
     celsius, since = np.nan if temperature is None else temperature, -np.inf if powered is None else powered
     return BiasState(np.array(x), np.array(P), time, celsius, since)
 

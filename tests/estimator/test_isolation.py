@@ -47,7 +47,7 @@ def once() -> Stream:
     return calibration(seed=1)
 
 
-@pytest.mark.parametrize("at", [0, 1, 3], ids=["fails at once", "once after", "thrice after"])
+@pytest.mark.parametrize("at", [0, 3], ids=["at once", "later"])
 @pytest.mark.parametrize(("owner", "name"), PLACES, ids=[f"{o.__name__}.{n}" for o, n in PLACES])
 def test_a_fault_anywhere_leaves_no_sample_uncounted(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, owner: type[Any], name: str, at: int
