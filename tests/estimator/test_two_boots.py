@@ -119,13 +119,17 @@ def lives_through(seed: int, lived: Lived) -> bool:
         known = len(sent)  # how many batches were sent before the first of the new boot
         at, slow = 0, bool(rng.integers(0, 2))
         while at < len(sent):
-            for one in sent[at : at + int(rng.integers(1, 6))]:
+            together = sent[at : at + int(rng.integers(1, 6))]
+            at += len(together)
+            for one in together:
                 one.happens(served)
-                at += 1
-                if one.batch is not None:
-                    known = min(known, len(put)) if one.batch.boot == NEW else known
-                    put.append(one.batch)
-            said += served.round(slow * float(rng.uniform(0.0, 0.05)))
+            batches = [one.batch for one in together if one.batch is not None]
+            news = [i for i, batch in enumerate(batches) if batch.boot == NEW]
+            known = min(known, len(put) + news[0]) if news else known
+            put += batches
+            out_now = served.round(slow * float(rng.uniform(0.0, 0.05)))
+            assert not (known <= len(put) - len(batches) and any(b.boot == OLD for b in out_now)), "held, and let out"
+            said += out_now
         said += served.round(0.2) + served.rest()
         before = set(numbers_of(put[:known]))
         after = [(b.boot, b.sequence + i, b.quality) for b in said for i in range(len(b))]
