@@ -65,6 +65,8 @@ class Remembered:
     #: host seconds since the bias was kept, and whether it was in doubt then
     age_s: float = 0.0
     doubted: bool = False
+    #: who had asked for a recalibration that was under way then, and why
+    asked: tuple[str, str] | None = None
 
 
 @dataclass(slots=True)
@@ -136,7 +138,7 @@ class DeviceSession:
         self._now = self._latest = self._began = device_time
         self._now_ns = 0  # host time of the last window
         self._clock_shift = 0.0
-        self._who = ""
+        self._who = self._why = ""
         self._first_time: float | None = None
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
@@ -165,6 +167,8 @@ class DeviceSession:
             self.tracker.doubted = True
             self.life.on(Event.DOUBTED)
             self.reason = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+        if remembered.asked is not None:
+            self.recalibrate(*remembered.asked)
         self._applied = self._correction()
 
     def _resumed(self, remembered: Remembered, kept: BiasState) -> BiasState:
@@ -395,7 +399,7 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self._who = who
+        self._who, self._why = who, reason
         self._capture = CalibrationSession(self.knobs.method)
         self._done_axes = ()
         self.reason = f"recalibration asked for by {who}{': ' + reason if reason else ''}; hold it still for 3 seconds"
@@ -470,6 +474,16 @@ class DeviceSession:
     def checkpoint(self) -> BiasState | None:
         """The bias as it would be restored; of a calibrated boot, or one that is sure of it."""
         return self.tracker.state if self.calibration is not None or self.tracker.sure else None
+
+    @property
+    def goes_on(self) -> str:
+        """The reason as it is, or will be when the device is heard again."""
+        return self._reason_before if self.life.away else self.reason
+
+    @property
+    def asked(self) -> tuple[str, str] | None:
+        """Who asked for the recalibration that is under way, and why; None while none is."""
+        return (self._who, self._why) if self._who and self._capture is not None else None
 
     @property
     def _calibration_id(self) -> str:

@@ -135,10 +135,8 @@ class Record:
         if history:
             device.recorded = now
         doubted = session.tracker.doubted and session.calibration is not None
-        self._keep(
-            session,
-            lambda: self._store.save_bias(device.name, boot, self._now_ns(), state, history=history, doubted=doubted),
-        )
+        row, asked = (device.name, boot, self._now_ns(), state), session.asked
+        self._keep(session, lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked))
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
         """What this very command was answered before, be it by an estimator that has been restarted since."""

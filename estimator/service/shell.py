@@ -285,7 +285,8 @@ class Service:
         if verb == "note" and refusals[0] is None:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
         self._guarded(device, lambda: device.say_status(self._now_ns()))
-        message = refusals[0] or ("noted" if verb == "note" else device.session.reason)
+        self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
+        message = refusals[0] or ("noted" if verb == "note" else device.session.goes_on)
         return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
 
 

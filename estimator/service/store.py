@@ -26,7 +26,7 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
-#: numbers a bias is kept as; one more where it was in doubt
+#: things a bias is kept as; after them what else is known of the boot
 _STATE = 5
 
 
@@ -67,11 +67,22 @@ class Store:
         self.database.write(Change("boots", row | restore_key(info)))
 
     def save_bias(
-        self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool, doubted: bool = False
+        self,
+        device: str,
+        boot: int,
+        time_ns: int,
+        state: BiasState,
+        *,
+        history: bool,
+        doubted: bool = False,
+        asked: tuple[str, str] | None = None,
     ) -> None:
-        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
+        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
+
+        doubted, asked: see Remembered.
+        """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
-        text = json.dumps([state.x.tolist(), state.P.tolist(), *at, *([True] if doubted else [])])
+        text = json.dumps([state.x.tolist(), state.P.tolist(), *at, {"doubted": doubted, "asked": asked}])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
@@ -111,7 +122,9 @@ class Store:
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
-                return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, doubted=len(kept) > _STATE)
+                more = kept[_STATE] if len(kept) > _STATE else {}
+                asked = tuple(more["asked"]) if more.get("asked") else None
+                return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
