@@ -11,6 +11,7 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import Stencil
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
+from bridge.wire.refusal import Reason
 from estimator.correction import Correction
 from estimator.overtaken import Overtaken
 from estimator.service import published
@@ -68,6 +69,12 @@ class Device:
         for batch in batches:
             self._publishers["corrected"].put(codec.encode_corrected(published.corrected(batch)))
             self._published(len(batch))
+
+    def drop_waiting(self) -> None:
+        """Another boot begins before it was clear that there is a device: what was not published is old."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self.session.sequence.drop(Reason.OLD_BOOT, sum(map(len, waiting)))
 
     def say_whole(self, batch: SampleBatch) -> None:
         """Publish a whole batch, corrected by what the session now applies."""

@@ -183,6 +183,7 @@ class Service:
         elif ruling is not Ruling.TAKE:
             for late in overtaken.drop():
                 session.sequence.refuse(late, Reason.OLD_BOOT)
+            device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
         self._handle(device, overtaken.feed(batch, session.sequence.next, now))
         if overtaken:
