@@ -109,7 +109,7 @@ def test_no_order_and_no_repeat_within_the_window_changes_a_bit(effort: Effort, 
                 if (n, first, calibrated) not in expected:
                     whole = lived.samples.part(0, n).batches(boot=BOOT, first=first)
                     said = devices.said(whole, [1] * len(whole), calibrated=calibrated)
-                    assert len({b.bias.tobytes() for b in said}) > 1, "it learns meanwhile"
+                    assert n < 130 or len({b.bias.tobytes() for b in said}) > 1, "it learns meanwhile"
                     assert (Quality.GOOD in {b.quality for b in said}) is calibrated
                     expected[n, first, calibrated] = columns(said)
                 batches = deranged(rng, lived.samples, n, first)
