@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -34,6 +35,9 @@ class Device:
         self.source = Source(silence_s)
         self.heard = now
         self.checkpointed = self.recorded = 0.0
+        #: when its bias history was looked through last; boots still to be thinned, from when on
+        self.thinned = float("-inf")
+        self.to_thin: deque[tuple[str, int]] = deque()
         self.unsaved: list[Calibration] = []
         #: corrected samples that were published
         self.said = 0

@@ -19,6 +19,8 @@ from estimator.track.temperature import TemperatureLaw
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+#: how often a device's bias history is looked through for what is too old to be kept so densely
+THIN_S = 86400.0
 #: what a history says where nothing known of a device holds any more
 SCRATCH = "from scratch"
 #: how often a store that failed is tried
@@ -134,9 +136,29 @@ class Record:
         history = now - device.recorded >= HISTORY_S
         if history:
             device.recorded = now
+            self.thin(device, now)
         doubted = session.tracker.doubted and session.calibration is not None
         row, asked = (device.name, boot, self._now_ns(), state), session.asked
         self._keep(session, lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked))
+
+    def thin(self, device: Device, now: float) -> None:
+        """Once a day and device, in small pieces: old points of its bias history."""
+        if not device.to_thin:
+            if now - device.thinned < THIN_S:
+                return
+            device.thinned = now
+            self._keep(
+                device.session, lambda: device.to_thin.extend((b, 0) for b in self._store.boots_kept(device.name))
+            )
+        if device.to_thin:
+            boot, after_ns = device.to_thin.popleft()
+
+            def piece() -> None:
+                on_ns = self._store.thin(device.name, boot, after_ns, self._now_ns())
+                if on_ns is not None:
+                    device.to_thin.appendleft((boot, on_ns))
+
+            self._keep(device.session, piece)
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
         """What this very command was answered before, be it by an estimator that has been restarted since."""

@@ -1,7 +1,7 @@
 """What the estimator keeps of a ward: calibrations, boots, the history of biases, and an audit of commands.
 
-Append-only but for the latest bias of each boot. Every row is sealed (estimator/database): what was damaged on disk is
-refused and reported, never used.
+Append-only but for the latest bias of each boot, and the bias history, which is thinned as it grows old (`retention`). Every
+row is sealed (estimator/database): what was damaged on disk is refused and reported, never used.
 """
 
 import json
@@ -18,6 +18,7 @@ from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError
 from estimator.restore import earlier_key, restore_key
+from estimator.service.retention import ALL_DAYS, DAY_NS, superfluous
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -26,6 +27,10 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
+#: how many points are thinned at a time
+STRETCH = 500
+#: under which boots teach the same law
+_KEY = ("model", "firmware", "gyro_range")
 #: things a bias is kept as; after them what else is known of the boot
 _STATE = 5
 
@@ -105,6 +110,32 @@ class Store:
         row: Row = {"time_ns": time_ns, "device": device, "verb": verb, "request_id": request_id, "who": who}
         row |= {"reason": reason, "accepted": int(accepted), "message": message}
         self.database.write(Change("audit", row))
+
+    def boots_kept(self, device: str) -> list[str]:
+        """Every boot of which there is a bias, oldest first."""
+        return [row["boot"] for row in self.database.rows("bias", "device = ?", (device,), "time_ns")]
+
+    def thin(self, device: str, boot: str, after_ns: int, now_ns: int) -> int | None:
+        """Thin a stretch of a boot's bias history, from after_ns on; where to go on, or None when that was all."""
+        old_ns = now_ns - ALL_DAYS * DAY_NS
+        where, values = "device = ? AND boot = ? AND time_ns > ? AND time_ns < ?", (device, boot, after_ns, old_ns)
+        rows = self.database.rows("bias_history", where, values, "time_ns", STRETCH)
+        times = [row["time_ns"] for row in rows]
+        spared = self._learnt_from(device, boot, rows) if not after_ns else 0
+        gone = [(device, boot, times[i]) for i in superfluous(times, now_ns, spared)]
+        if gone:
+            self.database.remove("bias_history", "device = ? AND boot = ? AND time_ns = ?", gone)
+        return times[-1] if len(times) == STRETCH else None
+
+    def _learnt_from(self, device: str, boot: str, rows: list[Row]) -> int:
+        """How many points of a boot, from its first on, `points` may ask for."""
+        boots = self.database.rows("boots", "device = ?", (device,), "time_ns DESC")
+        key = next(([row[name] for name in _KEY] for row in boots if row["boot"] == boot), None)
+        # One more: the present boot is not learnt from yet.
+        if boot not in [row["boot"] for row in boots if [row[name] for name in _KEY] == key][: BOOTS + 1]:
+            return 0
+        known = [i for i, row in enumerate(rows) if row["temperature_c"] is not None][:POINTS]
+        return known[-1] + 1 if known else 0
 
     # ---- what is known ----------------------------------------------------------------------------------------------
 
