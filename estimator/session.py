@@ -472,8 +472,9 @@ class DeviceSession:
         return self.sequence.events.add(name)
 
     def checkpoint(self) -> BiasState | None:
-        """The bias as it would be restored; of a calibrated boot, or one that is sure of it."""
-        return self.tracker.state if self.calibration is not None or self.tracker.sure else None
+        """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
+        known = self.sequence.next is not None and (self.calibration is not None or self.tracker.sure)
+        return self.tracker.state if known else None
 
     @property
     def goes_on(self) -> str:

@@ -16,7 +16,7 @@ from tests.estimator.stream import NAME, Stream, calibration, feed
 
 RATE_HZ, BOOT = 52.0, 7
 #: a service for so many devices, one after the other
-DEVICES = 200
+DEVICES = 25
 
 
 @dataclass(frozen=True, slots=True)
