@@ -1,4 +1,7 @@
-"""The life of a device as one table. An event the table does not name changes nothing and says so."""
+"""The life of a device as one table. An event the table does not name changes nothing and says so.
+
+docs/life.md is the same table for people; a test holds the two together.
+"""
 
 from enum import StrEnum
 
@@ -13,28 +16,63 @@ class Event(StrEnum):
     RESTED = "rested"
     TURNED = "turned"
     CALIBRATED = "calibrated"
-    RESTORED = "restored"
     NOT_CALIBRATED = "not_calibrated"
+    RESTORED = "restored"
+    CHANGED = "changed"
     RECALIBRATE = "recalibrate"
     CANCEL_TO_TRACKING = "cancel_to_tracking"
     CANCEL_TO_START = "cancel_to_start"
     DOUBTED = "doubted"
     CONFIRMED = "confirmed"
     SILENT = "silent"
+    UNREACHABLE = "unreachable"
+    HEARD = "heard"
+
+
+CAUSES: dict[Event, str] = {
+    Event.BOOTED: "the first sample of another boot came",
+    Event.WARM: "`warming_s` are over",
+    Event.RESTED: "it lay still for 3 s",
+    Event.TURNED: "a whole turn about an axis was taken",
+    Event.CALIBRATED: "the turns fit together",
+    Event.NOT_CALIBRATED: "they do not: some are to be repeated",
+    Event.RESTORED: "the estimator was restarted, the device was not: its calibration and filter go on",
+    Event.CHANGED: "its firmware, range or rate is another one within the boot: its calibration is void",
+    Event.RECALIBRATE: "somebody asked for new turns; the old calibration stays in force",
+    Event.CANCEL_TO_TRACKING: "somebody cancelled; the old calibration stays in force",
+    Event.CANCEL_TO_START: "somebody cancelled; there is no calibration of this boot",
+    Event.DOUBTED: "evidence contradicts the bias, or is too old",
+    Event.CONFIRMED: "a rest agrees with the bias again",
+    Event.SILENT: "no samples for `silence_s`, or its bridge says that it is gone",
+    Event.UNREACHABLE: "the estimator's router is gone: nobody knows",
+    Event.HEARD: "samples of the same boot came",
+}
+
+
+class Back:
+    """Where a device was before it went away."""
 
 
 S, E = State, Event
 _ALIVE = (S.WARMING, S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING, S.TRACKING, S.DEGRADED)
 _CALIBRATING = (S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING)
+#: where nothing comes from it
+AWAY = (S.UNKNOWN, S.LOST)
+#: what may happen meanwhile: it then goes on from elsewhere
+_MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.DOUBTED, E.CHANGED)
 
-TABLE: dict[tuple[State, Event], State] = {
+TABLE: dict[tuple[State, Event], State | type[Back]] = {
     **{(state, E.BOOTED): S.WARMING for state in State},
     **{(state, E.RESTORED): S.TRACKING for state in (S.WARMING, *_CALIBRATING)},
-    **{(state, E.SILENT): S.LOST for state in _ALIVE},
+    **{(state, E.SILENT): S.LOST for state in (S.UNKNOWN, *_ALIVE)},
+    **{(state, E.UNREACHABLE): S.UNKNOWN for state in _ALIVE},
+    **{(state, E.HEARD): Back for state in AWAY},
+    **{(state, E.CHANGED): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},
     **{(state, E.RECALIBRATE): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},
     **{(state, E.CANCEL_TO_TRACKING): S.TRACKING for state in _CALIBRATING},
     **{(state, E.CANCEL_TO_START): S.AWAITING_STILL for state in _CALIBRATING},
     (S.WARMING, E.WARM): S.AWAITING_STILL,
+    (S.WARMING, E.CHANGED): S.WARMING,
     (S.AWAITING_STILL, E.RESTED): S.BIAS_ONLY,
     (S.AWAITING_STILL, E.TURNED): S.TURNING,
     (S.BIAS_ONLY, E.TURNED): S.TURNING,
@@ -48,25 +86,28 @@ TABLE: dict[tuple[State, Event], State] = {
 
 
 class Life:
-    """Where one device is. A lost device that is heard again goes on where it was."""
+    """Where one device is. One that was away goes on where it was."""
 
     def __init__(self) -> None:
-        self.state = State.UNKNOWN
-        self._before_lost = State.UNKNOWN
+        self.state = self._before = State.UNKNOWN
+
+    @property
+    def away(self) -> bool:
+        """Whether nothing comes from it."""
+        return self.state in AWAY
 
     def on(self, event: Event) -> bool:
         """Apply an event; False means it is not possible in this state and nothing changed."""
-        following = TABLE.get((self.state, event))
-        if following is None:
+        meanwhile = self.away and event in _MEANWHILE
+        following = TABLE.get((self._before if meanwhile else self.state, event))
+        if following is Back:
+            following = None if self._before is State.UNKNOWN else self._before
+        if not isinstance(following, State):
             return False
-        if following is State.LOST:
-            self._before_lost = self.state
+        if meanwhile:
+            self._before = following
+            return True
+        if following not in AWAY:
+            self._before = following
         self.state = following
-        return True
-
-    def heard(self) -> bool:
-        """Samples of the same boot came again; True when the device had been lost."""
-        if self.state is not State.LOST:
-            return False
-        self.state = self._before_lost
         return True

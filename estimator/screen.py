@@ -13,6 +13,7 @@ from bridge.wire.messages import State, Status
 from estimator.gyro import AXES
 
 STYLES = {
+    State.UNKNOWN: "bold magenta",
     State.WARMING: "yellow",
     State.AWAITING_STILL: "yellow",
     State.BIAS_ONLY: "cyan",

@@ -64,13 +64,16 @@ class Sequence:
         self.samples_out -= n
         self.dropped.add(reason, n)
 
-    def anew(self, lost: int) -> "Sequence":
-        """The same counts and past boots, ready to begin; `lost` samples taken from it last came to nothing."""
+    def anew(self, lost: int, uncounted: int) -> "Sequence":
+        """The same counts and past boots, ready to begin.
+
+        `lost` samples taken from it last came to nothing; `uncounted` ones came and did not even get here.
+        """
         fresh = Sequence()
-        fresh.samples_in, fresh.samples_out = self.samples_in, self.samples_out - lost
+        fresh.samples_in, fresh.samples_out = self.samples_in + uncounted, self.samples_out - lost
         fresh.dropped, fresh.events, fresh._past = self.dropped, self.events, self._past
-        if lost:
-            fresh.dropped.add("session failed", lost)
+        if lost or uncounted:
+            fresh.dropped.add("session failed", lost + uncounted)
         return fresh
 
     def fresh(self, batch: SampleBatch) -> int:

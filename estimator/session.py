@@ -60,10 +60,13 @@ class SessionKnobs:
 class Remembered:
     """What the store knows of a device that boots: its last calibration, and, of this very boot, the bias since."""
 
-    calibration: Calibration
+    calibration: Calibration | None
     bias: BiasState | None
-    #: host seconds since the bias was kept
+    #: host seconds since the bias was kept, and whether it was in doubt then
     age_s: float = 0.0
+    doubted: bool = False
+    #: who had asked for a recalibration that was under way then, and why
+    asked: tuple[str, str] | None = None
 
 
 @dataclass(slots=True)
@@ -86,7 +89,7 @@ class DeviceSession:
         self.life = Life()
         self.sequence = Sequence()
         self.info: DeviceInfo | None = None
-        self.reason = self._reason_before_lost = "never seen"
+        self.reason = self._reason_before = "never seen"
         self.calibration: Calibration | None = None  # of this boot
         self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
         self.last_heard_ns = 0
@@ -101,23 +104,31 @@ class DeviceSession:
 
         law: what earlier boots taught of temperature.
         """
-        first = self.boot is None
+        first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
         self._begin(device_time, law)
         self.life.on(Event.BOOTED)
-        self.reason = (
-            "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
-        )
+        if not again:  # nothing was taken of it yet
+            self.reason = (
+                "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
+            )
         outcome = Outcome(changed=True, said=[f"boot {boot:016x}" + ("" if first else ", recalibration needed")])
-        if remembered is not None and remembered.calibration.boot == boot:
-            self._restore(remembered)
+        calibration = None if remembered is None else remembered.calibration
+        if remembered is not None and calibration is not None and calibration.boot == boot:
+            self._restore(remembered, calibration)
             outcome.said.append(f"calibration {self._calibration_id} of this boot restored")
-        elif remembered is not None:
-            self.believe(remembered.calibration)
+        elif calibration is not None:
+            self.believe(calibration)
+        if remembered is not None and remembered.bias is not None and self.calibration is None:
+            self.tracker.restored(self._belief.model, self._resumed(remembered, remembered.bias), self._now)
+            self._applied = self._correction()
+            outcome.said.append("bias of this boot restored")
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
         self.calibration, self.prior, self._law = None, None, law
+        #: why nothing known of earlier holds, said until it is calibrated
+        self.scratch = ""
         self._stillness = Stillness(self.knobs.stillness)
         self._belief = believed(None, None, self.knobs.prior)
         self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
@@ -127,28 +138,49 @@ class DeviceSession:
         self._now = self._latest = self._began = device_time
         self._now_ns = 0  # host time of the last window
         self._clock_shift = 0.0
-        self._who = ""
+        self._who = self._why = ""
         self._first_time: float | None = None
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
         self._applied = self._correction()
 
-    def _restore(self, remembered: Remembered) -> None:
-        self.calibration = remembered.calibration
-        self._belief = believed(self.calibration, None, self.knobs.prior)
+    def start_over(self, why: str) -> Outcome:
+        """It is not what it was: nothing known of it holds any more. Its samples go on."""
+        self.life.on(Event.CHANGED)
+        shift, first_time = self._clock_shift, self._first_time
+        self._begin(self._latest)
+        self._clock_shift, self._first_time = shift, first_time
+        self.scratch = why
+        self.reason = self._reason_before = "hold the device still for 3 seconds"
+        return Outcome(changed=True, said=[why])
+
+    def _restore(self, remembered: Remembered, calibration: Calibration) -> None:
+        self.calibration = calibration
+        self._belief = believed(calibration, None, self.knobs.prior)
         kept = remembered.bias
-        passed = 0.0 if kept is None else self._now - kept.time
-        if kept is None or passed < -CACHE_S or remembered.age_s - passed > CACHE_S:
-            # How long ago the bias was so is not known: degraded until a rest confirms it.
-            kept = self._bias_of(remembered.calibration) if kept is None else replace(kept, time=self._now)
-            wider = kept.P.copy()
-            wider[BIAS, BIAS] += self.knobs.track.bias_std**2 * np.eye(3)
-            kept = replace(kept, P=wider)
+        kept = self._wider(self._bias_of(calibration)) if kept is None else self._resumed(remembered, kept)
         self.tracker.restored(self._belief.model, kept, self._now)
         self._capture = None
         self.life.on(Event.RESTORED)
         self.reason = "calibrated; the calibration of this boot goes on"
+        if remembered.doubted:
+            self.tracker.doubted = True
+            self.life.on(Event.DOUBTED)
+            self.reason = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+        if remembered.asked is not None:
+            self.recalibrate(*remembered.asked)
         self._applied = self._correction()
+
+    def _resumed(self, remembered: Remembered, kept: BiasState) -> BiasState:
+        """The bias as it was kept; wider where it is not known how long ago it was so: a rest has to confirm it."""
+        passed = self._now - kept.time
+        unknown = passed < -CACHE_S or remembered.age_s - passed > CACHE_S
+        return self._wider(replace(kept, time=self._now)) if unknown else kept
+
+    def _wider(self, state: BiasState) -> BiasState:
+        wider = state.P.copy()
+        wider[BIAS, BIAS] += self.knobs.track.bias_std**2 * np.eye(3)
+        return replace(state, P=wider)
 
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot until this one is calibrated."""
@@ -177,6 +209,10 @@ class DeviceSession:
         """What is applied to the samples that come next."""
         return self._applied
 
+    def begins_earlier(self, batch: SampleBatch) -> bool:
+        """Whether a batch is of the time before this boot was taken to begin, and nothing of it was taken yet."""
+        return self.sequence.next is None and float(batch.device_time[0]) < self._began
+
     def plain(self, boot: int, sequence: int, first_s: float) -> bool:
         """Whether a batch, all of it finite and from first_s of the device's clock on, only goes on where the stream is."""
         return (
@@ -184,7 +220,7 @@ class DeviceSession:
             and sequence == self.sequence.next
             and self._first_time is not None
             and first_s + self._clock_shift > self._latest
-            and self.life.state is not State.LOST
+            and not self.life.away
         )
 
     def ends_block(self, last_s: float) -> bool:
@@ -221,8 +257,8 @@ class DeviceSession:
             return outcome
         away_s = max(0.0, (batch.receive_time_ns - self.last_heard_ns) / 1e9 / batch.clock_rate)
         self.last_heard_ns = batch.receive_time_ns
-        if self.life.heard():
-            self.reason = self._reason_before_lost
+        if self.life.on(Event.HEARD):
+            self.reason = self._reason_before
             self._applied = self._correction()
             outcome.changed = True
             outcome.said.append("heard again")
@@ -345,7 +381,7 @@ class DeviceSession:
             self._done_axes = tuple(axis for axis in self._done_axes if axis not in result.repeat)
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self._capture = outcome.calibration, None, None
+        self.calibration, self.prior, self._capture, self.scratch = outcome.calibration, None, None, ""
         self._belief = believed(self.calibration, None, self.knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
@@ -368,7 +404,7 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self._who = who
+        self._who, self._why = who, reason
         self._capture = CalibrationSession(self.knobs.method)
         self._done_axes = ()
         self.reason = f"recalibration asked for by {who}{': ' + reason if reason else ''}; hold it still for 3 seconds"
@@ -388,14 +424,21 @@ class DeviceSession:
             if self.calibration is not None
             else "hold the device still for 3 seconds to begin again"
         )
-        self.reason = f"calibration cancelled by {who}; {goes_on}"
+        said = f"calibration cancelled by {who}; {goes_on}"
+        if self.life.away:
+            self._reason_before = said
+        else:
+            self.reason = said
         return None
 
-    def silence(self, reason: str) -> bool:
-        """No samples come any more; True when that is news."""
-        if not self.life.on(Event.SILENT):
+    def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
+        """No samples come any more, or may come (UNREACHABLE); True when that is news."""
+        was_away = self.life.away
+        if not self.life.on(event):
             return False
-        self._reason_before_lost, self.reason = self.reason, reason
+        if not was_away:
+            self._reason_before = self.reason
+        self.reason = reason
         self._applied = self._correction()
         return True
 
@@ -412,7 +455,7 @@ class DeviceSession:
             time_ns=time_ns,
             state=self.life.state,
             quality=applied.quality,
-            reason=self.reason,
+            reason=f"{self.reason} ({self.scratch})" if self.scratch else self.reason,
             progress=min(share, 1.0),
             axes_done=done,
             bias=tuple(map(float, applied.model.bias)),
@@ -434,8 +477,19 @@ class DeviceSession:
         return self.sequence.events.add(name)
 
     def checkpoint(self) -> BiasState | None:
-        """The bias as it would be restored; of a calibrated boot, or one that is sure of it."""
-        return self.tracker.state if self.calibration is not None or self.tracker.sure else None
+        """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
+        known = self.sequence.next is not None and (self.calibration is not None or self.tracker.sure)
+        return self.tracker.state if known else None
+
+    @property
+    def goes_on(self) -> str:
+        """The reason as it is, or will be when the device is heard again."""
+        return self._reason_before if self.life.away else self.reason
+
+    @property
+    def asked(self) -> tuple[str, str] | None:
+        """Who asked for the recalibration that is under way, and why; None while none is."""
+        return (self._who, self._why) if self._who and self._capture is not None else None
 
     @property
     def _calibration_id(self) -> str:
@@ -447,7 +501,7 @@ class DeviceSession:
         std = track.std
         sure = bool((std < self.knobs.track.bias_std).all())
         best = choose(self._belief, track.bias, std, noise_std, sure=sure)
-        doubtful = self.life.state is State.LOST or track.doubted or not sure
+        doubtful = self.life.away or track.doubted or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
     def _as_message(self, result: Result) -> Calibration:

@@ -114,6 +114,15 @@ class Database:
 
         self._must_write(written)
 
+    def remove(self, table: str, where: str, rows: Sequence[Sequence[object]]) -> None:
+        """Take out the rows that `where` finds with each of these values: all of them, or none."""
+
+        def removed(db: sqlite3.Connection) -> None:
+            with transaction(db):
+                db.executemany(f"DELETE FROM {table} WHERE {where}", [tuple(row) for row in rows])  # noqa: S608 - our own words
+
+        self._must_write(removed)
+
     def probe(self) -> None:
         """Raise Unavailable unless the file can be written now."""
 

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
+from bridge.wire.refusal import Reason
+from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
@@ -30,6 +33,9 @@ class Device:
         self.source = Source(silence_s)
         self.heard = now
         self.checkpointed = self.recorded = 0.0
+        #: when its bias history was looked through last; boots still to be thinned, from when on
+        self.thinned = float("-inf")
+        self.to_thin: deque[tuple[str, int]] = deque()
         self.unsaved: list[Calibration] = []
         #: corrected samples that were published
         self.said = 0
@@ -38,6 +44,7 @@ class Device:
         self._delay_s, self._timed = math.nan, False
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs)
+        self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
         self._put_corrected: Callable[[bytes], None] = _nowhere
@@ -63,6 +70,12 @@ class Device:
         for batch in batches:
             self._put_corrected(self._encoder.encode(batch))
             self._published(len(batch))
+
+    def drop_waiting(self) -> None:
+        """Another boot begins before it was clear that there is a device: what was not published is old."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self.session.sequence.drop(Reason.OLD_BOOT, sum(map(len, waiting)))
 
     def say_whole(self, batch: SampleBatch) -> None:
         """Publish a whole batch, corrected by what the session now applies."""
@@ -106,18 +119,19 @@ class Device:
         return published.status(self.session.status(time_ns))
 
     @property
-    def waiting(self) -> int:
-        """Corrected samples kept until there is somebody to tell them."""
-        return sum(map(len, self._waiting))
+    def told(self) -> int:
+        """Corrected samples that were published, or are kept until it is clear that there is a device."""
+        return self.said + sum(map(len, self._waiting))
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
         delay_s, self._delay_s, self._timed = self._delay_s, math.nan, False
         return delay_s
 
-    def restart(self, lost: int) -> None:
-        """A session without a boot: the next batch begins it. The counts stay; `lost` samples came to nothing."""
-        sequence = self.session.sequence.anew(lost)
+    def restart(self, lost: int, uncounted: int) -> None:
+        """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
+        self.overtaken = Overtaken(self.session.sequence.next)
+        sequence = self.session.sequence.anew(lost, uncounted)
         self.session = DeviceSession(self.name, self._knobs)
         self.session.sequence = sequence
 

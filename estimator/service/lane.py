@@ -22,6 +22,7 @@ from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.messages import VERSION, SampleBatch
 from estimator.gyro import corrected
 from estimator.service.device import Device
+from estimator.service.isolation import Isolation
 from estimator.service.roster import MAX_DEVICES
 from estimator.session import Outcome
 
@@ -51,18 +52,17 @@ class _Columns(NamedTuple):
 
 Plain = tuple[Device, SampleBatch]
 Tell = Callable[[Device, Outcome], None]
-Guard = Callable[[Device, Callable[[], None]], bool]
 
 
 class Lane:
     """Devices by the key of their raw samples; `take` does what is plain and hands the rest to `slow`, in order.
 
-    guarded does some work of one device, and says whether it went well; tell publishes what a batch led to;
+    guarded does some work of one device; tell publishes what a batch led to;
     count takes the number of samples in each batch that does not take the door.
     """
 
     def __init__(
-        self, slow: Callable[[Message], None], guarded: Guard, tell: Tell, count: Callable[[int], None]
+        self, slow: Callable[[Message], None], guarded: Isolation, tell: Tell, count: Callable[[int], None]
     ) -> None:
         self._slow, self._guarded, self._tell, self._count = slow, guarded, tell, count
         self._devices: dict[str, tuple[Device, str]] = {}
@@ -86,11 +86,11 @@ class Lane:
                     self._count(raw.n)
                     taken = whole.time[raw.begin : raw.begin + raw.n]
                     if not device.session.ends_block(float(taken[-1])):
-                        if self._guarded(device, partial(_keep, device, batch, taken)):
+                        if self._guarded(device, partial(_keep, device, batch, taken), came=raw.n):
                             going.setdefault(message.key, []).append((device, batch))
                         continue
                     self._send(going.pop(message.key, []))
-                    self._guarded(device, partial(self._learn, device, batch))
+                    self._guarded(device, partial(self._learn, device, batch), came=raw.n)
                     continue
             self._send(going.pop(message.key, []))
             self._slow(message)
@@ -128,9 +128,8 @@ class Lane:
         for (device, batch), n in zip(plain, lengths, strict=True):
             part = rate[begin : begin + n]
             begin += n
-            self._guarded(
-                device, partial(device.say_rates, batch, part) if within else partial(device.say_whole, batch)
-            )
+            say = partial(device.say_rates, batch, part) if within else partial(device.say_whole, batch)
+            self._guarded(device, say, owed=n)
 
 
 def _keep(device: Device, batch: SampleBatch, taken: Floats) -> None:
@@ -202,6 +201,7 @@ def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBat
         message.device != device.name
         or device.source.owner != bridge
         or not device.announced
+        or device.overtaken
         or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]))
     ):
         return None

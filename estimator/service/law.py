@@ -11,7 +11,7 @@ EVENT = "conservation law broken"
 class Account:
     """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
 
-    `refused` were another bridge's and never let in.
+    `refused` were another bridge's and never let in; `held` wait for their turn before they are.
     """
 
     came: int = 0
@@ -19,6 +19,7 @@ class Account:
     dropped: int = 0
     said: int = 0
     refused: int = 0
+    held: int = 0
 
     @property
     def unaccounted(self) -> int:
@@ -37,6 +38,7 @@ class Account:
             self.dropped + other.dropped,
             self.said + other.said,
             self.refused + other.refused,
+            self.held + other.held,
         )
 
 
@@ -53,7 +55,7 @@ class Conservation:
     def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
         """What is newly wrong, by device, "" for all of them together: in words.
 
-        decoded: samples that came through the service's door; turned_away: batches there was no room for a device for.
+        decoded: samples that came through the service's door; turned_away: those of devices there was no room for.
         """
         for name in self._last.keys() - accounts.keys():
             self._gone += self._last[name]
@@ -61,9 +63,7 @@ class Conservation:
         self._last = dict(accounts)
         self.total = sum(accounts.values(), self._gone)
         wrong = {name: _judged(account) for name, account in accounts.items()}
-        lost = decoded - self.total.came - self.total.refused
-        # A batch that was turned away has at least one sample.
-        wrong[""] = (min(0, lost - turned_away) if turned_away else lost, 0)
+        wrong[""] = (decoded - self.total.came - self.total.refused - self.total.held - turned_away, 0)
         fresh = {name: found for name, found in wrong.items() if found != self._told.get(name, (0, 0))}
         self._told |= fresh
         said = {name: _words(found) for name, found in fresh.items() if any(found)}

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.restore import changed
 from estimator.service.device import UNSAVED, Device
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Remembered
@@ -18,6 +19,10 @@ from estimator.track.temperature import TemperatureLaw
 log = logging.getLogger(__name__)
 
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
+#: how often a device's bias history is looked through for what is too old to be kept so densely
+THIN_S = 86400.0
+#: what a history says where nothing known of a device holds any more
+SCRATCH = "from scratch"
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -68,6 +73,26 @@ class Record:
             self._failed(session, error)
             return None
 
+    def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
+        """Why no calibration of this device holds, in words for a person; empty where there is none."""
+        try:
+            latest = self._store.latest(info.device)
+        except StoreError as error:
+            self._failed(session, error)
+            return ""
+        return "" if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
+
+    def started_over(self, session: DeviceSession, info: DeviceInfo, why: str) -> None:
+        """For the device's history, once a boot: from here on it is calibrated from scratch."""
+        request = keys.boot_id(info.boot)
+        row = (info.device, SCRATCH, request, "estimator", "", why)
+
+        def once() -> None:
+            if self._store.answer(info.device, SCRATCH, request) != (True, why):
+                self._store.add_audit(self._now_ns(), *row, accepted=True)
+
+        self._keep(session, once)
+
     def law(self, session: DeviceSession, info: DeviceInfo) -> TemperatureLaw | None:
         """What the same hardware taught of temperature in earlier boots."""
         try:
@@ -111,7 +136,29 @@ class Record:
         history = now - device.recorded >= HISTORY_S
         if history:
             device.recorded = now
-        self._keep(session, lambda: self._store.save_bias(device.name, boot, self._now_ns(), state, history=history))
+            self.thin(device, now)
+        doubted = session.tracker.doubted and session.calibration is not None
+        row, asked = (device.name, boot, self._now_ns(), state), session.asked
+        self._keep(session, lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked))
+
+    def thin(self, device: Device, now: float) -> None:
+        """Once a day and device, in small pieces: old points of its bias history."""
+        if not device.to_thin:
+            if now - device.thinned < THIN_S:
+                return
+            device.thinned = now
+            self._keep(
+                device.session, lambda: device.to_thin.extend((b, 0) for b in self._store.boots_kept(device.name))
+            )
+        if device.to_thin:
+            boot, after_ns = device.to_thin.popleft()
+
+            def piece() -> None:
+                on_ns = self._store.thin(device.name, boot, after_ns, self._now_ns())
+                if on_ns is not None:
+                    device.to_thin.appendleft((boot, on_ns))
+
+            self._keep(device.session, piece)
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
         """What this very command was answered before, be it by an estimator that has been restarted since."""

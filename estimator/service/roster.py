@@ -11,8 +11,8 @@ log = logging.getLogger(__name__)
 
 MAX_DEVICES = 4096
 _AT_ONCE = 64
-#: under this, batches there was no room for a device for are counted
-TOO_MANY = "too many devices"
+#: under this, samples there was no room for a device for are counted
+TOO_MANY = "samples refused, too many devices"
 #: where no room was found, none is looked for again so soon
 _LOOK_S = 1.0
 
@@ -26,12 +26,12 @@ class Roster(dict[str, Device]):
         self._infos: dict[tuple[str, str], DeviceInfo] = {}
         self._full_until_s = float("-inf")
 
-    def room(self, now: float) -> bool:
-        """Whether one more device can be had at `now`, monotonic seconds; counts it when not."""
+    def room(self, now: float, samples: int) -> bool:
+        """Whether one more device can be had at `now`, monotonic seconds; counts its samples when not."""
         if len(self) < MAX_DEVICES or (now >= self._full_until_s and self._forget(now)):
             return True
         self._full_until_s = max(self._full_until_s, now + _LOOK_S) if now >= self._full_until_s else self._full_until_s
-        if self._counts.add(TOO_MANY) == 1:
+        if self._counts.add(TOO_MANY, samples) == samples:
             log.error(
                 "there are %d devices, no more are taken; is somebody making them up? (more are only counted)",
                 len(self),

@@ -1,21 +1,27 @@
 """The estimator as a service: the only thread that touches sessions and store, between the bus and the pure cores."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
-from bridge.bus.contract import Bus, BusError, Message
+from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import knobs_of
 from estimator.door import Door
+from estimator.lifecycle import Event
 from estimator.noise_model import load_model
+from estimator.service.boots import Boots
 from estimator.service.commands import Commands
 from estimator.service.device import Device
+from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.record import Record
 from estimator.service.roster import Roster
 from estimator.service.sources import Ruling
@@ -23,7 +29,7 @@ from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
 from estimator.service.vitals import Vitals
-from estimator.session import Outcome, Remembered, SessionKnobs
+from estimator.session import Outcome, SessionKnobs
 
 log = logging.getLogger(__name__)
 
@@ -51,16 +57,19 @@ class Service:
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
-        self._bus, self._now_ns, self._store_path = data, now_ns, store.path
+        self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._record = Record(store, self.counts, now_ns)
         usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
         self._knobs = knobs_of(load_model(settings.model), usual)
         self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
+        self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
         self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
+        self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
+        self._presence = Presence(self.counts)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
@@ -70,6 +79,8 @@ class Service:
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
+            control.watch_alive(keys.pattern(ward, "alive/device"), self._presence.change),
+            control.watch_alive(keys.pattern(ward, "alive/bridge"), self._presence.change),
         ]
 
     def run(self, stop: threading.Event) -> None:
@@ -80,6 +91,7 @@ class Service:
         deadline = time.monotonic() + DRAIN_S
         while self.step(0.0) and time.monotonic() < deadline:
             pass
+        self._give_up(math.inf)
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
@@ -99,6 +111,7 @@ class Service:
         self._lane.take(messages)
         self._commands.work(self._do)
         now = time.monotonic()
+        self._give_up(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
                 device.heard += now - began  # what came meanwhile still waits: our own slowness is nobody's silence
@@ -123,16 +136,12 @@ class Service:
         device = self._devices.get(info.device)
         if device is None or device.source.owner != info.bridge or device.session.boot != info.boot:
             return
-        device.session.info = info
-        if before is None or before.boot != info.boot:
-            self._guarded(device, lambda: self._introduced(device, info))
 
-    def _introduced(self, device: Device, info: DeviceInfo) -> None:
-        self._record.boot(device.session, info)
-        if (calibration := self._record.prior(device.session, info)) is not None:
-            device.session.believe(calibration)
-        if (law := self._record.law(device.session, info)) is not None:
-            device.session.expect(law)
+        def introduced() -> None:
+            if (outcome := self._boots.introduced(device, info, before)) is not None:
+                self._tell(device, outcome)
+
+        self._guarded(device, introduced)
 
     def _on_samples(self, message: Message) -> None:
         batch = self._samples.take(message)
@@ -141,7 +150,7 @@ class Service:
         now = time.monotonic()
         device = self._devices.get(batch.device)
         if device is None:
-            if not self._devices.room(now):
+            if not self._devices.room(now, len(batch)):
                 return
             knobs = self._knobs_of.get(batch.device, self._knobs)
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
@@ -149,7 +158,7 @@ class Service:
         if device.source.owns(batch.bridge, now):
             device.heard = now
             self._lane.admit(message.key, device, batch.bridge)
-            self._guarded(device, lambda: self._take(device, batch, now))
+            self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
         if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):
             log.warning(
@@ -160,34 +169,44 @@ class Service:
             )
 
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
-        session = device.session
+        session, overtaken = device.session, device.overtaken
         ruling = device.source.judge(batch, session.sequence, now)
         if ruling is Ruling.RANGE:
             session.sequence.refuse(batch, Reason.RANGE)
             if session.count_event("refused leap") == 1:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
+        if ruling is Ruling.LATE:
+            self._tell(device, session.handle(batch))
+            return
         if ruling is Ruling.JUMP:
+            self._handle(device, overtaken.drop())
             session.sequence.jump(batch)
-        if ruling in (Ruling.RETURN, Ruling.REPEAT) or session.sequence.is_new_boot(batch.boot):
-            self._tell(device, self._boots(device, batch, same=ruling is not Ruling.REPEAT))
-        self._tell(device, session.handle(batch))
+        elif ruling is not Ruling.TAKE:
+            for late in overtaken.drop():
+                session.sequence.refuse(late, Reason.OLD_BOOT)
+            device.drop_waiting()
+            self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
+        self._handle(device, overtaken.feed(batch, session.sequence.next, now))
+        if overtaken:
+            self._holding[device.name] = device
 
-    def _boots(self, device: Device, batch: SampleBatch, *, same: bool) -> Outcome:
-        """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
-        session, info = device.session, self._devices.info(batch.bridge, batch.device)
-        session.info = info if info is not None and info.boot == batch.boot else None
-        remembered, law = self._record.recall(device, batch.boot), None
-        if session.info is not None:
-            law = self._record.law(session, session.info)
-            self._record.boot(session, session.info)
-            if remembered is None and (calibration := self._record.prior(session, session.info)) is not None:
-                remembered = Remembered(calibration, None)
-        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None, law)
-        if remembered is not None and not same:
-            session.count_event("boot number repeated")
-            session.believe(remembered.calibration)
-        return outcome
+    def _handle(self, device: Device, batches: list[SampleBatch]) -> None:
+        """Batches in their turn; one that fails is not the others' fault."""
+        for batch in batches:
+            self._guarded(device, partial(self._handle_one, device, batch), came=len(batch))
+
+    def _handle_one(self, device: Device, batch: SampleBatch) -> None:
+        if device.session.boot is None or device.session.begins_earlier(batch):
+            self._boots.begin(device, batch)
+        self._tell(device, device.session.handle(batch))
+
+    def _give_up(self, now: float) -> None:
+        """What was missing before batches that are held does not come."""
+        for device in list(self._holding.values()):
+            self._handle(device, device.overtaken.overdue(now))
+            if not device.overtaken:
+                del self._holding[device.name]
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 
@@ -206,15 +225,20 @@ class Service:
 
     def _every_second(self, now: float) -> None:
         self._stock.check()
+        self._presence.note(now)
         connected = self._bus.connected
         if connected and not self._connected:
             log.info("the router is back")
         elif self._connected and not connected:
             log.warning("the router is gone; waiting")
+        if not self._control.connected:
+            self._presence.forget()
         if not connected or connected != self._connected:
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
                 device.heard = now
                 device.source.hold(now)
+                if not connected:
+                    device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
@@ -224,9 +248,12 @@ class Service:
         self._stock.note(now, self._record.trouble, counts, connected=connected)
 
     def _look_after(self, device: Device, now: float) -> None:
-        silent_s = now - device.heard
-        if silent_s > self.settings.silence_s and device.session.silence(f"no samples for {silent_s:.0f} s"):
-            log.warning("%s: lost, no samples for %.1f s", device.name, silent_s)
+        silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
+        if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
+            why = self._presence.words(*which)
+            reason = f"no samples for {silent_s:.1f} s{': ' if why else ''}{why}"
+            if device.session.silence(reason):
+                log.warning("%s: lost, %s", device.name, reason)
         device.say_status(self._now_ns())
         self._record.checkpoint(device, now)
 
@@ -238,24 +265,6 @@ class Service:
         }
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
         return refused | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
-
-    # ---- one device's fault is not another's ------------------------------------------------------------------------
-
-    def _guarded(self, device: Device, work: Callable[[], None]) -> bool:
-        taken = device.session.sequence.samples_out
-        try:
-            work()
-        except BusError:
-            raise  # the bus itself is gone: for all
-        except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others
-            device.restart(max(0, device.session.sequence.samples_out - taken))
-            self.counts.add("sessions failed")
-            if device.session.count_event("session failed") == 1:
-                log.exception(
-                    "%s: its session failed and begins anew (more of this device are only counted)", device.name
-                )
-            return False
-        return True
 
     # ---- commands -------------------------------------------------------------------------------------------------
 
@@ -286,7 +295,8 @@ class Service:
         if verb == "note" and refusals[0] is None:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
         self._guarded(device, lambda: device.say_status(self._now_ns()))
-        message = refusals[0] or ("noted" if verb == "note" else device.session.reason)
+        self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
+        message = refusals[0] or ("noted" if verb == "note" else device.session.goes_on)
         return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
 
 

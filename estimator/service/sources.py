@@ -58,6 +58,7 @@ class Source:
         self._heard_s = float("-inf")
         self._others: set[str] = set()
         self._latest: tuple[SampleBatch, float] | None = None
+        self._booted_ns = 0  # when the first batch of the boot that is taken was received
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
 
     def owns(self, bridge: str, heard_s: float) -> bool:
@@ -97,12 +98,16 @@ class Source:
                 ruling = Ruling.RETURN
             else:
                 ruling = Ruling.REPEAT
+        if ruling in (Ruling.BOOT, Ruling.RETURN, Ruling.REPEAT):
+            self._booted_ns = batch.receive_time_ns
         self._refused = 0
         self._latest = batch, heard_s
         return ruling
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         boots = sequence.is_new_boot(batch.boot)
+        if boots and sequence.boot is not None and self._older(batch):
+            return Ruling.LATE
         if not boots and (batch.boot != sequence.boot or not sequence.follows(batch)):
             return Ruling.LATE
         if not _publishable(batch) or self._leaps(batch, heard_s, anew=boots):
@@ -119,6 +124,13 @@ class Source:
         passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
         device_s = passed_s / min(1.0, batch.clock_rate)
         return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
+
+    def _older(self, batch: SampleBatch) -> bool:
+        """Whether a boot that was never heard is one before the present one: its samples were received earlier.
+
+        By no more than a cache holds: a host whose clock was set back must not silence a boot.
+        """
+        return 0 < self._booted_ns - batch.receive_time_ns <= CACHE_S * 1e9
 
     def _persists(self, heard_s: float) -> bool:
         if not self._refused or heard_s - self._refused_last_s > PERSISTS_S:

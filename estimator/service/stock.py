@@ -62,5 +62,5 @@ class Stock:
 def _account(device: Device) -> Account:
     sequence = device.session.sequence
     refused = sum(n for label, n in sequence.events.as_dict().items() if label.startswith(ELSEWHERE))
-    out, said = sequence.samples_out, device.said + device.waiting
-    return Account(sequence.samples_in, out, sequence.dropped.total(), said, refused)
+    held = device.overtaken.samples
+    return Account(sequence.samples_in, sequence.samples_out, sequence.dropped.total(), device.told, refused, held)

@@ -1,7 +1,8 @@
 """What the estimator keeps of a ward: calibrations, boots, the history of biases, and an audit of commands.
 
-Append-only but for the latest bias of each boot, and for an audit that would grow without end. Every row is sealed
-(estimator/database): what was damaged on disk is refused and reported, never used.
+Append-only but for the latest bias of each boot, an audit that would grow without end, and the bias history, which is thinned
+as it grows old (`retention`). Every row is sealed (estimator/database): what was damaged on disk is refused and reported, never
+used.
 """
 
 import json
@@ -18,7 +19,8 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError, Trim
-from estimator.same_rate import same_rate
+from estimator.restore import differing, restore_key
+from estimator.service.retention import ALL_DAYS, DAY_NS, superfluous
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -29,6 +31,12 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 BOOTS, POINTS = 8, 300
 #: of each device the audit keeps about so many lines, those of years; looked after every so many
 AUDITED, _LOOKED_AFTER = 10_000, 100
+#: how many points are thinned at a time
+STRETCH = 500
+#: under which boots teach the same law
+_KEY = ("model", "firmware", "gyro_range")
+#: things a bias is kept as; after them what else is known of the boot
+_STATE = 5
 
 
 class Store:
@@ -66,12 +74,25 @@ class Store:
         """Note a boot; the same boot again changes nothing."""
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row["cause"] = BootCause(info.boot_cause).name
-        self.database.write(Change("boots", row | _restore_key(info)))
+        self.database.write(Change("boots", row | restore_key(info)))
 
-    def save_bias(self, device: str, boot: int, time_ns: int, state: BiasState, *, history: bool) -> None:
-        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record."""
-        powered = _or_none(state.powered)
-        text = json.dumps([state.x.tolist(), state.P.tolist(), state.time, _or_none(state.temperature_c), powered])
+    def save_bias(
+        self,
+        device: str,
+        boot: int,
+        time_ns: int,
+        state: BiasState,
+        *,
+        history: bool,
+        doubted: bool = False,
+        asked: tuple[str, str] | None = None,
+    ) -> None:
+        """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
+
+        doubted, asked: see Remembered.
+        """
+        at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
+        text = json.dumps([state.x.tolist(), state.P.tolist(), *at, {"doubted": doubted, "asked": asked}])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
@@ -97,6 +118,32 @@ class Store:
         self.database.write(Change("audit", row), *trims)
         self._audited[device] += 1
 
+    def boots_kept(self, device: str) -> list[str]:
+        """Every boot of which there is a bias, oldest first."""
+        return [row["boot"] for row in self.database.rows("bias", "device = ?", (device,), "time_ns")]
+
+    def thin(self, device: str, boot: str, after_ns: int, now_ns: int) -> int | None:
+        """Thin a stretch of a boot's bias history, from after_ns on; where to go on, or None when that was all."""
+        old_ns = now_ns - ALL_DAYS * DAY_NS
+        where, values = "device = ? AND boot = ? AND time_ns > ? AND time_ns < ?", (device, boot, after_ns, old_ns)
+        rows = self.database.rows("bias_history", where, values, "time_ns", STRETCH)
+        times = [row["time_ns"] for row in rows]
+        spared = self._learnt_from(device, boot, rows) if not after_ns else 0
+        gone = [(device, boot, times[i]) for i in superfluous(times, now_ns, spared)]
+        if gone:
+            self.database.remove("bias_history", "device = ? AND boot = ? AND time_ns = ?", gone)
+        return times[-1] if len(times) == STRETCH else None
+
+    def _learnt_from(self, device: str, boot: str, rows: list[Row]) -> int:
+        """How many points of a boot, from its first on, `points` may ask for."""
+        boots = self.database.rows("boots", "device = ?", (device,), "time_ns DESC")
+        key = next(([row[name] for name in _KEY] for row in boots if row["boot"] == boot), None)
+        # One more: the present boot is not learnt from yet.
+        if boot not in [row["boot"] for row in boots if [row[name] for name in _KEY] == key][: BOOTS + 1]:
+            return 0
+        known = [i for i, row in enumerate(rows) if row["temperature_c"] is not None][:POINTS]
+        return known[-1] + 1 if known else 0
+
     # ---- what is known ----------------------------------------------------------------------------------------------
 
     def answer(self, device: str, verb: str, request_id: str) -> tuple[bool, str] | None:
@@ -107,26 +154,31 @@ class Store:
         return None
 
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
-        """The calibration of this very boot, with the bias since, and its age at now_ns."""
+        """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         name = keys.boot_id(boot)
         calibration = self._latest(device, lambda row: row["boot"] == name)
-        if calibration is None:
-            return None
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
-            bias = _state(json.loads(row["state"]))
-            return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9 if bias is not None else 0.0)
-        return Remembered(calibration, None)
+            kept = json.loads(row["state"])
+            if (bias := _state(kept)) is not None:
+                more = kept[_STATE] if len(kept) > _STATE else {}
+                asked = tuple(more["asked"]) if more.get("asked") else None
+                return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
+        return None if calibration is None else Remembered(calibration, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
         this = keys.boot_id(info.boot)
-        return self._latest(info.device, lambda row: row["boot"] != this and _same(row, info))
+        return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
+
+    def latest(self, device: str) -> Calibration | None:
+        """The last calibration of a device, whatever it was then."""
+        return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
         this = keys.boot_id(info.boot)
         rows = self.database.rows("boots", "device = ?", (info.device,), "time_ns DESC")
-        boots = [row for row in rows if row["boot"] != this and _same(row, info)][:BOOTS]
+        boots = [row for row in rows if row["boot"] != this and not differing(row, info)][:BOOTS]
         return [found for boot in boots if (found := self._points(boot)) is not None]
 
     def _points(self, boot: Row) -> Points | None:
@@ -154,7 +206,7 @@ class Store:
         except Refusal as refusal:
             self.database.refuse("calibrations", f"{row['id']}: {refusal}")
             return None
-        if not _has(row, {"boot": keys.boot_id(found.boot), "time_ns": found.time_ns} | _restore_key(found)):
+        if not _has(row, {"boot": keys.boot_id(found.boot), "time_ns": found.time_ns} | restore_key(found)):
             self.database.refuse("calibrations", f"{row['id']}: its columns are not those of its content")
             return None
         return found
@@ -174,7 +226,7 @@ def _has(row: Row, part: Row) -> bool:
 def _as_row(c: Calibration) -> Row:
     row: Row = {"id": c.id, "device": c.device, "boot": keys.boot_id(c.boot), "time_ns": c.time_ns, "method": c.method}
     row |= {"verdict": c.verdict.name, "reason": c.reason, "who": c.who, "version": _version()}
-    return row | _restore_key(c) | {"payload": codec.encode_calibration(c)}
+    return row | restore_key(c) | {"payload": codec.encode_calibration(c)}
 
 
 @cache
@@ -182,24 +234,10 @@ def _version() -> str:
     return version("truerate")
 
 
-def _restore_key(of: Calibration | DeviceInfo) -> Row:
-    return {"model": of.model, "firmware": of.firmware, "gyro_range": of.gyro_range, "rate_hz": of.rate_hz}
-
-
-def _same(row: Row, info: DeviceInfo) -> bool:
-    """Whether a row is of the hardware that booted.
-
-    A device with a clock may be told another rate, as for a calibration; without one its scale hangs on its rate.
-    """
-    key = _restore_key(info)
-    rate_hz = key.pop("rate_hz")
-    return _has(row, key) and (info.has_clock or same_rate(row["rate_hz"], rate_hz))
-
-
 def _state(kept: list[Any]) -> BiasState | None:
-    if len(kept) != 5:  # of an earlier truerate: the calibration's own bias is used
+    if len(kept) < _STATE:  # of an earlier truerate: the calibration's own bias is used
         return None
-    x, P, time, temperature, powered = kept
+    x, P, time, temperature, powered = kept[:_STATE]
     celsius, since = np.nan if temperature is None else temperature, -np.inf if powered is None else powered
     return BiasState(np.array(x), np.array(P), time, celsius, since)
 

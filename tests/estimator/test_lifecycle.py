@@ -1,20 +1,27 @@
+from pathlib import Path
+
 import pytest
 
 from bridge.wire.messages import State
-from estimator.lifecycle import TABLE, Event, Life
+from estimator.lifecycle import AWAY, CAUSES, TABLE, Event, Life
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
+DOC = Path(__file__).parents[2] / "docs" / "life.md"
+CANCELS = (Event.CANCEL_TO_TRACKING, Event.CANCEL_TO_START)
+THERE = [s for s in State if s not in AWAY]
 
 
 def at(state: State) -> Life:
     life = Life()
-    life.state = state
+    life.state = life._before = state
     return life
 
 
 @pytest.mark.parametrize("state", list(State))
 @pytest.mark.parametrize("event", list(Event))
 def test_the_table_is_the_law_and_what_it_does_not_name_changes_nothing(state: State, event: Event) -> None:
+    if state in AWAY and event in (Event.HEARD, Event.DOUBTED, Event.CHANGED, *CANCELS):
+        return  # these are told by where it was: below
     life = at(state)
     assert life.on(event) is ((state, event) in TABLE)
     assert life.state is TABLE.get((state, event), state)
@@ -43,17 +50,70 @@ def test_tracking_is_reached_by_calibration_only(state: State) -> None:
         assert ways == set()
 
 
-@pytest.mark.parametrize("state", [s for s in State if s not in (State.UNKNOWN, State.LOST)])
-def test_a_lost_device_goes_on_where_it_was(state: State) -> None:
+@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE])
+@pytest.mark.parametrize("state", THERE)
+def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) -> None:
     life = at(state)
-    assert not life.heard()
-    assert life.on(Event.SILENT)
-    assert life.state is State.LOST
-    assert not life.on(Event.SILENT)
+    assert not life.on(Event.HEARD)
+    assert life.on(gone)
+    assert life.away
+    assert not life.on(gone) or gone is Event.SILENT
     assert not life.on(Event.CALIBRATED)
-    assert life.heard()
+    assert life.on(Event.HEARD)
     assert life.state is state
-    assert not life.heard()
+    assert not life.on(Event.HEARD)
+
+
+@pytest.mark.parametrize("state", THERE)
+def test_a_router_that_is_gone_makes_it_unknown_not_lost(state: State) -> None:
+    life = at(state)
+    assert life.on(Event.UNREACHABLE)
+    assert life.state.name == "UNKNOWN"
+    assert life.on(Event.SILENT), "the router is back, the device is not"
+    assert life.state.name == "LOST"
+    assert not life.on(Event.UNREACHABLE), "what was lost before is still the last that is known"
+    assert life.on(Event.HEARD)
+    assert life.state is state
+
+
+@pytest.mark.parametrize("away", AWAY)
+@pytest.mark.parametrize("event", [*CANCELS, Event.CHANGED, Event.DOUBTED])
+@pytest.mark.parametrize("state", THERE)
+def test_what_happens_while_it_is_away_is_so_when_it_is_heard_again(state: State, event: Event, away: State) -> None:
+    life = at(state)
+    life.state = away
+    assert life.on(event) is ((state, event) in TABLE)
+    assert life.state is away
+    assert life.on(Event.HEARD)
+    assert life.state is TABLE.get((state, event), state)
+
+
+def test_a_device_never_heard_has_nowhere_to_go_back_to() -> None:
+    life = Life()
+    assert not life.on(Event.HEARD)
+    assert life.state is State.UNKNOWN
+
+
+def test_the_table_for_people_is_the_table() -> None:
+    """docs/life.md: a row an event, with its cause, and from where to where it leads."""
+    rows = [line.split("|") for line in DOC.read_text().splitlines() if line.startswith("| `")]
+    told = {event.strip(" `"): (cause.strip(), leads.strip()) for _, event, cause, leads, _ in rows}
+    assert told == {event.value: (CAUSES[event], leads(event)) for event in Event}
+
+
+def leads(event: Event) -> str:
+    """`from, from → to; from → to`, states in the order of their numbers."""
+    ways: dict[str, list[str]] = {}
+    for state in State:
+        to = TABLE.get((state, event))
+        if to is not None:
+            ways.setdefault("where it was" if isinstance(to, type) else word(to), []).append(word(state))
+    everywhere = [word(state) for state in State]
+    return "; ".join(f"{'any' if came == everywhere else ', '.join(came)} → {to}" for to, came in ways.items())
+
+
+def word(state: State) -> str:
+    return state.name.lower().replace("_", "-")
 
 
 @pytest.mark.parametrize("state", CALIBRATING)

@@ -1,5 +1,6 @@
 """The service over the bus in memory, fed with a simulated device; its rounds are made by the test itself."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -59,11 +60,16 @@ class Ward:
             for batch in batches[start : start + 100]:
                 self._raw.put(codec.encode_samples(batch))
             self.service.step(0.0)
+        self.round()
+
+    def round(self) -> None:
+        """A round, in which nothing is waited for."""
         self.service.step(0.0)
+        self.service._give_up(math.inf)
 
     def put(self, payload: bytes, **ids: str) -> None:
         MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)
-        self.service.step(0.0)
+        self.round()
 
     def latest(self) -> Status:
         """The status, published anew."""
@@ -293,7 +299,14 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.broker.stop()
     time.sleep(1.1)
     ward.service._every_second(time.monotonic())
+    assert ward.service._devices[NAME].status(1).state is State.UNKNOWN
     ward.broker.start()
+    unknown = ward.latest()
+    assert (unknown.state, unknown.reason[:18]) == (State.UNKNOWN, "the router is gone")
+    ward.send(once.batches()[-3:])
+    assert ward.latest().state is State.UNKNOWN, "nothing of it was new"
+    more = once.part(0, 20)
+    ward.send(replace(more, ticks=once.ticks[-1] + more.ticks).batches(first=len(once)))
     assert ward.latest().state is State.TRACKING
     time.sleep(1.1)
     lost = ward.latest()

@@ -227,6 +227,16 @@ def test_restored_without_knowing_since_when_it_waits_for_a_rest(once: Stream, l
     assert resumed.status(1).evidence_age_s >= 0
 
 
+def test_of_a_boot_of_which_nothing_came_nothing_is_kept(once: Stream) -> None:
+    device = calibrated(once)
+    assert device.calibration is not None
+    resumed = DeviceSession(NAME)
+    resumed.begin_boot(1, 30.0, Remembered(device.calibration, device.checkpoint()))
+    assert resumed.checkpoint() is None
+    feed(resumed, once.batches()[-2:])
+    assert resumed.checkpoint() is not None
+
+
 def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:
     """A bridge that was restarted 71 minutes after the device counts the 32 bits of its ticks from anew."""
     wrapped = 2**32

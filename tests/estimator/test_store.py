@@ -92,6 +92,7 @@ def test_it_is_append_only(store: Store) -> None:
     assert same(found[0], GOOD)
     latest = store.recall(NAME, 1, 0)
     assert latest is not None
+    assert latest.calibration is not None
     assert latest.calibration.id == "c2"
 
 
@@ -153,6 +154,7 @@ def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
     sql(store, f"UPDATE calibrations SET {damage} WHERE id = 'c2'")
     remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
+    assert remembered.calibration is not None
     assert remembered.calibration.id == "c1"
     assert "row 2 of calibrations is damaged" in caplog.text
     assert [c.id for c in store.calibrations(NAME)] == ["c1"]
@@ -294,5 +296,6 @@ def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
     store.save_bias(NAME, boot, 5, BIAS, history=False)
     remembered = store.recall(NAME, boot, 0)
     assert remembered is not None
+    assert remembered.calibration is not None
     assert remembered.calibration.boot == boot
     assert remembered.bias is not None

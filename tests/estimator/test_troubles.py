@@ -176,7 +176,7 @@ def test_phantoms_are_forgotten_for_a_real_device(
         ward._bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=name)).put(
             codec.encode_info(replace(info(1), device=name))
         )
-    assert ward.service.counts.as_dict()["too many devices"] == 2
+    assert ward.service.counts.as_dict()[roster.TOO_MANY] == 20
     assert caplog.text.count("no more are taken") == 1
     clock[0] += 10.0
     put(ward, replace(batch, device="real"))
@@ -232,23 +232,64 @@ def test_a_calibration_made_while_the_disk_is_full_is_saved_later(
     assert ward.store.recall(NAME, 1, 0) is not None
 
 
-def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def same_id(monkeypatch: pytest.MonkeyPatch) -> None:
     class Same:
         hex = "r1"
 
     monkeypatch.setattr("estimator.client.uuid.uuid4", Same)
+
+
+def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ward.send(once.batches(), info(1))
-    first = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
-    assert first.accepted
+    with monkeypatch.context() as patch:
+        same_id(patch)
+        first = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
+        assert first.accepted
+    ward.command(lambda: ward.client.cancel(NAME, "nurse"))
     ward.kill()
     ward.start()
     ward.send(once.batches()[-5:])
+    same_id(monkeypatch)
     again = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
     assert again == first
     assert ward.latest().state is State.TRACKING
-    assert len(ward.store.database.rows("audit")) == 1
+    assert [row["verb"] for row in ward.store.database.rows("audit")] == ["recalibrate", "cancel"]
+
+
+def test_a_recalibration_goes_on_when_the_estimator_is_restarted(ward: Ward, once: Stream) -> None:
+    """The old calibration stays in force until the turns are done, or it is cancelled."""
+    ward.send(once.batches(), info(1))
+    (old,) = ward.store.calibrations(NAME)
+    assert ward.command(lambda: ward.client.recalibrate(NAME, "nurse", "it was dropped")).accepted
+    for _ in range(2):
+        ward.kill()
+        ward.start()
+        ward.send(once.batches()[-5:])
+        status = ward.latest()
+        assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
+        assert (status.quality, status.calibration) == (Quality.GOOD, old.id)
+    assert ward.service._devices[NAME].session.asked == ("nurse", "it was dropped")
+    assert ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
+    ward.kill()
+    ward.start()
+    ward.send(once.batches()[-5:])
+    assert (ward.latest().state, ward.latest().calibration) == (State.TRACKING, old.id)
+
+
+def test_a_recalibration_is_cancelled_though_the_device_is_lost(ward: Ward, once: Stream, clock: list[float]) -> None:
+    ward.send(once.batches()[:-5], info(1))
+    ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
+    clock[0] += 10.0
+    assert ward.latest().state is State.LOST
+    reply = ward.command(lambda: ward.client.cancel(NAME, "nurse"))
+    assert (reply.accepted, "the old one stays" in reply.message) == (True, True)
+    assert ward.latest().state is State.LOST
+    ward.send(once.batches()[-5:])
+    status = ward.latest()
+    assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
+    assert "cancelled by nurse" in status.reason
 
 
 def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ def loaded(store: Store) -> set[object]:
     things: set[object] = {("calibration", codec.encode_calibration(c)) for c in store.calibrations(NAME)}
     for boot in (1, 2, 3, 4):
         remembered = store.recall(NAME, boot, 100)
-        if remembered is not None:
+        if remembered is not None and remembered.calibration is not None:
             things.add(("recalled", boot, codec.encode_calibration(remembered.calibration)))
             if remembered.bias is not None:
                 state = remembered.bias

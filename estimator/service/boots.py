@@ -1,0 +1,84 @@
+"""How a boot begins, and what a bridge says of it: what is known of earlier is used, or it is said why not."""
+
+import logging
+from dataclasses import replace
+
+from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
+from estimator.restore import changed, restore_key
+from estimator.service.device import Device
+from estimator.service.record import Record
+from estimator.service.roster import Roster
+from estimator.session import Outcome, Remembered
+
+log = logging.getLogger(__name__)
+
+
+class Boots:
+    """Begins boots of the roster's devices with what the record has of them."""
+
+    def __init__(self, devices: Roster, record: Record) -> None:
+        self._devices, self._record = devices, record
+
+    def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
+        """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
+        session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        session.info = info = info if info is not None and info.boot == batch.boot else None
+        remembered, law, scratch = self._record.recall(device, batch.boot), None, ""
+        if info is not None:
+            law = self._record.law(session, info)
+            self._record.boot(session, info)
+            if remembered is not None and remembered.calibration is not None:
+                scratch = changed(remembered.calibration, info, within_boot=True)
+            if scratch:
+                remembered = None
+            if remembered is None or remembered.calibration is None:
+                prior = self._record.prior(session, info)
+                scratch = scratch if prior is None else ""
+                remembered = _with(remembered, prior)
+                if prior is None:
+                    scratch = scratch or self._record.scratch(session, info)
+        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None, law)
+        if remembered is not None and not same:
+            session.count_event("boot number repeated")
+            if remembered.calibration is not None:
+                session.believe(remembered.calibration)
+        if info is not None and scratch:
+            outcome.said += self._from_scratch(device, info, scratch)
+        return outcome
+
+    def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
+        """The bridge that a device is heard from says what it is; before: what it said last."""
+        session = device.session
+        session.info = info
+        if before is not None and before.boot == info.boot and restore_key(before) == restore_key(info):
+            return None
+        self._record.boot(session, info)
+        outcome = Outcome()
+        used = session.calibration or session.prior
+        scratch = "" if used is None else changed(used, info, within_boot=True)
+        if scratch:
+            outcome = session.start_over(scratch)
+        if session.calibration is None:
+            if (prior := self._record.prior(session, info)) is not None:
+                session.scratch = scratch = ""
+                session.believe(prior)
+            else:
+                scratch = scratch or self._record.scratch(session, info)
+        if scratch:
+            outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
+            outcome.changed = True
+        if (law := self._record.law(session, info)) is not None:
+            session.expect(law)
+        return outcome
+
+    def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
+        device.session.scratch = why
+        self._record.started_over(device.session, info, why)
+        return [why]
+
+
+def _with(remembered: Remembered | None, prior: Calibration | None) -> Remembered | None:
+    """What is remembered of this boot, with the calibration of an earlier one."""
+    if prior is None:
+        return remembered
+    return Remembered(prior, None) if remembered is None else replace(remembered, calibration=prior)

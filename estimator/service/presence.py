@@ -1,0 +1,96 @@
+"""What the bridges' liveliness tokens say of devices: a hint, settled by boot. Samples that come are the proof.
+
+Tokens travel apart from samples and may overtake them, or come late: the death of one boot's token says nothing of another
+boot, and a birth brings nobody back. Changes come on a thread of the bus and are taken in by the service's own.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal, Tally
+
+#: seconds a token must be dead, and its bridge alive, to mean anything: where the router changes all die and are born again
+SETTLED_S = 0.5
+MAX_NAMES, MAX_BOOTS, _MAX_WAITING = 8192, 8, 65536
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    alive: bool
+    since_s: float
+
+
+@dataclass(slots=True)
+class _Known:
+    """Tokens by name, a bounded number, the one changed longest ago is forgotten."""
+
+    room: int
+    tokens: dict[str, _Token] = field(default_factory=dict)
+
+    def note(self, name: str, token: _Token) -> None:
+        self.tokens.pop(name, None)
+        while len(self.tokens) >= self.room:
+            del self.tokens[next(iter(self.tokens))]
+        self.tokens[name] = token
+
+
+class Presence:
+    """Tokens of devices' boots and of bridges; `now` is monotonic seconds."""
+
+    def __init__(self, counts: Tally) -> None:
+        self._counts = counts
+        self._waiting: deque[tuple[str, bool]] = deque(maxlen=_MAX_WAITING)
+        self._bridges = _Known(MAX_NAMES)
+        self._devices: dict[str, _Known] = {}
+
+    def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        """A token was born or has died; called on a thread of the bus."""
+        self._waiting.append((key, alive))
+
+    def note(self, now: float) -> None:
+        """Take in what has changed."""
+        while self._waiting:
+            name, alive = self._waiting.popleft()
+            try:
+                key = keys.parse(name)
+            except Refusal as refusal:
+                self._counts.add(f"tokens refused, {refusal.reason}")
+                continue
+            token = _Token(alive, now)
+            if key.what == "alive/bridge":
+                self._bridges.note(key.ids["bridge"], token)
+            elif key.what == "alive/device":
+                while key.device not in self._devices and len(self._devices) >= MAX_NAMES:
+                    del self._devices[next(iter(self._devices))]
+                self._devices.setdefault(key.device, _Known(MAX_BOOTS)).note(key.ids["boot"], token)
+
+    def forget(self) -> None:
+        """The router is gone, and every token with it: that says nothing of anybody."""
+        self._waiting.clear()
+        self._bridges.tokens.clear()
+        self._devices.clear()
+
+    def gone(self, device: str, boot: int, bridge: str, now: float) -> bool:
+        """Whether the bridge, which is there, has taken back the token of this very boot."""
+        token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
+        return (
+            token is not None
+            and there is not None
+            and not token.alive
+            and there.alive
+            and now - max(token.since_s, there.since_s) >= SETTLED_S
+        )
+
+    def words(self, device: str, boot: int, bridge: str) -> str:
+        """What is known of why nothing comes, for a person; empty when nothing is."""
+        there, token = self._bridges.tokens.get(bridge), self._boot(device, boot)
+        if there is not None and not there.alive:
+            return f"its bridge {bridge} is gone: does it run, does it reach the router?"
+        if token is not None and not token.alive:
+            return f"bridge {bridge} hears it no more: is it switched on, plugged in, in reach?"
+        return ""
+
+    def _boot(self, device: str, boot: int) -> _Token | None:
+        known = self._devices.get(device)
+        return None if known is None else known.tokens.get(keys.boot_id(boot))

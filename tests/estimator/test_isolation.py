@@ -1,0 +1,81 @@
+"""A fault in one device's session, wherever it strikes: every sample at stake is counted, and the others go on."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bridge.wire import codec
+from estimator.sequence import Sequence
+from estimator.service.device import Device
+from estimator.service.law import EVENT
+from estimator.service.record import Record
+from estimator.service.sources import Source
+from estimator.session import DeviceSession
+from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.test_service import Ward
+
+PLACES: list[tuple[type[Any], str]] = [
+    (Source, "judge"),
+    (Record, "recall"),
+    (Sequence, "fresh"),
+    (DeviceSession, "begin_boot"),
+    (DeviceSession, "handle"),
+    (DeviceSession, "_take"),
+    (Device, "say_corrected"),
+    (Device, "say_status"),
+    # on the fast lane
+    (Source, "went_on"),
+    (DeviceSession, "keep"),
+    (DeviceSession, "learn"),
+    (DeviceSession, "_learn"),
+    (Device, "say_rates"),
+]
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1)
+
+
+@pytest.mark.parametrize("at", [0, 3], ids=["at once", "later"])
+@pytest.mark.parametrize(("owner", "name"), PLACES, ids=[f"{o.__name__}.{n}" for o, n in PLACES])
+def test_a_fault_anywhere_leaves_no_sample_uncounted(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, owner: type[Any], name: str, at: int
+) -> None:
+    batches = once.batches()
+    ward.send(batches[:40], info(1))
+    whole, calls = getattr(owner, name), [0]
+
+    def failing(*args: Any, **more: Any) -> Any:
+        calls[0] += 1
+        if calls[0] - 1 in (at, at + 2):
+            raise FloatingPointError("singular")
+        return whole(*args, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, failing)
+        # Some overtaken, so that others wait when it fails.
+        ward.send([batches[i + (1, -1, 0, 0)[i % 4]] for i in range(40, 120)])
+        ward.send([b for boot in (2, 3, 4, 5) for b in once.part(0, 30).batches(boot=boot)])
+    assert calls[0] > at, "it was put to the test"
+    (other,) = once.part(0, 10).batches([])
+    ward.put(codec.encode_samples(replace(other, device="other")), bridge="bridge", device="other")
+    ward.latest()
+    devices = ward.service._devices
+    mine = devices[NAME].status(1)
+    assert mine.events["session failed"] >= 1
+    assert EVENT not in mine.events
+    assert mine.samples_in == mine.samples_out + sum(mine.dropped.values())
+    assert mine.samples_out == devices[NAME].told
+    assert mine.samples_in == 800 + 400 + 120
+    assert devices["other"].status(1).samples_out == 10

@@ -1,0 +1,165 @@
+"""What outlives a restart: of the estimator, of the device, and of a device that is not what it was."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.sim.motion import Still
+from bridge.wire.messages import Quality, SampleBatch, State
+from estimator import history
+from estimator.restore import changed
+from estimator.service.record import SCRATCH
+from estimator.session import DeviceSession
+from tests.estimator.stream import NAME, Stream, calibration, feed, info
+from tests.estimator.test_service import Ward
+
+OTHERS: list[tuple[dict[str, Any], str]] = [
+    ({"firmware": "2.0"}, "its firmware is 2.0, was 1.0"),
+    ({"model": "n"}, "its model is n, was m"),
+    ({"gyro_range": 4.36}, "its range is 4.36 rad/s, was 8.7 rad/s"),
+    ({"rate_hz": 208.0, "has_clock": False}, "its rate is 208 Hz, was 104 Hz"),
+]
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1, after=[Still(8.0)])
+
+
+def second(of: Stream) -> list[SampleBatch]:
+    """The same again as another boot, a minute later."""
+    later = 60 * 10**9
+    return [
+        replace(b, receive_time_ns=b.receive_time_ns + later, start_time_ns=b.start_time_ns + later)
+        for b in of.batches(boot=2)
+    ]
+
+
+def restart(ward: Ward) -> None:
+    ward.kill()
+    ward.start()
+
+
+def scratched(ward: Ward) -> list[str]:
+    return [row["message"] for row in history.read(ward.store, NAME).commands if row["verb"] == SCRATCH]
+
+
+@pytest.mark.parametrize(("other", "words"), OTHERS)
+def test_another_device_under_the_name_begins_from_scratch_and_it_is_said(
+    ward: Ward, once: Stream, other: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    ward.send(once.batches(), info(1))
+    list(ward.subscriber)
+    ward.send(second(once)[:30], replace(info(2), **other))
+    assert {b.quality for b in ward.subscriber} == {Quality.NONE}
+    status = ward.latest()
+    assert words in status.reason
+    assert "from scratch" in status.reason
+    assert "hold the device still" in status.reason, "and what to do"
+    assert words in caplog.text
+    assert [words in said for said in scratched(ward)] == [True]
+    restart(ward)
+    ward.send(second(once)[30:60])
+    assert words in ward.latest().reason
+    ward.send(second(once)[60:])
+    assert (ward.latest().quality, scratched(ward)) == (Quality.GOOD, scratched(ward)[:1]), "told once a boot"
+    assert "from scratch" not in ward.latest().reason
+
+
+@pytest.mark.parametrize(("other", "words"), OTHERS)
+def test_a_device_that_changes_within_a_boot_begins_from_scratch(
+    ward: Ward, once: Stream, other: dict[str, Any], words: str
+) -> None:
+    first = replace(info(1), has_clock=other.get("has_clock", True))
+    batches = once.batches()
+    ward.send(batches[:-80], first)
+    assert ward.latest().quality is Quality.GOOD
+    list(ward.subscriber)
+    ward.send(batches[-80:-40], replace(first, **other))
+    after = list(ward.subscriber)
+    assert {b.quality for b in after} <= {Quality.NONE, Quality.BIAS_ONLY}
+    assert sum(map(len, after)) == 400, "its samples go on"
+    status = ward.latest()
+    assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
+    assert words in status.reason
+    assert len(scratched(ward)) == 1
+    restart(ward)
+    ward.send(batches[-40:])
+    assert ward.latest().quality in (Quality.NONE, Quality.BIAS_ONLY)
+    assert words in ward.latest().reason
+
+
+def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    list(ward.subscriber)
+    ward.send(second(once)[:30], replace(info(2), rate_hz=208.0))
+    assert {b.quality for b in ward.subscriber} <= {Quality.PRIOR, Quality.BIAS_ONLY}
+    assert "scratch" not in ward.latest().reason
+    assert scratched(ward) == []
+
+
+def test_what_was_not_known_has_not_changed() -> None:
+    session = DeviceSession(NAME)
+    session.info = info(1)
+    feed(session, calibration(seed=1).batches())
+    made = session.calibration
+    assert made is not None
+    assert changed(replace(made, firmware=""), info(1), within_boot=True) == ""
+    assert changed(made, replace(info(1), firmware="", gyro_range=0.0), within_boot=True) == ""
+    assert "its firmware is 1.0, was not known" in changed(replace(made, firmware=""), info(1))
+
+
+def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_up_to_power_up(
+    ward: Ward, once: Stream
+) -> None:
+    ward.send(once.batches(), info(1))
+    (before,) = ward.store.calibrations(NAME)
+    ward.send(second(once)[:6], info(2))
+    last = list(ward.subscriber)[-1]
+    wide = ward.service._devices[NAME].session.knobs.prior.bias_repeatability
+    assert (last.boot, last.quality, last.calibration) == (2, Quality.PRIOR, before.id)
+    assert np.all(last.bias_std >= 0.99 * wide * np.diag(before.matrix))
+
+
+def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches()[:-20], info(1))
+    device = ward.service._devices[NAME]
+    for doubted in (False, True):
+        device.session.tracker.doubted = doubted
+        ward.service._record.checkpoint(device, 0.0, force=True)
+        remembered = ward.store.recall(NAME, 1, 1_700_000_000_000_000_000)
+        assert remembered is not None
+        resumed = DeviceSession(NAME)
+        first = feed(resumed, once.batches()[-20:-18], remembered).corrected[0]
+        status = resumed.status(1)
+        assert first.quality is (Quality.DEGRADED if doubted else Quality.GOOD)
+        assert status.state is (State.DEGRADED if doubted else State.TRACKING)
+        assert ("in doubt when the estimator was restarted" in status.reason) is doubted
+
+
+def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream) -> None:
+    batches = once.batches()
+    upto = once.at(6.0) // 10
+    ward.send(batches[:upto], info(1))
+    session = ward.service._devices[NAME].session
+    assert session.status(1).quality is Quality.BIAS_ONLY
+    ward.service._record.checkpoint(ward.service._devices[NAME], 0.0, force=True)
+    list(ward.subscriber)
+    restart(ward)
+    ward.send(batches[upto : upto + 2])
+    last = list(ward.subscriber)[-1]
+    assert last.quality is Quality.BIAS_ONLY
+    np.testing.assert_allclose(last.bias, session.tracker.bias, atol=np.radians(0.02))

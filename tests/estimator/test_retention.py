@@ -1,0 +1,115 @@
+"""A bias history that is kept for years does not grow without end, and teaches what it taught."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.wire import keys
+from estimator import history
+from estimator.database import Change
+from estimator.service.record import THIN_S
+from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, superfluous
+from estimator.service.store import BOOTS, POINTS, STRETCH, Store, _point
+from estimator.track.bias_filter import BiasState
+from tests.estimator.stream import NAME, info, stream
+from tests.estimator.test_service import Ward
+
+MINUTE_NS, HALF_NS = 60 * 10**9, HOUR_NS // 2
+NOW_NS = 1_700_000_000 * 10**9
+
+
+def test_years_of_points_come_to_a_few_thousand() -> None:
+    """A point each half hour, thinned every thirty days."""
+    kept: list[int] = []
+    counts = []
+    for day in range(6 * 365):
+        now_ns = NOW_NS + day * DAY_NS
+        kept += [now_ns - DAY_NS + i * HALF_NS for i in range(48)]
+        if day % 30 == 0:
+            gone = set(superfluous(kept, now_ns))
+            kept = [time for i, time in enumerate(kept) if i not in gone]
+            counts.append(len(kept))
+    most = 48 * (ALL_DAYS + 31) + 24 * 120 + 5 * 366
+    assert max(counts) < most
+    assert counts[-1] == pytest.approx(counts[-6], rel=0.05), "it has come to an end"
+    age = now_ns - np.array(kept)
+    assert age.max() <= END_NS + 30 * DAY_NS
+    assert np.diff(kept)[age[1:] < ALL_DAYS * DAY_NS].max() == HALF_NS
+    assert np.diff(kept)[age[1:] < 89 * DAY_NS].max() <= HOUR_NS
+    assert np.diff(kept).max() <= 2 * DAY_NS
+
+
+def test_what_is_spared_or_of_one_moment_stays() -> None:
+    old = [NOW_NS - 30 * DAY_NS + i for i in range(10)]
+    assert superfluous(old, NOW_NS) == list(range(9))
+    assert superfluous(old, NOW_NS, spared=4) == [4, 5, 6, 7, 8]
+    assert superfluous([old[0]] * 3, NOW_NS) == []
+
+
+def fill(store: Store, boots: int, points: int, end_ns: int) -> None:
+    """So many boots, one after the other, a point a minute; the last ends at end_ns."""
+    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    for n in range(boots):
+        boot, begin_ns = n + 1, end_ns - (boots - n) * points * MINUTE_NS
+        store.add_boot(info(boot), begin_ns)
+        rows = [_point(NAME, boot, begin_ns + i * MINUTE_NS, state) | {"x": float(i)} for i in range(points)]
+        store.database.write(*(Change("bias_history", row) for row in rows))
+        store.save_bias(NAME, boot, begin_ns, state, history=False)
+
+
+def thin(store: Store, now_ns: int) -> None:
+    for boot in store.boots_kept(NAME):
+        after_ns: int | None = 0
+        while after_ns is not None:
+            after_ns = store.thin(NAME, boot, after_ns, now_ns)
+
+
+def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays() -> None:
+    store = Store(":memory:")
+    boots, points = BOOTS + 4, POINTS + 400
+    fill(store, boots, points, NOW_NS)
+    newest = info(boots + 1)
+    taught, before = store.points(newest), history.read(store, NAME)
+    thin(store, NOW_NS + 30 * DAY_NS)
+    for was, is_ in zip(taught, store.points(newest), strict=True):
+        np.testing.assert_array_equal(was.time, is_.time)
+        np.testing.assert_array_equal(was.bias, is_.bias)
+    after = history.read(store, NAME)
+    assert [b.bias[-1, 0] for b in after.biases] == [b.bias[-1, 0] for b in before.biases]
+    lengths = {of.boot: len(of.time_ns) for of in after.biases}
+    assert lengths[keys.boot_id(1)] < 20, "a boot nothing is learnt from any more: one an hour"
+    assert POINTS < lengths[keys.boot_id(boots)] < POINTS + 20
+    thin(store, NOW_NS + 30 * DAY_NS)
+    again = {of.boot: len(of.time_ns) for of in history.read(store, NAME).biases}
+    assert all(lengths[boot] - 2 <= n <= lengths[boot] for boot, n in again.items()), "the seams of its stretches"
+    store.close()
+
+
+def test_the_service_thins_in_small_pieces_once_a_day(tmp_path: Path) -> None:
+    ward = Ward(tmp_path)
+    ward.send(stream([], 2.0).batches(boot=99), info(99))
+    fill(ward.store, 2 * BOOTS, POINTS, NOW_NS - 60 * DAY_NS)
+    record, device = ward.service._record, ward.service._devices[NAME]
+    before = len(ward.store.database.rows("bias_history"))
+    record.thin(device, 0.0)
+    first = len(ward.store.database.rows("bias_history"))
+    assert before - STRETCH <= first < before
+    while device.to_thin:
+        record.thin(device, 0.0)
+    thinned = len(ward.store.database.rows("bias_history"))
+    assert thinned < first - 5 * 0.9 * POINTS
+    fill(ward.store, 1, 10, NOW_NS - 40 * DAY_NS)
+    record.thin(device, THIN_S - 1.0)
+    assert not device.to_thin
+    record.thin(device, THIN_S)
+    assert device.to_thin
+    ward.kill()
+
+
+def test_what_is_new_stays_as_it_is() -> None:
+    store = Store(":memory:")
+    fill(store, 2, 600, NOW_NS)
+    thin(store, NOW_NS + 6 * DAY_NS)
+    assert [len(of.time_ns) for of in history.read(store, NAME).biases] == [600, 600]
+    store.close()
