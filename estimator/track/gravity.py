@@ -40,8 +40,8 @@ class GravityKnobs:
     #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s² of unrest adds to it, s, and the most: a
     #: limb that is shaken harder gets no further, a walker goes so fast
     speed: float = 0.1
-    speed_per_unrest: float = 0.1
-    fastest: float = 0.5
+    speed_per_unrest: float = 0.2
+    fastest: float = 0.7
     #: of a resting device
     resting_speed: float = 0.01
     #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
