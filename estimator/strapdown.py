@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 class Span:
     """A stretch without a break, `seconds` long. end (3, 3) is C at its end; push (3,) m/s the integral of C a.
 
+    shift (3,) m: the integral of the push as it grows.
     by_bias (3, 3), by_matrix (3, 9): phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix.
     push_by_bias, push_by_matrix, push_by_accel (3, 3), (3, 9), (3, 3): the same of push, the last per m/s² of accelerometer bias.
     way: rad turned, there and back. unrest: m/s², how far C a strays from its mean, rms.
@@ -27,6 +28,7 @@ class Span:
     seconds: float
     end: Floats
     push: Floats
+    shift: Floats
     by_bias: Floats
     by_matrix: Floats
     push_by_bias: Floats
@@ -54,6 +56,7 @@ def sum_up(dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats
         seconds=float(dt.sum()),
         end=attitude[-1],
         push=ahead[0],
+        shift=dt @ (ahead[0] - ahead + 0.5 * pushes),
         by_bias=-by_bias @ matrix,
         by_matrix=(carried.reshape(n, 9).T @ rate).reshape(3, 9),
         push_by_bias=-np.add.reduce(moved) @ matrix,

@@ -5,15 +5,17 @@ velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's 
 
     g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
 
-Nothing measures gravity itself. But a wearer's velocity is bounded, so v is measured as zero, give or take what the unrest of
-the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The gyro's scale and misalignment
-are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are known.
+Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, give or take
+what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The mean, for what
+goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. The gyro's
+scale and misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as
+they are known.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import exp, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,20 +37,23 @@ _VELOCITY_SEEN = _SAME[VELOCITY]
 class GravityKnobs:
     """How far gravity is believed. m/s², m/s."""
 
-    #: m/s, speed of a wearer that shows no unrest, and what each m/s² of unrest adds to it, s
+    #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s² of unrest adds to it, s, and the most: a
+    #: limb that is shaken harder gets no further, a walker goes so fast
     speed: float = 0.1
     speed_per_unrest: float = 0.2
+    fastest: float = 0.7
     #: of a resting device
     resting_speed: float = 0.01
     #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
     doubt: float = 12.0
     #: of the gyro, per rad turned within a span: non-linearity, sensitivity to acceleration
-    way_share: float = 2e-3
+    way_share: float = 1e-3
     #: of the accelerometer, m/s² per root Hz, and the walk of its bias, m/s² per root s
     accel_noise: float = 0.03
     accel_bias: float = 0.05
     accel_walk: float = 1e-3
-    #: and what turning it changes in its error, m/s² per rad: scale, misalignment and curvature read otherwise in each pose
+    #: and what turning it changes in its error, m/s² per rad and at the most: scale, misalignment and curvature read otherwise
+    #: in each pose
     accel_pose: float = 0.05
     #: m/s², how far the strength of gravity and of its reading may differ
     strength: float = 0.03
@@ -101,18 +106,35 @@ class Gravity:
         F[VELOCITY, BIAS] = C @ (span.push_by_bias + swing @ span.by_bias)
         F[VELOCITY, MATRIX] = C @ (span.push_by_matrix + swing @ span.by_matrix)
         F[VELOCITY, ACCEL_BIAS] = C @ span.push_by_accel
+        kept = self._accel_kept(span)
+        F[ACCEL_BIAS, ACCEL_BIAS] = kept * _ONE
         moved = x.copy()
-        moved[GRAVITY], moved[VELOCITY] = C @ g, C @ after
+        moved[GRAVITY], moved[VELOCITY], moved[ACCEL_BIAS] = C @ g, C @ after, kept * x[ACCEL_BIAS]
         moved[GRAVITY] *= G / sqrt(moved[GRAVITY] @ moved[GRAVITY])
-        bias.carry(moved, F, self._noise(span, C @ gx, gyro_noise))
+        bias.carry(moved, F, self._noise(span, C @ gx, gyro_noise, kept))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
-        """The velocity, measured as zero."""
-        speed = self.knobs.resting_speed if resting else self._speed(span)
-        return Evidence("gravity", np.zeros(3), _VELOCITY_SEEN, speed**2 * _ONE, self.knobs.doubt, soft=True)
+        """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
+        if resting:
+            R = self.knobs.resting_speed**2 * _ONE
+            return Evidence("gravity", np.zeros(3), _VELOCITY_SEEN, R, self.knobs.doubt, soft=True)
+        # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. What a wrong bias does within the span is little.
+        T = span.seconds
+        H = _VELOCITY_SEEN.copy()
+        H[:, GRAVITY] = T / 2 * _ONE
+        z = span.end.T @ (span.push - span.shift / T)
+        return Evidence("gravity", z, H, self._speed(span) ** 2 * _ONE, self.knobs.doubt, soft=True)
 
     def _speed(self, span: Span) -> float:
-        return self.knobs.speed + self.knobs.speed_per_unrest * span.unrest
+        return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)
+
+    def _accel_kept(self, span: Span) -> float:
+        """What turning leaves of the accelerometer's error: it wanders with the pose, and never beyond what it may be at all."""
+        return exp(-((self.knobs.accel_pose * min(span.way, 1.0)) ** 2) / (2 * self._accel_var))
+
+    @property
+    def _accel_var(self) -> float:
+        return self.knobs.accel_bias**2 + self.knobs.accel_pose**2
 
     def _begin(self, span: Span, bias: BiasFilter) -> None:
         """Gravity is where the accelerometer points on the mean; nothing ties it to what was before."""
@@ -130,7 +152,7 @@ class Gravity:
         bias.extend(replace(bias.state, x=x, P=P))
         self.known = True
 
-    def _noise(self, span: Span, tilting: Floats, gyro_noise: float) -> Floats:
+    def _noise(self, span: Span, tilting: Floats, gyro_noise: float, kept: float) -> Floats:
         """(n, n) what a span adds: the gyro's noise and its share of the way, tilting g, and v by half of it on the mean."""
         knobs, T = self.knobs, span.seconds
         turned = gyro_noise**2 * T + (knobs.way_share * span.way) ** 2
@@ -138,6 +160,6 @@ class Gravity:
         by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
         Q = turned * by_turn @ by_turn.T
         Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * _ONE
-        posed = (knobs.accel_pose * min(span.way, 1.0)) ** 2
+        posed = (1 - kept**2) * self._accel_var
         Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * _ONE
         return Q

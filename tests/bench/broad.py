@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from tests.bench.trackers import Floats
 
@@ -18,6 +19,8 @@ UNITS = (("04", "08"), ("10",), ("21", "28"), ("24",))
 
 _TRIM_S, _LEAST_REST_S = 0.5, 2.0
 _CUT_S = 1.0
+#: so many samples before its own, optics saw what the gyro reads: there integrated rates agree best with it, in every fast trial
+_OPTICS_AHEAD = 0.65
 _RAMP_DPS_PER_MIN = np.array([0.05, -0.05, 0.05])
 _LARGE_DPS = np.array([3.1065, -1.6171, 1.4467])
 
@@ -58,7 +61,19 @@ def load(path: Path) -> Trial:
     with np.load(path) as file:
         gyro, accel, attitude = (file[k].astype(np.float64) for k in ("gyro_rad_s", "accel_m_s2", "truth_quat_wxyz"))
         moving, rate_hz = file["moving"], float(file["rate_hz"])
-    return Trial(path.stem, rate_hz, gyro, accel, moving, rest_bias(gyro, moving, rate_hz), attitude)
+    return Trial(path.stem, rate_hz, gyro, accel, moving, rest_bias(gyro, moving, rate_hz), _earlier(attitude))
+
+
+def _earlier(attitude: Floats) -> Floats:
+    """Attitudes (n, 4) wxyz as they were _OPTICS_AHEAD samples before; NaN where they were not seen just then."""
+    seen = np.flatnonzero(~np.isnan(attitude[:, 0]))
+    at = np.arange(len(attitude)) - _OPTICS_AHEAD
+    known = np.zeros(len(attitude), bool)
+    known[1:] = ~np.isnan(attitude[1:, 0] + attitude[:-1, 0])
+    found = np.full_like(attitude, np.nan)
+    between = Slerp(seen, Rotation.from_quat(np.roll(attitude[seen], -1, axis=1)))
+    found[known] = np.roll(between(at[known]).as_quat(), 1, axis=1)
+    return found
 
 
 def rests(moving: NDArray[np.bool_], rate_hz: float) -> list[slice]:

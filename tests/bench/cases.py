@@ -1,7 +1,7 @@
 """What bias trackers are tried on, and how they are judged: BROAD as recorded and as made harder, days on a ward, slow turns."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from bridge.sim.day import Day, simulate_day
 from bridge.sim.quaternion import up_in_body
 from bridge.sim.scenes import slow_turn
 from tests.bench import broad
-from tests.bench.optical import bias_by_optics, drift_deg_per_min, matrix_of
-from tests.bench.trackers import Floats, Prior, Track
+from tests.bench.optical import bias_by_optics, drift_deg_per_min, level_force, matrix_of
+from tests.bench.trackers import Floats, Prior, Track, ours
 
 TURN_RATES_DPS = (0.1, 0.3, 1.0, 2.0)
 _TURN_SEEDS = 4
@@ -52,6 +52,8 @@ class Row:
         return float(np.median(values) if self.median else np.mean(values))
 
 
+#: what sees the optical orientation: in place of the accelerometer, and to take linear acceleration out of its readings
+OPTICS, LEVEL = LIMITS = ("optics", "truerate unpushed")
 NONE = float("nan")
 #: the goals of the project; NaN where it has none
 ROWS = (
@@ -92,8 +94,8 @@ class Case:
     judge: Callable[[Track], dict[str, float]]
     activity: NDArray[np.int8] | None = None
     prior: Prior | None = None
-    #: what could be known at best, where something better than the sensors was there
-    limit: Callable[[], Track] | None = None
+    #: what could be known at best, where something better than the sensors was there, by the names of LIMITS
+    limits: Mapping[str, Callable[[], Track | None]] = field(default_factory=dict)
 
 
 #: what the 3×3 of another trial, and a calibration by hand, leave of scale and misalignment, relative
@@ -124,11 +126,14 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
             worth[f"{prefix} heading drift"] = drift_deg_per_min(changed, track.bias)
         return worth
 
-    def limit() -> Track:
+    def by_optics() -> Track:
         walk = _RAMP_WALK if name.startswith("ramp") else _WALK
         return Track(bias_by_optics(changed, matrix_of([trial]), walk, Prior().bias_std))
 
-    shown = limit if name in _LIMITED else None
+    def unpushed() -> Track | None:
+        return ours(changed.gyro, level_force(changed), None, changed.rate_hz, prior)
+
+    limits = {OPTICS: by_optics, LEVEL: unpushed} if name in _LIMITED else {}
     return Case(
         trial.name,
         changed.rate_hz,
@@ -138,7 +143,7 @@ def _broad_case(prefix: str, name: str, trial: broad.Trial, prior: Prior | None 
         changed.bias,
         judge,
         prior=prior,
-        limit=shown,
+        limits=limits,
     )
 
 

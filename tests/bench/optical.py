@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import vqf
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from estimator import rotation
+from estimator.track.gravity import G
 from tests.bench.broad import Trial
 from tests.bench.trackers import Floats
 
@@ -102,6 +103,17 @@ def bias_by_optics(trial: Trial, matrix: Floats, walk: float, start_std: float) 
             attitude, bias = Rotation.from_rotvec(change[:3]) * attitude, bias + change[3:]
     found[begin + n :] = bias
     return found
+
+
+def level_force(trial: Trial) -> Floats:
+    """(n, 3) m/s² what a perfect accelerometer would read of the same turns if nothing pushed: gravity, as optics has it.
+
+    A sample stands for the interval that ends at it. A tracker that is given these shows what linear acceleration costs it.
+    """
+    seen = np.flatnonzero(~np.isnan(trial.attitude[:, 0]))
+    middle = np.clip(np.arange(len(trial.attitude)) - 0.5, seen[0], seen[-1])
+    attitude = Slerp(seen, _rotation(trial.attitude[seen]))(middle)
+    return np.asarray(attitude.inv().apply([0.0, 0.0, G]))
 
 
 def _rotation(wxyz: Floats) -> Rotation:

@@ -1,7 +1,8 @@
 """Bias trackers side by side on real movement, on simulated days and in slow turns. `make bench-tracking`.
 
 The column "true bias" is what the truth itself comes to; "optics" is a filter that sees the optical orientation in place of
-the accelerometer, in real time and through the matrix of the very trial: what no method can hope for.
+the accelerometer, in real time and through the matrix of the very trial: what no method can hope for. "truerate unpushed" is this
+project's own, in real time, with an accelerometer that reads gravity as optics has it: what it could do if nothing pushed.
 Writes out/tracking.json and out/tracking.png. --hours and --days make the days shorter and fewer.
 """
 
@@ -20,12 +21,12 @@ from rich.table import Table
 from bridge.sim.body import Activity
 from estimator import figures
 from tests.bench import broad
-from tests.bench.cases import DRIFT, ERROR, KEPT, ROWS, Case, Row, broad_cases, day_cases, turn_cases
+from tests.bench.cases import DRIFT, ERROR, KEPT, LIMITS, ROWS, Case, Row, broad_cases, day_cases, turn_cases
 from tests.bench.trackers import TRACKERS, Track
 
-TRUTH, OPTICS = "true bias", "optics"
+TRUTH = "true bias"
 SHOWN_FOR_TRUTH = {row.name for row in ROWS if row.group in (KEPT, DRIFT)}
-_PICTURE_EVERY_S, _WIDTH = 30.0, 128
+_PICTURE_EVERY_S, _WIDTH = 30.0, 138
 
 #: row, method, values of its cases by name
 Results = dict[str, dict[str, dict[str, float]]]
@@ -38,15 +39,13 @@ def measure(cases: Iterable[Case], n: int, progress: Progress, what: str, result
         for row, worth in case.judge(Track(case.bias)).items():
             if row in SHOWN_FOR_TRUTH:
                 results[row][TRUTH][case.name] = worth
-        if case.limit is not None:
-            for row, worth in case.judge(case.limit()).items():
-                results[row][OPTICS][case.name] = worth
+        found = {limit: track() for limit, track in case.limits.items()}
         for method in TRACKERS:
-            track = tracked(method, case)
+            found[method] = tracked(method, case)
             progress.advance(task)
-            if track is not None:
-                for row, worth in case.judge(track).items():
-                    results[row][method][case.name] = worth
+        for method, track in found.items():
+            for row, worth in (case.judge(track) if track is not None else {}).items():
+                results[row][method][case.name] = worth
 
 
 def tracked(method: str, case: Case) -> Track | None:
@@ -59,12 +58,12 @@ def tables(results: Results) -> Iterator[Table]:
     for group in dict.fromkeys(row.group for row in ROWS if results[row.name]):
         shown = Table(title=group, title_justify="left", title_style="bold", box=None, pad_edge=False)
         shown.add_column("", width=22, no_wrap=True)
-        for heading in (*TRACKERS, TRUTH, OPTICS, "goal", "goal smoothed"):
+        for heading in (*TRACKERS, TRUTH, *LIMITS, "goal", "goal smoothed"):
             shown.add_column(heading.replace(" ", "\n", 1), justify="right", width=9, no_wrap=True)
         for row in ROWS:
             if row.group == group and results[row.name]:
                 values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
-                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH, OPTICS)]
+                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH, *LIMITS)]
                 shown.add_row(
                     row.label,
                     *cells,

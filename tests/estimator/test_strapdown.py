@@ -49,6 +49,8 @@ def test_attitude_and_push_are_those_of_the_true_motion() -> None:
     true = fine_dt @ axes.apply(fine.force)
     np.testing.assert_allclose(span.push, true, atol=0.05)
     np.testing.assert_allclose(summed(1040.0).push, true, atol=0.005)
+    growing = np.cumsum(axes.apply(fine.force) * fine_dt[:, None], axis=0)
+    np.testing.assert_allclose(summed(1040.0).shift, fine_dt @ growing, atol=0.005)
     assert np.linalg.norm(span.push - dt @ motion.force) > 1.0, "forces had to be carried along"
     assert span.way == pytest.approx(np.linalg.norm(motion.rate, axis=1) @ dt)
     force = axes.apply(fine.force)
@@ -61,6 +63,7 @@ def test_at_rest_nothing_turns_and_the_push_is_gravity() -> None:
     span = sum_up(dt, np.tile(BIAS, (n, 1)), np.tile(up, (n, 1)), MATRIX, BIAS, np.zeros(3))
     np.testing.assert_allclose(span.end, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(span.push, up)
+    np.testing.assert_allclose(span.shift, up / 2)
     np.testing.assert_allclose(span.by_bias, -MATRIX)
     np.testing.assert_allclose([span.way, span.unrest], 0.0, atol=1e-12)
 
