@@ -6,6 +6,7 @@ device's own, from its rests; one whose step is coarser than its noise may repea
 """
 
 from math import ceil, inf, log, pi, radians, sqrt
+from operator import eq
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,30 @@ class SensorFaults:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
         return flags
 
+    def quiet(
+        self,
+        time_s: tuple[float, float],
+        gyro: Floats,
+        temperature_c: Floats | None,
+        gyro_range: float,
+        gyro_peak: float,
+    ) -> bool:
+        """Whether `flags` would surely mark none of these readings; they are taken then, and not otherwise.
+
+        Of n ≥ 1 readings only the first and the last time are asked for, and the largest magnitude of their rates.
+        """
+        begin_s, end_s = time_s
+        if gyro_range and np.float32(gyro_peak) >= CLIPPED_AT * gyro_range:
+            return False
+        if not self._stuck.quiet(begin_s, end_s, gyro):
+            return False
+        if temperature_c is not None:
+            if not self._warmth.steady(temperature_c):
+                return False
+            self._warmth.believe(end_s, float(temperature_c[-1]))
+        self._stuck.keep(begin_s, gyro)
+        return True
+
     def _mark(self, flags: Flags, flag: SampleFlag, which: Bools) -> None:
         if which.any():
             flags[which] |= np.uint32(flag)
@@ -81,6 +106,20 @@ class Repeats:
                 self._close()
             begin = end
         return stuck
+
+    def quiet(self, begin_s: float, end_s: float, gyro: Floats) -> bool:
+        """Whether readings (n, 3) between two times repeat nothing, and end no second. Takes nothing."""
+        if end_s >= (self._began if self._second else begin_s) + 1.0:
+            return False
+        rows = gyro.tolist()
+        return rows[0] != self._last[0].tolist() and not any(map(eq, rows, rows[1:]))
+
+    def keep(self, begin_s: float, gyro: Floats) -> None:
+        """Take readings that are quiet."""
+        if not self._second:
+            self._began = begin_s
+        self._second.append(gyro)
+        self._last, self._run = gyro[-1:], 0
 
     def _repeated(self, gyro: Floats) -> Bools:
         before = np.concatenate([self._last, gyro[:-1]])
@@ -157,6 +196,16 @@ class Warmth:
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # when, °C
+
+    def steady(self, temperature_c: Floats) -> bool:
+        """Whether none of the next temperatures (n,), all finite, can have leapt. Takes nothing."""
+        values = temperature_c.tolist()
+        believed_c = self._believed[1] if self._believed else values[0]
+        return bool(max(values) - believed_c <= _LEAP_K and believed_c - min(values) <= _LEAP_K)
+
+    def believe(self, time_s: float, temperature_c: float) -> None:
+        """The last of what is steady."""
+        self._believed = time_s, temperature_c
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
         """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""

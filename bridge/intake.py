@@ -36,6 +36,7 @@ _NOBODY = Identity(
 )
 
 Bools = NDArray[np.bool_]
+Column = NDArray[np.float32]
 
 
 class Intake:
@@ -176,6 +177,8 @@ class Intake:
         if (fault := door.fault(readings)) is not None:
             self.dropped.add(fault, n)
             return []
+        if (batch := self._plain(readings, identity)) is not None:
+            return [batch]
         sequence, ticks = self._counters.unwrapped(readings, identity)
         good = self._good(readings, identity, self._new(sequence, ticks, identity))
         if not good.any():
@@ -183,14 +186,42 @@ class Intake:
         at = np.flatnonzero(good)
         self._count_silent()
         sequence, ticks = sequence + self.timeline.missing, ticks[at] + self.timeline.missing
-        if self.timeline.observe(int(sequence[at[-1]]), int(ticks[-1]), readings.receive_time_ns, identity):
-            self.events.add(_RATE_DIFFERS)
-        stamps = self.timeline.stamps(ticks, readings.receive_time_ns, identity)
+        stamps = self._stamps(int(sequence[at[-1]]), ticks, readings.receive_time_ns, identity)
         # The good samples before a run are as many as its stamps come after the first.
         return [
             self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
             for run in door.runs(good)
         ]
+
+    def _plain(self, readings: Readings, identity: Identity) -> SampleBatch | None:
+        """The batch of readings that just go on, with nothing to count of any sample; None, and nothing done, of others.
+
+        Almost all are so, and what is found here of all samples together, `_read` finds sample by sample.
+        """
+        going = self._counters.going_on(readings, identity)
+        if going is None or going[0] != self._next or not identity.has_clock or self.timeline.missing:
+            return None
+        sequence, ticks = going
+        gyro_peak = door.peak(readings.gyro)
+        if not door.plain(readings, gyro_peak, identity.gyro_range):
+            return None
+        gyro = np.ascontiguousarray(readings.gyro, np.float32)
+        temperature_c = _column(readings.temperature_c)
+        last = int(ticks[-1])
+        time_s = int(ticks[0]) * identity.tick_period_s, last * identity.tick_period_s
+        if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range, gyro_peak):
+            return None
+        self._counters.went_on(sequence, ticks)
+        self._old = 0
+        stamps = self._stamps(sequence + len(ticks) - 1, ticks, readings.receive_time_ns, identity)
+        accel = _column(readings.accel)
+        return self._said(sequence, 0, stamps, gyro, accel, temperature_c, np.zeros(len(ticks), np.uint32))
+
+    def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
+        """When good samples were taken; last is the number of their last."""
+        if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
+            self.events.add(_RATE_DIFFERS)
+        return self.timeline.stamps(ticks, receive_time_ns, identity)
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:
@@ -238,13 +269,28 @@ class Intake:
     ) -> SampleBatch:
         """The samples of a run as a batch; `begin` is where its stamps begin."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
-        n, accel = len(gyro), readings.accel
+        n = len(gyro)
         temperature_c = door.temperature(readings, run)
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
+        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
+        accel = None if readings.accel is None else _column(readings.accel[run])
+        return self._said(sequence, begin, stamps, gyro, accel, temperature_c, flags)
+
+    def _said(
+        self,
+        sequence: int,
+        begin: int,
+        stamps: Stamps,
+        gyro: Column,
+        accel: Column | None,
+        temperature_c: Column | None,
+        flags: NDArray[np.uint32],
+    ) -> SampleBatch:
+        """The batch of good samples; flags are those of the sensor's faults."""
+        n = len(gyro)
         part = slice(begin, begin + n)
-        flags = self._sensor.flags(stamps.time_s[part], gyro, temperature_c, identity.gyro_range)
-        if stamps.late is not None and (late := stamps.late[part]).any():
+        if (all_late := stamps.late) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)
             self.events.add(_LATE, int(np.count_nonzero(late)))
         if self._next is not None and sequence != self._next:
@@ -256,13 +302,17 @@ class Intake:
             device=self._names[0],
             boot=self.boot or 0,
             sequence=sequence,
-            receive_time_ns=readings.receive_time_ns,
-            start_time_ns=int(stamps.host_ns[begin]),
+            receive_time_ns=stamps.receive_time_ns,
+            start_time_ns=stamps.host_ns(begin),
             tick_period_s=stamps.tick_period_s,
             clock_rate=stamps.clock_rate,
             ticks=stamps.ticks[part].astype(np.uint64),
             gyro=gyro,
-            accel=None if accel is None else np.ascontiguousarray(accel[run], np.float32),
+            accel=accel,
             temperature_c=temperature_c,
             flags=flags,
         )
+
+
+def _column(values: NDArray[np.floating] | None) -> Column | None:
+    return None if values is None else np.ascontiguousarray(values, np.float32)

@@ -33,7 +33,7 @@ def fault(readings: Readings) -> Reason | None:
 
 def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
     """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
-    limit = min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
+    limit = _limit(gyro_range)
     # Almost always all are; what is no number is below no limit.
     if _within(readings.gyro, limit) and (readings.accel is None or _within(readings.accel, MAX_ACCEL)):
         every = np.ones(len(readings.gyro), bool)
@@ -47,6 +47,17 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
     return finite, finite & plausible
 
 
+def plain(readings: Readings, gyro_peak: float, gyro_range: float) -> bool:
+    """Whether every value of readings can be published, temperatures too; gyro_peak is that of the rates."""
+    accel, temperature_c = readings.accel, readings.temperature_c
+    return (
+        len(readings.ticks) <= MAX_SAMPLES
+        and gyro_peak <= _limit(gyro_range)
+        and (accel is None or _within(accel, MAX_ACCEL))
+        and (temperature_c is None or _within(temperature_c, MAX_CELSIUS))
+    )
+
+
 def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
     """The column, or None where a value of it is unusable: no reason to lose the rates."""
     if readings.temperature_c is None:
@@ -55,8 +66,17 @@ def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
     return np.ascontiguousarray(column, np.float32) if _within(column, MAX_CELSIUS) else None
 
 
+def _limit(gyro_range: float) -> float:
+    return min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
+
+
+def peak(column: NDArray[np.floating]) -> float:
+    """The largest magnitude; NaN, which is below no limit, where one value is."""
+    return float(np.maximum.reduce(np.abs(column), axis=None))
+
+
 def _within(column: NDArray[np.floating], limit: float) -> bool:
-    return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
+    return peak(column) <= limit
 
 
 def runs(good: Bools) -> list[slice]:
