@@ -3,18 +3,16 @@
 Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge import readings as door
-from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
+from bridge.account import Account, News
+from bridge.drivers.driver import Event, Identity, Readings
 from bridge.faults import SensorFaults
 from bridge.sending_rate import SendingRate
 from bridge.timeline import Stamps, Timeline
 from bridge.unwrap import Counters, Counts
-from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 
@@ -23,17 +21,6 @@ _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "
 _MISSING = "missing_samples"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
-_NOBODY = Identity(
-    boot=0,
-    boot_cause=BootCause.UNKNOWN,
-    model="",
-    firmware="",
-    rate_hz=0.0,
-    gyro_range=0.0,
-    tick_period_s=0.0,
-    has_accel=False,
-    has_temperature=False,
-)
 
 Bools = NDArray[np.bool_]
 Column = NDArray[np.float32]
@@ -45,11 +32,10 @@ class Intake:
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
         self.driver = driver
-        self._names = (device, bridge, driver, place)
+        self._device = device
+        self._account = Account(device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell
-        self._battery = Battery(math.nan)
-        self._notices: dict[str, str] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -82,10 +68,7 @@ class Intake:
             return self._greet(event)
         if isinstance(event, Readings):
             return [batch for readings in self._ready(event) for batch in self._read(readings)]
-        if isinstance(event, Battery):
-            self._battery = event
-        else:
-            self._note(event)
+        self._account.note(event)
         return []
 
     def release(self) -> list[SampleBatch]:
@@ -99,49 +82,14 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
+    def news(self, faults: dict[str, int], trouble: str = "") -> News:
+        """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
+        return self._account.news(self._identity, self.dropped.as_dict(), {**self.events.as_dict(), **faults}, trouble)
+
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
-        identity = self._identity or _NOBODY
-        device, bridge, driver, place = self._names
-        if self._identity is None and not trouble:
-            trouble = f"{place}: nothing was heard of it yet"
-        return DeviceInfo(
-            device=device,
-            bridge=bridge,
-            boot=self.boot or 0,
-            boot_cause=identity.boot_cause,
-            model=identity.model,
-            firmware=identity.firmware,
-            driver=driver,
-            port=place,
-            rate_hz=identity.rate_hz,
-            measured_rate_hz=self.timeline.rate.hz,
-            gyro_range=identity.gyro_range,
-            has_accel=identity.has_accel,
-            has_temperature=identity.has_temperature,
-            time_ns=time_ns,
-            samples=self.samples,
-            dropped=self.dropped.as_dict(),
-            events={**self.events.as_dict(), **faults},
-            trouble=trouble,
-            battery_percent=self._battery.percent,
-            charging=self._battery.charging,
-            notices=self._all_notices(),
-            has_clock=identity.has_clock,
-        )
-
-    def _note(self, notice: Notice) -> None:
-        """Keep the latest of each name, and no more names than the wire takes."""
-        self._notices.pop(notice.name, None)
-        if notice.text:
-            self._notices[notice.name] = notice.text
-        while len(self._notices) > MAX_TEXTS:
-            self._notices.pop(next(iter(self._notices)))
-
-    def _all_notices(self) -> dict[str, str]:
-        """The device's own, and what is to be said of its time."""
-        ours = {} if self._identity is None else self.timeline.notices(self._identity)
-        return dict([*self._notices.items(), *ours.items()][-MAX_TEXTS:])
+        news = self.news(faults, trouble)
+        return self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
 
     def _greet(self, identity: Identity) -> list[SampleBatch]:
         released: list[SampleBatch] = []
@@ -299,7 +247,7 @@ class Intake:
         self._next = sequence + n
         self.samples += n
         return SampleBatch(
-            device=self._names[0],
+            device=self._device,
             boot=self.boot or 0,
             sequence=sequence,
             receive_time_ns=stamps.receive_time_ns,

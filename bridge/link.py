@@ -4,9 +4,10 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from bridge.account import News
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Paced, Readings
 from bridge.intake import Intake
 from bridge.join import joined
@@ -34,11 +35,15 @@ class Keeps(Protocol):
 
 
 class Taken(NamedTuple):
-    """What the pump takes from a link: batches in order, the account after them, and whether the device is there."""
+    """What the pump takes from a link: batches in order, the boot after them, and whether the device is there.
+
+    boot: 0 while the device has not said who it is. info: the account of it, where it was wanted.
+    """
 
     batches: list[SampleBatch]
-    info: DeviceInfo
+    boot: int
     there: bool
+    info: DeviceInfo | None
 
 
 class Link:
@@ -83,8 +88,8 @@ class Link:
         """Begin to read."""
         self._thread.start()
 
-    def take(self) -> Taken:
-        """What came since the last take."""
+    def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
+        """What came since the last take; wanted: whether with an account, of this boot and these news."""
         with self._lock:
             if self._pulled is not None:
                 self._pull(self._pulled)
@@ -92,7 +97,9 @@ class Link:
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
-            return Taken(batches, self._intake.info(time.time_ns(), self._faults, self._complaint), self._there)
+            boot, trouble = self._intake.boot or 0, (self._faults, self._complaint)
+            info = self._intake.info(time.time_ns(), *trouble) if wanted(boot, self._intake.news(*trouble)) else None
+            return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
         """Batches that were taken could not be published."""

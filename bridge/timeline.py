@@ -94,6 +94,8 @@ class Timeline:
     def notices(self, identity: Identity) -> dict[str, str]:
         """What a person should know of it, by name."""
         notices: dict[str, str] = {}
+        if identity.has_clock and not self.rate.differs:
+            return notices
         clock, told = self.clock, f"{identity.rate_hz:.4g} Hz"
         measured = f"{self.rate.hz:.4g} Hz"
         if not identity.has_clock:
