@@ -78,16 +78,24 @@ class SensorFaults:
 
 
 class Repeats:
-    """Readings that repeat the one before on all axes. needed: how many in a row mean stuck; infinite until it is known."""
+    """Readings that repeat the one before on all axes."""
 
     def __init__(self) -> None:
-        self.needed = inf
         self._last = np.full((1, 3), np.nan)
         self._run = 0  # repeats, up to the last reading
         self._began = inf  # the second that is being gathered
         self._second: list[Floats] = []
         self._stuck = False  # any of it
         self._noise = SelfRepetition()
+        self._needed: float | None = inf  # None: to be reckoned anew, once it is asked for
+        self._rate_hz = 0.0
+
+    @property
+    def needed(self) -> float:
+        """How many in a row mean stuck; infinite until it is known."""
+        if self._needed is None:
+            self._needed = self._noise.repeats(self._rate_hz)
+        return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
         """(n,) which of the next readings (n, 3) are stuck; seconds are cut by time, so that batching changes nothing."""
@@ -139,7 +147,7 @@ class Repeats:
         second = np.concatenate(self._second)
         if not self._stuck and len(second) >= _LEAST_SAMPLES and (second.std(axis=0) < _REST_STD).all():
             self._noise.learn(second)
-            self.needed = self._noise.repeats(len(second))
+            self._needed, self._rate_hz = None, len(second)
         self._second, self._stuck = [], False
 
 
