@@ -11,10 +11,12 @@ from operator import eq
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.readings import within
 from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 
 CLIPPED_AT = 0.99  # of full scale
+_NEARLY = 0.999  # so far below, nothing is clipped, however it was rounded
 _LEAST_REPEATS = 5
 _BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
 _RESTS = 10  # seconds at rest before the noise is known
@@ -47,20 +49,13 @@ class SensorFaults:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
         return flags
 
-    def quiet(
-        self,
-        time_s: tuple[float, float],
-        gyro: Floats,
-        temperature_c: Floats | None,
-        gyro_range: float,
-        gyro_peak: float,
-    ) -> bool:
-        """Whether `flags` would surely mark none of these readings; they are taken then, and not otherwise.
+    def quiet(self, time_s: tuple[float, float], gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> bool:
+        """Whether `flags` would surely mark none of these n ≥ 1 readings; they are taken then, and not otherwise.
 
-        Of n ≥ 1 readings only the first and the last time are asked for, and the largest magnitude of their rates.
+        time_s: of the first and the last.
         """
         begin_s, end_s = time_s
-        if gyro_range and np.float32(gyro_peak) >= CLIPPED_AT * gyro_range:
+        if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
             return False
         if not self._stuck.quiet(begin_s, end_s, gyro):
             return False

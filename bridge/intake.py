@@ -150,14 +150,13 @@ class Intake:
         if going is None or going[0] != self._next or not identity.has_clock or self.timeline.missing:
             return None
         sequence, ticks = going
-        gyro_peak = door.peak(readings.gyro)
-        if not door.plain(readings, gyro_peak, identity.gyro_range):
+        if not door.plain(readings, identity.gyro_range):
             return None
         gyro = np.ascontiguousarray(readings.gyro, np.float32)
         temperature_c = _column(readings.temperature_c)
         last = int(ticks[-1])
         time_s = int(ticks[0]) * identity.tick_period_s, last * identity.tick_period_s
-        if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range, gyro_peak):
+        if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range):
             return None
         self._counters.went_on(sequence, ticks)
         self._old = 0
@@ -238,7 +237,7 @@ class Intake:
         """The batch of good samples; flags are those of the sensor's faults."""
         n = len(gyro)
         part = slice(begin, begin + n)
-        if (all_late := stamps.late) is not None and (late := all_late[part]).any():
+        if (all_late := stamps.late()) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)
             self.events.add(_LATE, int(np.count_nonzero(late)))
         if self._next is not None and sequence != self._next:

@@ -9,6 +9,7 @@ from bridge.wire.refusal import Reason
 
 PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
 _MAX_COUNT = 2**62
+_SURELY = 0.99  # of a limit's square: the rest is for rounding
 _FOUR = 4  # bytes, in which no count is too large
 
 Bools = NDArray[np.bool_]
@@ -35,7 +36,7 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
     """(n,) which samples are finite, and which of those are plausible; gyro_range 0 is unknown."""
     limit = _limit(gyro_range)
     # Almost always all are; what is no number is below no limit.
-    if _within(readings.gyro, limit) and (readings.accel is None or _within(readings.accel, MAX_ACCEL)):
+    if within(readings.gyro, limit) and (readings.accel is None or within(readings.accel, MAX_ACCEL)):
         every = np.ones(len(readings.gyro), bool)
         return every, every
     finite = np.isfinite(readings.gyro).all(axis=1)
@@ -47,14 +48,14 @@ def sound(readings: Readings, gyro_range: float) -> tuple[Bools, Bools]:
     return finite, finite & plausible
 
 
-def plain(readings: Readings, gyro_peak: float, gyro_range: float) -> bool:
-    """Whether every value of readings can be published, temperatures too; gyro_peak is that of the rates."""
+def plain(readings: Readings, gyro_range: float) -> bool:
+    """Whether every value of readings can be published, temperatures too."""
     accel, temperature_c = readings.accel, readings.temperature_c
     return (
         len(readings.ticks) <= MAX_SAMPLES
-        and gyro_peak <= _limit(gyro_range)
-        and (accel is None or _within(accel, MAX_ACCEL))
-        and (temperature_c is None or _within(temperature_c, MAX_CELSIUS))
+        and within(readings.gyro, _limit(gyro_range))
+        and (accel is None or within(accel, MAX_ACCEL))
+        and (temperature_c is None or within(temperature_c, MAX_CELSIUS))
     )
 
 
@@ -63,20 +64,19 @@ def temperature(readings: Readings, run: slice) -> NDArray[np.float32] | None:
     if readings.temperature_c is None:
         return None
     column = readings.temperature_c[run]
-    return np.ascontiguousarray(column, np.float32) if _within(column, MAX_CELSIUS) else None
+    return np.ascontiguousarray(column, np.float32) if within(column, MAX_CELSIUS) else None
 
 
 def _limit(gyro_range: float) -> float:
     return min(MAX_RATE, PLAUSIBLE * gyro_range) if gyro_range else MAX_RATE
 
 
-def peak(column: NDArray[np.floating]) -> float:
-    """The largest magnitude; NaN, which is below no limit, where one value is."""
-    return float(np.maximum.reduce(np.abs(column), axis=None))
-
-
-def _within(column: NDArray[np.floating], limit: float) -> bool:
-    return peak(column) <= limit
+def within(column: NDArray[np.floating], limit: float) -> bool:
+    """Whether all values are of a magnitude up to limit; what is no number is not."""
+    # Where the sum of all squares is below that of the limit, none is beyond: the usual case, for a third of the price.
+    if np.vdot(column, column) <= _SURELY * limit * limit:
+        return True
+    return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
 
 
 def runs(good: Bools) -> list[slice]:

@@ -42,7 +42,6 @@ class Stamps(NamedTuple):
         """When sample `at` was taken."""
         return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
 
-    @property
     def late(self) -> NDArray[np.bool_] | None:
         """(n,) which came in over 1 s after they were taken; None if none did."""
         if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # which the first is, if any
