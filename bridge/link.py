@@ -30,8 +30,8 @@ class Keeps(Protocol):
 
     keeps: bool
 
-    def read_kept(self) -> list[Event]:
-        """All that came meanwhile; raises DeviceLost."""
+    def read_kept(self, within_s: float) -> list[Event]:
+        """What came meanwhile, as much of it as can be understood within_s; raises DeviceLost."""
 
 
 class Taken(NamedTuple):
@@ -51,14 +51,15 @@ class Link:
 
     A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for a port that
     is not plugged in; else ever later, up to 2 s. Batches wait in a bounded queue; when nobody takes them the oldest are
-    dropped and counted.
+    dropped and counted. turn_s: how long a take may be busy with what waited, so that no device that floods delays others.
     """
 
-    def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
+    def __init__(self, device: str, driver: Driver, intake: Intake, turn_s: float = 0.025) -> None:
         self.device = device
         self.over = False  # ended for good: a recording that is played
         self._driver = driver
         self._intake = intake
+        self._turn_s = turn_s
         self._stop = threading.Event()
         self._ended = threading.Event()  # of a device that is pulled: it is lost, or the bridge stops
         self._error: Exception | None = None
@@ -170,7 +171,7 @@ class Link:
     def _pull(self, driver: Keeps) -> None:
         try:
             self._pace()
-            self._hear(driver.read_kept())
+            self._hear(driver.read_kept(self._turn_s))
         except Exception as error:  # noqa: BLE001 - raised where the device is opened again
             self._pulled, self._error = None, error
             self._ended.set()

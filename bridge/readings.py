@@ -10,6 +10,7 @@ from bridge.wire.refusal import Reason
 PLAUSIBLE = 2.0  # times full scale: common mistakes of sensitivity reach 1.17
 _MAX_COUNT = 2**62
 _SURELY = 0.99  # of a limit's square: the rest is for rounding
+_FEW = 4096  # values; for many more BLAS would wake threads
 _FOUR = 4  # bytes, in which no count is too large
 
 Bools = NDArray[np.bool_]
@@ -74,7 +75,7 @@ def _limit(gyro_range: float) -> float:
 def within(column: NDArray[np.floating], limit: float) -> bool:
     """Whether all values are of a magnitude up to limit; what is no number is not."""
     # Where the sum of all squares is below that of the limit, none is beyond: the usual case, for a third of the price.
-    if np.vdot(column, column) <= _SURELY * limit * limit:
+    if column.size <= _FEW and np.vdot(column, column) <= _SURELY * limit * limit:
         return True
     return bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)
 

@@ -21,6 +21,7 @@ from bridge.wire.messages import DeviceInfo, SampleBatch
 _CACHE_S = 15.0
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
+_TURN = 0.5  # of the time between batches: the most that one device may take of it
 
 _log = logging.getLogger(__name__)
 
@@ -94,7 +95,7 @@ class Ward:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
         cache = max(1, round(_CACHE_S / self._batch_s))
-        self._links = [_link(device, config.id) for device in config.devices]
+        self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
         # Who can send faster during a calibration must hear of it.
         self._calibrating = Calibrating(bus, ward) if any(link.paced for link in self._links) else None
@@ -161,6 +162,6 @@ class Ward:
                 _log.exception("%s: cannot be published", link.device)
 
 
-def _link(device: Device, bridge: str) -> Link:
+def _link(device: Device, bridge: str, turn_s: float) -> Link:
     driver = device.make()
-    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))
+    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place), turn_s)

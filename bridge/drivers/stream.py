@@ -46,7 +46,7 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class StreamDriver:
     """A decoder behind a transport; Paced where the decoder is.
 
-    keeps: what came waits to be read, and `read_kept` is all it takes.
+    keeps: what came waits to be read, and `read_kept` takes it.
     """
 
     def __init__(self, options: StreamOptions, decoder: Decoder) -> None:
@@ -72,14 +72,20 @@ class StreamDriver:
             self._transport.write(data)
         return self._feed(self._transport.read(timeout_s))
 
-    def read_kept(self) -> list[Event]:
-        """All that came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read."""
+    def read_kept(self, within_s: float) -> list[Event]:
+        """What came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read.
+
+        What takes longer than within_s to be understood waits for the next call.
+        """
         events: list[Event] = []
+        until_s = time.monotonic() + within_s
         if data := self._decoder.to_send():
             self._transport.write(data)
         try:
             while (chunk := self._transport.read(0.0)).data:
                 events += self._feed(chunk)
+                if time.monotonic() > until_s:
+                    return events
         except DeviceLost:
             if not events:  # else the next call says so
                 raise
