@@ -154,8 +154,7 @@ class Intake:
             return None
         gyro = np.ascontiguousarray(readings.gyro, np.float32)
         temperature_c = _column(readings.temperature_c)
-        last = int(ticks[-1])
-        time_s = int(ticks[0]) * identity.tick_period_s, last * identity.tick_period_s
+        time_s = int(ticks[0]) * identity.tick_period_s, int(ticks[-1]) * identity.tick_period_s
         if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range):
             return None
         self._counters.went_on(sequence, ticks)
