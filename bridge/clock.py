@@ -5,6 +5,7 @@ and a robust line (Theil and Sen's median of slopes) goes through those of the l
 """
 
 from collections import deque
+from functools import cache
 from math import inf, sqrt
 
 import numpy as np
@@ -110,14 +111,25 @@ class ClockFit:
             as_promised = near and (n < _TESTED_FIT or (n < _TRUSTED_FIT and low <= 1 <= high))
             self.rate = 1.0 if as_promised else rate
             self.rate_error = inf if near and n < _TESTED_FIT else error + abs(rate - self.rate)
-        self._offset_s = float(np.median(host - self.rate * device))
+        self._offset_s = _median(np.sort(host - self.rate * device))
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
     """Theil and Sen's slope of points (n,), n > 2, between the ends of its 95 % interval (Sen, JASA 63, 1968, eq. 2.6)."""
-    first, second = np.triu_indices(len(x), 1)
+    first, second = _pairs(len(x))
     slopes = np.sort((y[second] - y[first]) / (x[second] - x[first]))
     n, of = len(x), len(slopes)
     half = 1.96 * sqrt(n * (n - 1) * (2 * n + 5) / 18) / 2
     low, high = max(0, round(of / 2 - half)), min(of - 1, round(of / 2 + half))
-    return float(slopes[low]), float(np.median(slopes)), float(slopes[high])
+    return float(slopes[low]), _median(slopes), float(slopes[high])
+
+
+@cache  # of at most _BINS points, by each device each second
+def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.triu_indices(n, 1)
+
+
+def _median(rising: NDArray[np.float64]) -> float:
+    """Of sorted numbers, which np.median would sort again."""
+    middle = len(rising) // 2
+    return float(rising[middle] if len(rising) % 2 else (rising[middle - 1] + rising[middle]) / 2)

@@ -6,14 +6,17 @@ device's own, from its rests; one whose step is coarser than its noise may repea
 """
 
 from math import ceil, inf, log, pi, radians, sqrt
+from operator import eq
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.readings import within
 from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 
 CLIPPED_AT = 0.99  # of full scale
+_NEARLY = 0.999  # so far below, nothing is clipped, however it was rounded
 _LEAST_REPEATS = 5
 _BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
 _RESTS = 10  # seconds at rest before the noise is known
@@ -46,6 +49,23 @@ class SensorFaults:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
         return flags
 
+    def quiet(self, time_s: tuple[float, float], gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> bool:
+        """Whether `flags` would surely mark none of these n ≥ 1 readings; they are taken then, and not otherwise.
+
+        time_s: of the first and the last.
+        """
+        begin_s, end_s = time_s
+        if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
+            return False
+        if not self._stuck.quiet(begin_s, end_s, gyro):
+            return False
+        if temperature_c is not None:
+            if not self._warmth.steady(temperature_c):
+                return False
+            self._warmth.believe(end_s, float(temperature_c[-1]))
+        self._stuck.keep(begin_s, gyro)
+        return True
+
     def _mark(self, flags: Flags, flag: SampleFlag, which: Bools) -> None:
         if which.any():
             flags[which] |= np.uint32(flag)
@@ -53,16 +73,24 @@ class SensorFaults:
 
 
 class Repeats:
-    """Readings that repeat the one before on all axes. needed: how many in a row mean stuck; infinite until it is known."""
+    """Readings that repeat the one before on all axes."""
 
     def __init__(self) -> None:
-        self.needed = inf
         self._last = np.full((1, 3), np.nan)
         self._run = 0  # repeats, up to the last reading
         self._began = inf  # the second that is being gathered
         self._second: list[Floats] = []
         self._stuck = False  # any of it
         self._noise = SelfRepetition()
+        self._needed: float | None = inf  # None: to be reckoned anew, once it is asked for
+        self._rate_hz = 0.0
+
+    @property
+    def needed(self) -> float:
+        """How many in a row mean stuck; infinite until it is known."""
+        if self._needed is None:
+            self._needed = self._noise.repeats(self._rate_hz)
+        return self._needed
 
     def seen(self, time_s: Floats, gyro: Floats) -> Bools:
         """(n,) which of the next readings (n, 3) are stuck; seconds are cut by time, so that batching changes nothing."""
@@ -82,6 +110,20 @@ class Repeats:
             begin = end
         return stuck
 
+    def quiet(self, begin_s: float, end_s: float, gyro: Floats) -> bool:
+        """Whether readings (n, 3) between two times repeat nothing, and end no second. Takes nothing."""
+        if end_s >= (self._began if self._second else begin_s) + 1.0:
+            return False
+        rows = gyro.tolist()
+        return rows[0] != self._last[0].tolist() and not any(map(eq, rows, rows[1:]))
+
+    def keep(self, begin_s: float, gyro: Floats) -> None:
+        """Take readings that are quiet."""
+        if not self._second:
+            self._began = begin_s
+        self._second.append(gyro)
+        self._last, self._run = gyro[-1:], 0
+
     def _repeated(self, gyro: Floats) -> Bools:
         before = np.concatenate([self._last, gyro[:-1]])
         self._last = gyro[-1:]
@@ -100,7 +142,7 @@ class Repeats:
         second = np.concatenate(self._second)
         if not self._stuck and len(second) >= _LEAST_SAMPLES and (second.std(axis=0) < _REST_STD).all():
             self._noise.learn(second)
-            self.needed = self._noise.repeats(len(second))
+            self._needed, self._rate_hz = None, len(second)
         self._second, self._stuck = [], False
 
 
@@ -157,6 +199,16 @@ class Warmth:
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # when, °C
+
+    def steady(self, temperature_c: Floats) -> bool:
+        """Whether none of the next temperatures (n,), all finite, can have leapt. Takes nothing."""
+        values = temperature_c.tolist()
+        believed_c = self._believed[1] if self._believed else values[0]
+        return bool(max(values) - believed_c <= _LEAP_K and believed_c - min(values) <= _LEAP_K)
+
+    def believe(self, time_s: float, temperature_c: float) -> None:
+        """The last of what is steady."""
+        self._believed = time_s, temperature_c
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
         """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""

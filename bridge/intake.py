@@ -3,18 +3,16 @@
 Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge import readings as door
-from bridge.drivers.driver import Battery, Event, Identity, Notice, Readings
+from bridge.account import Account, News
+from bridge.drivers.driver import Event, Identity, Readings
 from bridge.faults import SensorFaults
 from bridge.sending_rate import SendingRate
 from bridge.timeline import Stamps, Timeline
 from bridge.unwrap import Counters, Counts
-from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 
@@ -23,19 +21,9 @@ _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "
 _MISSING = "missing_samples"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
-_NOBODY = Identity(
-    boot=0,
-    boot_cause=BootCause.UNKNOWN,
-    model="",
-    firmware="",
-    rate_hz=0.0,
-    gyro_range=0.0,
-    tick_period_s=0.0,
-    has_accel=False,
-    has_temperature=False,
-)
 
 Bools = NDArray[np.bool_]
+Column = NDArray[np.float32]
 
 
 class Intake:
@@ -44,11 +32,10 @@ class Intake:
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
         self.driver = driver
-        self._names = (device, bridge, driver, place)
+        self._device = device
+        self._account = Account(device, bridge, driver, place)
         self._identity: Identity | None = None
         self._unsaid = 0  # reboots since the identity's that the device did not tell
-        self._battery = Battery(math.nan)
-        self._notices: dict[str, str] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -81,10 +68,7 @@ class Intake:
             return self._greet(event)
         if isinstance(event, Readings):
             return [batch for readings in self._ready(event) for batch in self._read(readings)]
-        if isinstance(event, Battery):
-            self._battery = event
-        else:
-            self._note(event)
+        self._account.note(event)
         return []
 
     def release(self) -> list[SampleBatch]:
@@ -98,49 +82,14 @@ class Intake:
             self.dropped.add(Reason.OVERFLOW, len(batch))
         self.events.add("overflows")
 
+    def news(self, faults: dict[str, int], trouble: str = "") -> News:
+        """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
+        return self._account.news(self._identity, self.dropped.as_dict(), {**self.events.as_dict(), **faults}, trouble)
+
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
-        identity = self._identity or _NOBODY
-        device, bridge, driver, place = self._names
-        if self._identity is None and not trouble:
-            trouble = f"{place}: nothing was heard of it yet"
-        return DeviceInfo(
-            device=device,
-            bridge=bridge,
-            boot=self.boot or 0,
-            boot_cause=identity.boot_cause,
-            model=identity.model,
-            firmware=identity.firmware,
-            driver=driver,
-            port=place,
-            rate_hz=identity.rate_hz,
-            measured_rate_hz=self.timeline.rate.hz,
-            gyro_range=identity.gyro_range,
-            has_accel=identity.has_accel,
-            has_temperature=identity.has_temperature,
-            time_ns=time_ns,
-            samples=self.samples,
-            dropped=self.dropped.as_dict(),
-            events={**self.events.as_dict(), **faults},
-            trouble=trouble,
-            battery_percent=self._battery.percent,
-            charging=self._battery.charging,
-            notices=self._all_notices(),
-            has_clock=identity.has_clock,
-        )
-
-    def _note(self, notice: Notice) -> None:
-        """Keep the latest of each name, and no more names than the wire takes."""
-        self._notices.pop(notice.name, None)
-        if notice.text:
-            self._notices[notice.name] = notice.text
-        while len(self._notices) > MAX_TEXTS:
-            self._notices.pop(next(iter(self._notices)))
-
-    def _all_notices(self) -> dict[str, str]:
-        """The device's own, and what is to be said of its time."""
-        ours = {} if self._identity is None else self.timeline.notices(self._identity)
-        return dict([*self._notices.items(), *ours.items()][-MAX_TEXTS:])
+        news = self.news(faults, trouble)
+        return self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
 
     def _greet(self, identity: Identity) -> list[SampleBatch]:
         released: list[SampleBatch] = []
@@ -176,6 +125,8 @@ class Intake:
         if (fault := door.fault(readings)) is not None:
             self.dropped.add(fault, n)
             return []
+        if (batch := self._plain(readings, identity)) is not None:
+            return [batch]
         sequence, ticks = self._counters.unwrapped(readings, identity)
         good = self._good(readings, identity, self._new(sequence, ticks, identity))
         if not good.any():
@@ -183,14 +134,40 @@ class Intake:
         at = np.flatnonzero(good)
         self._count_silent()
         sequence, ticks = sequence + self.timeline.missing, ticks[at] + self.timeline.missing
-        if self.timeline.observe(int(sequence[at[-1]]), int(ticks[-1]), readings.receive_time_ns, identity):
-            self.events.add(_RATE_DIFFERS)
-        stamps = self.timeline.stamps(ticks, readings.receive_time_ns, identity)
+        stamps = self._stamps(int(sequence[at[-1]]), ticks, readings.receive_time_ns, identity)
         # The good samples before a run are as many as its stamps come after the first.
         return [
             self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
             for run in door.runs(good)
         ]
+
+    def _plain(self, readings: Readings, identity: Identity) -> SampleBatch | None:
+        """The batch of readings that just go on, with nothing to count of any sample; None, and nothing done, of others.
+
+        Almost all are so, and what is found here of all samples together, `_read` finds sample by sample.
+        """
+        going = self._counters.going_on(readings, identity)
+        if going is None or going[0] != self._next or not identity.has_clock or self.timeline.missing:
+            return None
+        sequence, ticks = going
+        if not door.plain(readings, identity.gyro_range):
+            return None
+        gyro = np.ascontiguousarray(readings.gyro, np.float32)
+        temperature_c = _column(readings.temperature_c)
+        time_s = int(ticks[0]) * identity.tick_period_s, int(ticks[-1]) * identity.tick_period_s
+        if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range):
+            return None
+        self._counters.went_on(sequence, ticks)
+        self._old = 0
+        stamps = self._stamps(sequence + len(ticks) - 1, ticks, readings.receive_time_ns, identity)
+        accel = _column(readings.accel)
+        return self._said(sequence, 0, stamps, gyro, accel, temperature_c, np.zeros(len(ticks), np.uint32))
+
+    def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
+        """When good samples were taken; last is the number of their last."""
+        if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
+            self.events.add(_RATE_DIFFERS)
+        return self.timeline.stamps(ticks, receive_time_ns, identity)
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:
@@ -238,13 +215,28 @@ class Intake:
     ) -> SampleBatch:
         """The samples of a run as a batch; `begin` is where its stamps begin."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
-        n, accel = len(gyro), readings.accel
+        n = len(gyro)
         temperature_c = door.temperature(readings, run)
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
+        flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
+        accel = None if readings.accel is None else _column(readings.accel[run])
+        return self._said(sequence, begin, stamps, gyro, accel, temperature_c, flags)
+
+    def _said(
+        self,
+        sequence: int,
+        begin: int,
+        stamps: Stamps,
+        gyro: Column,
+        accel: Column | None,
+        temperature_c: Column | None,
+        flags: NDArray[np.uint32],
+    ) -> SampleBatch:
+        """The batch of good samples; flags are those of the sensor's faults."""
+        n = len(gyro)
         part = slice(begin, begin + n)
-        flags = self._sensor.flags(stamps.time_s[part], gyro, temperature_c, identity.gyro_range)
-        if stamps.late is not None and (late := stamps.late[part]).any():
+        if (all_late := stamps.late()) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)
             self.events.add(_LATE, int(np.count_nonzero(late)))
         if self._next is not None and sequence != self._next:
@@ -253,16 +245,20 @@ class Intake:
         self._next = sequence + n
         self.samples += n
         return SampleBatch(
-            device=self._names[0],
+            device=self._device,
             boot=self.boot or 0,
             sequence=sequence,
-            receive_time_ns=readings.receive_time_ns,
-            start_time_ns=int(stamps.host_ns[begin]),
+            receive_time_ns=stamps.receive_time_ns,
+            start_time_ns=stamps.host_ns(begin),
             tick_period_s=stamps.tick_period_s,
             clock_rate=stamps.clock_rate,
             ticks=stamps.ticks[part].astype(np.uint64),
             gyro=gyro,
-            accel=None if accel is None else np.ascontiguousarray(accel[run], np.float32),
+            accel=accel,
             temperature_c=temperature_c,
             flags=flags,
         )
+
+
+def _column(values: NDArray[np.floating] | None) -> Column | None:
+    return None if values is None else np.ascontiguousarray(values, np.float32)

@@ -4,9 +4,10 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from bridge.account import News
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Paced, Readings
 from bridge.intake import Intake
 from bridge.join import joined
@@ -29,16 +30,20 @@ class Keeps(Protocol):
 
     keeps: bool
 
-    def read_kept(self) -> list[Event]:
-        """All that came meanwhile; raises DeviceLost."""
+    def read_kept(self, within_s: float) -> list[Event]:
+        """What came meanwhile, as much of it as can be understood within_s; raises DeviceLost."""
 
 
 class Taken(NamedTuple):
-    """What the pump takes from a link: batches in order, the account after them, and whether the device is there."""
+    """What the pump takes from a link: batches in order, the boot after them, and whether the device is there.
+
+    boot: 0 while the device has not said who it is. info: the account of it, where it was wanted.
+    """
 
     batches: list[SampleBatch]
-    info: DeviceInfo
+    boot: int
     there: bool
+    info: DeviceInfo | None
 
 
 class Link:
@@ -46,14 +51,15 @@ class Link:
 
     A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for a port that
     is not plugged in; else ever later, up to 2 s. Batches wait in a bounded queue; when nobody takes them the oldest are
-    dropped and counted.
+    dropped and counted. turn_s: how long a take may be busy with what waited, so that no device that floods delays others.
     """
 
-    def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
+    def __init__(self, device: str, driver: Driver, intake: Intake, turn_s: float = 0.025) -> None:
         self.device = device
         self.over = False  # ended for good: a recording that is played
         self._driver = driver
         self._intake = intake
+        self._turn_s = turn_s
         self._stop = threading.Event()
         self._ended = threading.Event()  # of a device that is pulled: it is lost, or the bridge stops
         self._error: Exception | None = None
@@ -83,8 +89,8 @@ class Link:
         """Begin to read."""
         self._thread.start()
 
-    def take(self) -> Taken:
-        """What came since the last take."""
+    def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
+        """What came since the last take; wanted: whether with an account, of this boot and these news."""
         with self._lock:
             if self._pulled is not None:
                 self._pull(self._pulled)
@@ -92,7 +98,9 @@ class Link:
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
-            return Taken(batches, self._intake.info(time.time_ns(), self._faults, self._complaint), self._there)
+            boot, trouble = self._intake.boot or 0, (self._faults, self._complaint)
+            info = self._intake.info(time.time_ns(), *trouble) if wanted(boot, self._intake.news(*trouble)) else None
+            return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
         """Batches that were taken could not be published."""
@@ -164,7 +172,7 @@ class Link:
     def _pull(self, driver: Keeps) -> None:
         try:
             self._pace()
-            self._hear(driver.read_kept())
+            self._hear(driver.read_kept(self._turn_s))
         except Exception as error:  # noqa: BLE001 - raised where the device is opened again
             self._pulled, self._error = None, error
             self._ended.set()

@@ -19,18 +19,35 @@ _ODD_CLOCK = 0.02  # from the host's
 
 
 class Stamps(NamedTuple):
-    """Times of n samples: ticks (n,) rising, of tick_period_s; host_ns (n,); late (n,), over 1 s after it, or None if none is."""
+    """Times of n samples that came in at once: ticks (n,) rising, of tick_period_s; device_s (n,) as the device tells it.
+
+    last_ns: host time of the last; ns_per_s: of host time, by device time. judged: whether lateness can be told.
+    """
 
     ticks: Counts
     tick_period_s: float
     clock_rate: float
-    host_ns: Counts
-    late: NDArray[np.bool_] | None
+    device_s: NDArray[np.float64]
+    last_ns: int
+    ns_per_s: float
+    receive_time_ns: int
+    judged: bool
 
     @property
     def time_s(self) -> NDArray[np.float64]:
         """(n,) device time."""
         return np.asarray(self.ticks * self.tick_period_s, np.float64)
+
+    def host_ns(self, at: int) -> int:
+        """When sample `at` was taken."""
+        return max(0, self.last_ns - round(float(self.device_s[-1] - self.device_s[at]) * self.ns_per_s))
+
+    def late(self) -> NDArray[np.bool_] | None:
+        """(n,) which came in over 1 s after they were taken; None if none did."""
+        if not self.judged or self.receive_time_ns - self.host_ns(0) <= _LATE_NS:  # which the first is, if any
+            return None
+        before_ns = np.rint((self.device_s[-1] - self.device_s) * self.ns_per_s).astype(np.int64)
+        return np.asarray(self.receive_time_ns - np.maximum(0, self.last_ns - before_ns) > _LATE_NS)
 
 
 class Timeline:
@@ -64,24 +81,20 @@ class Timeline:
 
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
         """The times of good samples (n,), rising, up to the one observed."""
-        device_s = ticks * identity.tick_period_s
-        last_ns = self.clock.host_ns(float(device_s[-1]))
-        before_ns = np.rint((device_s[-1] - device_s) * (self.clock.rate * 1e9)).astype(np.int64)
+        rate = self.clock.rate
+        device_s = np.asarray(ticks * identity.tick_period_s, np.float64)
         # A sample cannot come in before it was taken, whatever the fit says.
-        host_ns = min(last_ns, receive_time_ns) - before_ns
-        if host_ns[0] < 0:
-            host_ns = np.maximum(0, host_ns)
-        late = None
-        if self.clock.sure and receive_time_ns - int(host_ns[0]) > _LATE_NS:  # which the first is, if any
-            late = receive_time_ns - host_ns > _LATE_NS
-        if identity.has_clock:
-            return Stamps(ticks, identity.tick_period_s, self.clock.rate, host_ns, late)
-        made = self._made.ticks(ticks, identity.tick_period_s * self.clock.rate)
-        return Stamps(made, TICK_S, 1.0, host_ns, late)
+        last_ns = min(self.clock.host_ns(float(device_s[-1])), receive_time_ns)
+        shown = ticks, identity.tick_period_s, rate
+        if not identity.has_clock:
+            shown = self._made.ticks(ticks, identity.tick_period_s * rate), TICK_S, 1.0
+        return Stamps(*shown, device_s, last_ns, rate * 1e9, receive_time_ns, self.clock.sure)
 
     def notices(self, identity: Identity) -> dict[str, str]:
         """What a person should know of it, by name."""
         notices: dict[str, str] = {}
+        if identity.has_clock and not self.rate.differs:
+            return notices
         clock, told = self.clock, f"{identity.rate_hz:.4g} Hz"
         measured = f"{self.rate.hz:.4g} Hz"
         if not identity.has_clock:

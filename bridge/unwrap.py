@@ -1,5 +1,6 @@
 """Counters that wrap, made to go on: a device's ticks and sequence numbers."""
 
+from operator import lt
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from bridge.drivers.driver import Identity, Readings
 
 Counts = NDArray[np.int64]
 _REMEMBERED = 256  # missing numbers that may still come
-_NARROW = 61  # bits
+_FAR = 2**62  # ticks: of more, int64 has no room for a turn
 
 
 class Counters:
@@ -28,7 +29,7 @@ class Counters:
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
         else:
             forward = step(readings.sequence, self._sequence, identity.sequence_bits)
-            if forward == 1 and (ticks := self._going_on(readings.ticks, identity.tick_bits)) is not None:
+            if forward == 1 and (ticks := self._rising(readings.ticks, identity.tick_bits)) is not None:
                 return self._sequence + 1 + np.arange(len(ticks)), ticks
             first, origin = self._sequence + forward, self._ticks
             tick_steps = steps(readings.ticks, origin, identity.tick_bits)
@@ -38,14 +39,24 @@ class Counters:
                 tick_steps[0] = whole_turns(int(tick_steps[0]), expected, identity.tick_bits)
         return first + np.arange(len(readings.ticks)), origin + np.cumsum(tick_steps)
 
-    def _going_on(self, counts: NDArray[np.unsignedinteger], bits: int) -> Counts | None:
-        """The ticks, if they only rise, and did not go round: which is almost always, and costs little."""
-        turn = 1 << bits
-        if bits > _NARROW:
+    def going_on(self, readings: Readings, identity: Identity) -> tuple[int, Counts] | None:
+        """The first number and the ticks (n,) of readings that are all new: the next in number, and rising. Moves nothing."""
+        if self._sequence is None or step(readings.sequence, self._sequence, identity.sequence_bits) != 1:
             return None
-        ticks: Counts = counts.astype(np.int64) + (self._ticks - self._ticks % turn)
-        rising = self._ticks < int(ticks[0]) and int(ticks[-1]) - self._ticks < turn // 2
-        return ticks if rising and _rise(ticks) else None
+        ticks = self._rising(readings.ticks, identity.tick_bits)
+        return None if ticks is None else (self._sequence + 1, ticks)
+
+    def went_on(self, first: int, ticks: Counts) -> None:
+        """Move on over what goes on."""
+        self._sequence, self._ticks = first + len(ticks) - 1, int(ticks[-1])
+
+    def _rising(self, counts: NDArray[np.unsignedinteger], bits: int) -> Counts | None:
+        """The ticks, if they only rise, and did not go round: which is almost always, and costs little."""
+        sent, turn = counts.tolist(), 1 << bits
+        before = self._ticks - self._ticks % turn
+        last = before + sent[-1]
+        rising = self._ticks < before + sent[0] and last < min(self._ticks + turn // 2, _FAR)
+        return counts.astype(np.int64) + before if rising and all(map(lt, sent, sent[1:])) else None
 
     def follow(self, sequence: Counts, ticks: Counts) -> "Followed":
         """Which samples (n,) are new, and what the others are; moves on to the last new one."""

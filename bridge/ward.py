@@ -4,8 +4,10 @@ import logging
 import threading
 import time
 from collections import deque
+from functools import partial
 from typing import Self
 
+from bridge.account import News
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
@@ -19,6 +21,7 @@ from bridge.wire.messages import DeviceInfo, SampleBatch
 _CACHE_S = 15.0
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
+_TURN = 0.5  # of the time between batches: the most that one device may take of it
 
 _log = logging.getLogger(__name__)
 
@@ -37,21 +40,27 @@ class Outlet:
         self.said: DeviceInfo | None = None
         self._said_at_s = 0.0
 
+    def wants(self, now_s: float, boot: int, news: News) -> bool:
+        """Whether to tell of this boot and these news: at a boot, soon after a change, and once a second."""
+        said, since_s = self.said, now_s - self._said_at_s
+        if said is None or said.boot != boot or since_s >= _INFO_EVERY_S:
+            return True
+        return since_s >= _CHANGES_EVERY_S and news != (said.dropped, said.events, said.trouble)
+
     def publish(self, taken: Taken, now_s: float, *, last: bool = False) -> None:
         """Batches, with the account of a new boot ahead of its first, and behind the last of all.
 
         Raises BusError, and then `unsent` has what was not put. The account is of boot 0 while the device has not said
-        who it is.
+        who it is; where it is not wanted, none is needed.
         """
-        info = taken.info
         self.unsent = deque(merged(taken.batches))
-        self._tell_alive(info.boot if info.boot and taken.there else None)
+        self._tell_alive(taken.boot if taken.boot and taken.there else None)
         while self.unsent:
-            if self.unsent[0].boot == info.boot:
-                self._tell(info, now_s)
+            if self.unsent[0].boot == taken.boot:
+                self._tell(taken.info, now_s)
             self._raw.put(encode_samples(self.unsent[0]))
             self.unsent.popleft()
-        self._tell(info, now_s, at_once=last)
+        self._tell(taken.info, now_s, at_once=last)
 
     def close(self) -> None:
         """Take everything back."""
@@ -59,12 +68,10 @@ class Outlet:
         self._raw.close()
         self._info.close()
 
-    def _tell(self, info: DeviceInfo, now_s: float, *, at_once: bool = False) -> None:
-        """At a boot, soon after a change, and once a second."""
-        said = self.said
-        changed = said is None or _news(said) != _news(info)
-        wait_s = _CHANGES_EVERY_S if changed else _INFO_EVERY_S
-        if at_once or said is None or said.boot != info.boot or now_s - self._said_at_s >= wait_s:
+    def _tell(self, info: DeviceInfo | None, now_s: float, *, at_once: bool = False) -> None:
+        if info is None:
+            return
+        if at_once or self.wants(now_s, info.boot, News(info.dropped, info.events, info.trouble)):
             self.said, self._said_at_s = info, now_s
             self._info.put(encode_info(info))
 
@@ -88,7 +95,7 @@ class Ward:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
         cache = max(1, round(_CACHE_S / self._batch_s))
-        self._links = [_link(device, config.id) for device in config.devices]
+        self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
         # Who can send faster during a calibration must hear of it.
         self._calibrating = Calibrating(bus, ward) if any(link.paced for link in self._links) else None
@@ -140,9 +147,9 @@ class Ward:
         if self._calibrating is not None:
             self._calibrating.hear(now_s)
         for link, outlet in zip(self._links, self._outlets, strict=True):
-            taken = link.take()
+            taken = link.take() if last else link.take(partial(outlet.wants, now_s))
             if self._calibrating is not None:
-                link.calibrating(self._calibrating.now(link.device, taken.info.boot, now_s))
+                link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
             try:
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:
@@ -155,11 +162,6 @@ class Ward:
                 _log.exception("%s: cannot be published", link.device)
 
 
-def _news(info: DeviceInfo) -> tuple[dict[str, int], dict[str, int], str]:
-    """What is told soon after it changed; the rest waits for its second."""
-    return info.dropped, info.events, info.trouble
-
-
-def _link(device: Device, bridge: str) -> Link:
+def _link(device: Device, bridge: str, turn_s: float) -> Link:
     driver = device.make()
-    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))
+    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place), turn_s)

@@ -54,7 +54,7 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class StreamDriver:
     """A decoder behind a transport; Paced where the decoder is.
 
-    keeps: what came waits to be read, and `read_kept` is all it takes.
+    keeps: what came waits to be read, and `read_kept` takes it.
     bytes_in, samples_in: how many came, and were understood, since it was opened.
     """
 
@@ -88,14 +88,20 @@ class StreamDriver:
                 return rest  # the next call says that it is over
             raise
 
-    def read_kept(self) -> list[Event]:
-        """All that came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read."""
+    def read_kept(self, within_s: float) -> list[Event]:
+        """What came meanwhile, without waiting; raises DeviceLost. Called from one thread, in place of read.
+
+        What takes longer than within_s to be understood waits for the next call.
+        """
         events: list[Event] = []
+        until_s = time.monotonic() + within_s
         if data := self._decoder.to_send():
             self._transport.write(data)
         try:
             while (chunk := self._transport.read(0.0)).data:
                 events += self._feed(chunk)
+                if time.monotonic() > until_s:
+                    return events
         except DeviceLost as lost:
             events += self._rest() if lost.over else []
             if not events:  # else the next call says so

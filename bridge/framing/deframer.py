@@ -13,6 +13,7 @@ from bridge.wire.refusal import Tally
 
 MAX_PAYLOAD = 1024
 _CRC_BYTES = 4
+_CRC_OF_WHOLE = 0x2144DF1C  # the CRC-32 of anything followed by its own
 # COBS adds one byte, and one more for every 254.
 _MAX_FRAME = MAX_PAYLOAD + _CRC_BYTES + 2 + (MAX_PAYLOAD + _CRC_BYTES) // 254
 
@@ -30,49 +31,34 @@ class Deframer:
 
     def __init__(self) -> None:
         self.faults = Tally()
-        self._partial = bytearray()
-        self._overlong = False
+        self._partial = b""  # of a frame that is too long, one byte too many: enough to tell
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes as they came and return the payloads they complete, in order."""
         *ended, rest = data.split(b"\0")
         payloads = []
         for piece in ended:
-            self._keep(piece)
-            payload = self._finish()
-            if payload is not None:
+            body, self._partial = self._partial + piece, b""
+            # Two zeros in a row are an idle line, not a fault.
+            if body and (payload := self._payload(body)) is not None:
                 payloads.append(payload)
-        self._keep(rest)
+        self._partial = (self._partial + rest)[: _MAX_FRAME + 1]
         return payloads
 
-    def _keep(self, piece: bytes) -> None:
-        if self._overlong:
-            return
-        if len(self._partial) + len(piece) > _MAX_FRAME:
-            self._overlong = True
-            self._partial.clear()
-        else:
-            self._partial += piece
-
-    def _finish(self) -> bytes | None:
-        body, overlong = bytes(self._partial), self._overlong
-        self._partial.clear()
-        self._overlong = False
-        if overlong:
+    def _payload(self, body: bytes) -> bytes | None:
+        if len(body) > _MAX_FRAME:
             self.faults.add("frame_too_long")
             return None
-        if not body:
-            return None  # two zeros in a row: an idle line, not a fault
         try:
             content: bytes = cobs.decode(body)
         except cobs.DecodeError:
             self.faults.add("frame_not_cobs")
             return None
-        payload, crc = content[:-_CRC_BYTES], content[-_CRC_BYTES:]
+        payload = content[:-_CRC_BYTES]
         if not payload:
             self.faults.add("frame_too_short")
             return None
-        if zlib.crc32(payload).to_bytes(_CRC_BYTES, "little") != crc:
+        if zlib.crc32(content) != _CRC_OF_WHOLE:
             self.faults.add("frame_bad_crc")
             return None
         return payload

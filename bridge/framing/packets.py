@@ -13,6 +13,7 @@ new rate, which it has until it loses power.
 
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,7 @@ class Hello:
     firmware: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Data:
+class Data(NamedTuple):
     """n consecutive samples: ticks (n,) uint32, gyro (n, 3), accel (n, 3), temperature_c (n,) float32."""
 
     boot: int
@@ -130,4 +130,4 @@ def _decode_data(payload: bytes) -> Data:
     if not 1 <= n <= MAX_SAMPLES or len(payload) != _DATA.size + n * _SAMPLE.itemsize:
         raise BadPacket("packet_length")
     samples = np.frombuffer(payload, _SAMPLE, n, _DATA.size)
-    return Data(boot, sequence, *(samples[name] for name in ("ticks", "gyro", "accel", "temperature_c")))
+    return Data(boot, sequence, samples["ticks"], samples["gyro"], samples["accel"], samples["temperature_c"])

@@ -14,7 +14,7 @@ from bridge.wire.refusal import Tally
 EXAMPLE = "tcp://10.0.0.5:8000"
 _CONNECT_S = 1.5  # less than a bridge waits for a device's thread to end
 _WRITE_S = 0.05  # the system's buffers take what little is sent, unless nothing was taken for long
-_MOST_BYTES = 65_536
+_MOST_BYTES = 16_384  # understood in some 10 ms, be it what it may
 # A device that lost power says no goodbye: after 3 s of silence it is asked, and given up 3 s later.
 _IDLE_S, _ASK_EVERY_S, _ASKS = 3, 1, 3
 

@@ -3,6 +3,8 @@
 A packed column is a `bytes` field there: the same bytes on the wire, at memory speed.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
 _KNOWN_FLAGS = sum(SampleFlag)
-_FLOAT = np.dtype("<f4")
+_FLOAT, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
 
 Float32s = NDArray[np.float32]
 
@@ -37,10 +39,10 @@ def encode_samples(batch: SampleBatch) -> bytes:
         start_time_ns=batch.start_time_ns,
         tick_period_s=batch.tick_period_s,
         clock_rate=batch.clock_rate,
-        ticks=_packed(batch.ticks, "<u8"),
-        gyro=_packed(batch.gyro, "<f4"),
-        accel=b"" if batch.accel is None else _packed(batch.accel, "<f4"),
-        temperature_c=b"" if batch.temperature_c is None else _packed(batch.temperature_c, "<f4"),
+        ticks=_packed(batch.ticks, _UINT64),
+        gyro=_packed(batch.gyro, _FLOAT),
+        accel=b"" if batch.accel is None else _packed(batch.accel, _FLOAT),
+        temperature_c=b"" if batch.temperature_c is None else _packed(batch.temperature_c, _FLOAT),
         flags=_packed_flags(batch.flags),
     ).SerializeToString()
 
@@ -102,15 +104,15 @@ def _corrected(batch: CorrectedBatch) -> columns.CorrectedBatch:
         start_time_ns=batch.start_time_ns,
         tick_period_s=batch.tick_period_s,
         clock_rate=batch.clock_rate,
-        ticks=_packed(batch.ticks, "<u8"),
-        rate=_packed(batch.rate, "<f4"),
+        ticks=_packed(batch.ticks, _UINT64),
+        rate=_packed(batch.rate, _FLOAT),
         flags=_packed_flags(batch.flags),
         quality=int(batch.quality),
-        noise_std=_packed(batch.noise_std, "<f4"),
-        bias_std=_packed(batch.bias_std, "<f4"),
-        scale_std=_packed(batch.scale_std, "<f4"),
-        cross_std=_packed(batch.cross_std, "<f4"),
-        bias=_packed(batch.bias, "<f4"),
+        noise_std=_packed(batch.noise_std, _FLOAT),
+        bias_std=_packed(batch.bias_std, _FLOAT),
+        scale_std=_packed(batch.scale_std, _FLOAT),
+        cross_std=_packed(batch.cross_std, _FLOAT),
+        bias=_packed(batch.bias, _FLOAT),
         calibration=clean(batch.calibration, checks.MAX_NAME),
     )
 
@@ -145,12 +147,12 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     )
 
 
-def _packed(column: NDArray[np.generic], dtype: str) -> bytes:
+def _packed(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
     return column.astype(dtype, copy=False).tobytes()
 
 
 def _packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    packed = _packed(flags, "<u4")
+    packed = _packed(flags, _UINT32)
     return packed if packed.strip(b"\0") else b""
 
 
@@ -158,7 +160,7 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
     n, odd = divmod(len(column), 8)
     if odd or not 1 <= n <= MAX_SAMPLES:
         raise Refusal(Reason.LENGTH, f"ticks has {len(column)} bytes; 8 a sample, 1 to {MAX_SAMPLES} samples are taken")
-    ticks = np.frombuffer(column, "<u8")
+    ticks = np.frombuffer(column, _UINT64)
     if not np.logical_and.reduce(ticks[1:] > ticks[:-1]) or int(ticks[-1]) >= 2**63:
         raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")
     return ticks
@@ -172,7 +174,7 @@ def _floats(column: bytes, name: str, n: int, limit: float) -> Float32s:
     if np.vdot(values, values) <= limit * limit:  # the usual case, for half the price: then none of them is larger
         return values
     # Without their sign, floats order as their bits do, and infinity and NaN come last: one comparison for all.
-    worst = int(np.maximum.reduce(values.view("<u4") & 0x7FFFFFFF))
+    worst = int(np.maximum.reduce(values.view(_UINT32) & 0x7FFFFFFF))
     if worst > np.float32(limit).view(np.uint32):
         if worst >= 0x7F800000:
             raise Refusal(Reason.NON_FINITE, f"{name} has a value that is not a number")
@@ -196,7 +198,7 @@ def _flags(column: bytes, n: int) -> NDArray[np.uint32]:
         return np.zeros(n, np.uint32)
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"flags has {len(column)} bytes; {4 * n} are expected")
-    flags = np.frombuffer(column, "<u4")
+    flags = np.frombuffer(column, _UINT32)
     if (flags & ~np.uint32(_KNOWN_FLAGS)).any():
         raise Refusal(Reason.RANGE, "flags has a bit that version 1 does not know")
     return flags

@@ -368,6 +368,7 @@ def test_what_nobody_takes_is_bounded_and_counted() -> None:
 
     taken = run(driver, finished).take()
     info = taken.info
+    assert info is not None
     assert sum(map(len, taken.batches)) == 20_000 == info.samples
     assert info.dropped == {"overflow": 10_000}
 
