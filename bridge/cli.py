@@ -10,7 +10,9 @@ from pathlib import Path
 from bridge import cli_profiles, cli_scan
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
+from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
+from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
 from bridge.process import alone, connected, stopped_by_signal
@@ -255,8 +257,10 @@ def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[o
 
 
 def _list(args: argparse.Namespace) -> int:
+    known = Columns([Column("driver", least=12), Column("what it reads", least=20)], headings=False)
     for kind in registry.kinds().values():
-        print(f"{kind.name:<12} {kind.summary}")
+        known.add(kind.name, kind.summary)
+    plain_console().print(known)
     if args.config:
         bridge = load(args.config, Root).bridge
         print(f"\n{args.config}:")

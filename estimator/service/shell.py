@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from bridge import rivals
 from bridge.bus.contract import Bus, BusError, Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
@@ -149,13 +150,9 @@ class Service:
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now))
             return
-        if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):
-            log.warning(
-                "%s is sent by bridge %s and by bridge %s: only the first is listened to; give one of them another name",
-                batch.device,
-                device.source.owner,
-                batch.bridge,
-            )
+        if device.session.sequence.events.add(device.source.label(batch.bridge, now), len(batch)) == len(batch):
+            # How many there are of them stands in its status.
+            log.warning("%s (said once)", rivals.words([batch.device], device.source.owner, (batch.bridge,)))
 
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session = device.session

@@ -106,7 +106,12 @@ def test_a_second_bridge_silences_nobody(
     status = ward.latest()
     assert status.samples_out == len(once)
     assert status.events == {"also from second": sum(len(b) for b in batches[::3])}
-    assert caplog.text.count("give one of them another name") == 1
+    assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
+    said = f"device {NAME} is sent by two bridges, bridge and second: second's samples are refused; stop one"
+    assert caplog.text.count(said) == 1
+    clock[0] += 4.0  # the second is silent
+    ward.service.step(0.0)
+    assert ward.latest().refused_bridges == ()
 
 
 def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
