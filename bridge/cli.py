@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
-from bridge import cli_profiles, cli_scan
+from bridge import cli_profiles, cli_scan, os_words
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
 from bridge.columns import Column, Columns
@@ -139,7 +139,7 @@ def _guarded(run: Run) -> Run:
             print(f"truerate: {error}", file=sys.stderr)
             return _WRONG
         except (BusError, RecordingError, OSError) as error:
-            print(f"truerate: {error}", file=sys.stderr)
+            print(f"truerate: {os_words.said(error)}", file=sys.stderr)
             return _FAILED
 
     return guarded

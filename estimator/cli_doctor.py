@@ -7,12 +7,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge import rivals
+from bridge import captures, rivals
 from bridge.config import ConfigError, load
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble
 from bridge.doctor.router import router
 from bridge.scan.ports import find
+from bridge.transport import serial_state
 from estimator.cli_offline import Verbs, add_verb
 from estimator.client import Client
 from estimator.config import Ward
@@ -56,7 +57,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
         except ConfigError as error:
             said = [trouble("config", str(error), f"mend it, then `truerate config check {path}`")]
     devices = _ports(ward)
-    serial = list(dict.fromkeys([*plugged, *(port for port in devices.values() if "://" not in port)]))
+    named = (port for port in devices.values() if "://" not in port and not serial_state.no_port(port))
+    serial = list(dict.fromkeys([*plugged, *named]))
     yield from terminals.permissions(serial, terminals.me())
     yield from terminals.modem_manager()
     yield from terminals.latency()
@@ -67,6 +69,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
     yield from said
     if ward is not None:
         yield from terminals.present(devices)
+        for words in captures.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
+            yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
         reached = router(ward.bus.connect)

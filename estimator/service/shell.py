@@ -284,4 +284,4 @@ def _obey(device: Device, verb: str, command: Command) -> str | None:
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":
         return device.session.cancel(command.who)
-    return None if command.reason else "a note needs a text, in `reason`"
+    return None if command.reason.strip() else "a note needs words"
