@@ -3,6 +3,7 @@
 import argparse
 import logging
 import sys
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
@@ -15,6 +16,7 @@ from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
+from bridge.presence import Presence
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
@@ -25,6 +27,7 @@ from bridge.ward import Ward
 from bridge.wire import keys
 
 _DONE, _FAILED, _WRONG = 0, 1, 2
+_LOOK_S = 0.2
 _log = logging.getLogger(__name__)
 
 # Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
@@ -241,11 +244,9 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
             _log.info(
                 "bridge %s: %d devices of ward %s to %s", bridge.id, len(bridge.devices), ward, ", ".join(connect)
             )
-            there = True
-            while not stop.wait(0.2) and not running.over:
-                if bus.connected != there:
-                    there = bus.connected
-                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
+            presence = Presence(_log, _LOOK_S)
+            while not stop.wait(_LOOK_S) and not running.over:
+                presence.look(time.monotonic(), connected=bus.connected)
     return _DONE
 
 

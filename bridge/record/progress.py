@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from bridge.bus.missed import words
 from bridge.console import plain_console
 from bridge.record.recorder import WardRecorder
 
@@ -21,7 +22,7 @@ _PATIENCE_S, _BAR_S = 2.0, 0.1
 _log = logging.getLogger(__name__)
 
 
-def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) -> str:
+def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> str:
     """Devices, samples, size, time, and what is missing."""
     account = recorder.account
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
@@ -32,7 +33,7 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) ->
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(f"{missed} messages missed on the bus")
+        parts.append(words(missed))
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.not_recorded:
@@ -54,7 +55,7 @@ class Screen:
         self._live = Live(console=console, refresh_per_second=2, transient=True) if console.is_terminal else None
         self._told_s = 0.0
 
-    def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) -> None:
+    def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> None:
         """Call it about once a second."""
         if self._live is not None:
             style = "bold red" if recorder.account.trouble else ""

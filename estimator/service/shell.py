@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from bridge import rivals
 from bridge.bus.contract import Bus, BusError, Message
+from bridge.presence import Presence
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
@@ -62,7 +63,7 @@ class Service:
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._commands = Commands()
         self._next_status = 0.0
-        self._connected = True
+        self._presence = Presence(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals = Totals()
@@ -202,15 +203,10 @@ class Service:
     def _every_second(self, now: float) -> None:
         self._stock.check()
         connected = self._bus.connected
-        if connected and not self._connected:
-            log.info("the router is back")
-        elif self._connected and not connected:
-            log.warning("the router is gone; waiting")
-        if not connected or connected != self._connected:
+        if self._presence.look(now, connected=connected):
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
                 device.heard = now
                 device.source.hold(now)
-        self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
         self._record.tend(now)
