@@ -5,7 +5,7 @@ import logging
 from bridge.bus.contract import Bus
 from bridge.wire import keys
 from bridge.wire.codec import decode_status
-from bridge.wire.messages import State
+from bridge.wire.messages import State, Status
 from bridge.wire.refusal import Refusal, Tally
 
 _DURING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
@@ -24,8 +24,9 @@ class Calibrating:
         self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
         self._during: dict[str, tuple[int, float]] = {}  # the boot that is calibrated, and when that was said
 
-    def hear(self, now_s: float) -> None:
-        """Take what came."""
+    def hear(self, now_s: float) -> list[Status]:
+        """Take what came, and give it."""
+        heard: list[Status] = []
         for message in self._statuses.drain(_AT_ONCE, 0.0):
             try:
                 status = decode_status(*message)
@@ -33,11 +34,13 @@ class Calibrating:
                 if self.refused.add(refusal.reason) == 1:
                     _log.warning("a status is refused (more of this kind are only counted): %s", refusal)
                 continue
+            heard.append(status)
             self._during.pop(status.device, None)
             if status.state in _DURING:
                 self._during[status.device] = (status.boot, now_s)
         while len(self._during) > _MAX_DEVICES:
             del self._during[next(iter(self._during))]
+        return heard
 
     def now(self, device: str, boot: int, now_s: float) -> bool:
         """Whether this boot of a device is being calibrated; not if nobody has said so lately."""

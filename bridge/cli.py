@@ -3,19 +3,23 @@
 import argparse
 import logging
 import sys
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
-from bridge import cli_profiles, cli_scan
+from bridge import cli_profiles, cli_scan, os_words
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
+from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
+from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
+from bridge.router_watch import RouterWatch
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
 from bridge.virtual_ximu3.show import MOST_DEVICES, Wanted, show
 from bridge.vitals import Vitals
@@ -24,6 +28,7 @@ from bridge.wire import keys
 from bridge.wording import count
 
 _DONE, _FAILED, _WRONG = 0, 1, 2
+_LOOK_S = 0.2
 _log = logging.getLogger(__name__)
 
 # Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
@@ -138,7 +143,7 @@ def _guarded(run: Run) -> Run:
             print(f"truerate: {error}", file=sys.stderr)
             return _WRONG
         except (BusError, RecordingError, OSError) as error:
-            print(f"truerate: {error}", file=sys.stderr)
+            print(f"truerate: {os_words.said(error)}", file=sys.stderr)
             return _FAILED
 
     return guarded
@@ -244,11 +249,9 @@ def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool
                 ward,
                 ", ".join(connect),
             )
-            there = True
-            while not stop.wait(0.2) and not running.over:
-                if bus.connected != there:
-                    there = bus.connected
-                    _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
+            watched = RouterWatch(_log, _LOOK_S)
+            while not stop.wait(_LOOK_S) and not running.over:
+                watched.look(time.monotonic(), connected=bus.connected)
     return _DONE
 
 
@@ -260,8 +263,10 @@ def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[o
 
 
 def _list(args: argparse.Namespace) -> int:
+    known = Columns([Column("driver", least=12), Column("what it reads", least=20)], headings=False)
     for kind in registry.kinds().values():
-        print(f"{kind.name:<12} {kind.summary}")
+        known.add(kind.name, kind.summary)
+    plain_console().print(known)
     if args.config:
         bridge = load(args.config, Root).bridge
         print(f"\n{args.config}:")

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Final
 
+from bridge.columns import Column, Columns
+from bridge.console import plain_console
 from bridge.text.profile import load_profile, shipped
 from bridge.text.trial import attempt, report
 
@@ -13,8 +15,10 @@ _DONE, _FAILED = 0, 1
 
 def profiles(_: argparse.Namespace) -> int:
     """`truerate bridge profiles`: those that come with truerate."""
+    known = Columns([Column("profile", least=16), Column("of what", least=20)], headings=False)
     for name in shipped():
-        print(f"{name:<20} {load_profile(name).summary}")
+        known.add(name, load_profile(name).summary)
+    plain_console().print(known)
     return _DONE
 
 

@@ -15,6 +15,8 @@ from prometheus_client import CollectorRegistry, ProcessCollector, generate_late
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 
+from bridge import os_words
+
 _log = logging.getLogger(__name__)
 
 #: who does not ask or listen for so long is let go; so many are answered at a time
@@ -48,7 +50,8 @@ class Health:
         try:
             self._server = _Server(address, asked)
         except OSError as error:
-            raise OSError(f"health: cannot listen on {address[0]}:{address[1]}: {error}") from error
+            where = f"address {address[0]}:{address[1]}"
+            raise OSError(f"{where}: {os_words.why(error)}; choose another `health` in the ward's file") from error
         self.port = int(self._server.server_address[1])
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.2,), name="health", daemon=True)
 

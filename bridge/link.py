@@ -76,11 +76,6 @@ class Link:
         self._complaint = ""
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
 
-    @property
-    def paced(self) -> bool:
-        """Whether it is of use to tell when the device is calibrated."""
-        return isinstance(self._driver, Paced)
-
     def calibrating(self, on: bool) -> None:  # noqa: FBT001 - it is all there is to say
         """Whether the device is being calibrated now; its driver is told from the thread that reads."""
         self._calibrating = on

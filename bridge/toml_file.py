@@ -14,12 +14,15 @@ from typing import Any, TypeVar
 import msgspec
 import msgspec.inspect as inspection
 
+from bridge import os_words
+
 T = TypeVar("T")
 
 _PATH = re.compile(r"(?P<text>.*?)(?: - at `(?P<path>\$[^`]*)`)?\Z", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]|\[\.\.\.\]")
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _MISSING = re.compile(r"Object missing required field `(.*)`")
+_NO_CHOICE = re.compile(r"Invalid enum value '?(.*?)'?")
 _WORDS = {
     "int": "a whole number",
     "float": "a number",
@@ -41,8 +44,11 @@ def load(path: Path | str, kind: type[T]) -> T:
             tables = tomllib.load(file)
     except FileNotFoundError:
         raise ConfigError(f"{path}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {os_words.why(error)}") from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}") from None
     try:
@@ -89,6 +95,11 @@ def _sentence(error: msgspec.ValidationError, kind: type[Any]) -> str:
         return f"{_table(steps)}the key {missing[1]!r} is missing"
     if own or not steps:
         return f"{_table(steps)}{said}"
+    if no_choice := _NO_CHOICE.fullmatch(said):
+        choices = _choices(inspection.type_info(kind), steps)
+        return (
+            f"{_table(steps[:-1])}key {steps[-1]!r}: unknown value {no_choice[1]!r}; {nearest(no_choice[1], choices)}"
+        )
     item = f" #{int(steps.pop()) + 1}" if isinstance(steps[-1], int) else ""
     *table, key = steps
     words = re.sub(r"`([^`]*)`", lambda quoted: _words(quoted[1]), said)
@@ -105,6 +116,22 @@ def _table(steps: list[str | int]) -> str:
         return ""
     name = ".".join(step for step in steps if isinstance(step, str))
     return f"[[{name}]] #{steps[-1] + 1}: " if isinstance(steps[-1], int) else f"[{name}]: "
+
+
+def _choices(kind: inspection.Type, steps: list[str | int]) -> list[str]:
+    """The values that the key at `steps` takes."""
+    if isinstance(kind, inspection.UnionType):
+        return [value for option in kind.types for value in _choices(option, steps)]
+    if isinstance(kind, inspection.LiteralType):
+        return [str(value) for value in kind.values]
+    if isinstance(kind, inspection.EnumType):
+        return [str(member.value) for member in kind.cls]
+    if isinstance(kind, inspection.StructType) and steps:
+        inner = [field.type for field in kind.fields if field.encode_name == steps[0]]
+        return _choices(inner[0], steps[1:]) if inner else []
+    if isinstance(kind, inspection.VarTupleType | inspection.ListType) and steps:
+        return _choices(kind.item_type, steps[1:])
+    return []
 
 
 def _names(kind: inspection.Type, steps: list[str | int]) -> list[str]:

@@ -14,6 +14,7 @@ from bridge.config import Bridge, Device
 from bridge.intake import Intake
 from bridge.link import Link, Taken
 from bridge.merge import merged
+from bridge.rivals import Rivals
 from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
@@ -97,8 +98,9 @@ class Ward:
         cache = max(1, round(_CACHE_S / self._batch_s))
         self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
-        # Who can send faster during a calibration must hear of it.
-        self._calibrating = Calibrating(bus, ward) if any(link.paced for link in self._links) else None
+        # Who can send faster during a calibration must hear of it, and who sends for nothing.
+        self._calibrating = Calibrating(bus, ward)
+        self._rivals = Rivals(config.id, (device.id for device in config.devices))
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
@@ -131,8 +133,7 @@ class Ward:
         self._publish(last=True)
         for outlet in self._outlets:
             outlet.close()
-        if self._calibrating is not None:
-            self._calibrating.close()
+        self._calibrating.close()
         self._alive.close()
 
     def _run(self) -> None:
@@ -144,12 +145,11 @@ class Ward:
 
     def _publish(self, *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
-        if self._calibrating is not None:
-            self._calibrating.hear(now_s)
+        for status in self._calibrating.hear(now_s):
+            self._rivals.take(status)
         for link, outlet in zip(self._links, self._outlets, strict=True):
             taken = link.take() if last else link.take(partial(outlet.wants, now_s))
-            if self._calibrating is not None:
-                link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
+            link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
             try:
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:

@@ -5,8 +5,7 @@ from dataclasses import asdict
 from math import degrees
 from typing import Any
 
-from rich.table import Table
-
+from bridge.columns import Column, Columns
 from estimator.allan_fit import Coefficient, Noise
 from estimator.gyro import AXES
 from estimator.identification import AtRest
@@ -45,18 +44,22 @@ def _axis(noise: Noise) -> dict[str, Any]:
     }
 
 
-def as_table(rest: AtRest) -> Table:
+_COLUMNS = (
+    Column("noise", least=9),
+    Column("unit", least=6),
+    Column("axis"),
+    *(Column(heading, number=True) for heading in ("value", "from", "to")),
+)
+
+
+def as_table(rest: AtRest) -> Columns:
     """A row a coefficient and axis, with its 95 % interval, or its upper limit where the rest does not show it."""
-    table = Table(title=None, box=None, pad_edge=False)
-    for heading in ("noise", "unit", "axis"):
-        table.add_column(heading)
-    for heading in ("value", "from", "to"):
-        table.add_column(heading, justify="right")
+    table = Columns(_COLUMNS)
     for field, words, unit, scale in COEFFICIENTS:
         for number, (axis, noise) in enumerate(zip(AXES, rest.axes, strict=True)):
             found: Coefficient = getattr(noise, field)
             ends = [f"{end * scale:.3g}" for end in (found.low, found.high)] if found.seen else []
-            table.add_row(*((words, unit) if number == 0 else ("", "")), axis, said(found, scale), *ends)
+            table.add(*((words, unit) if number == 0 else ("", "")), axis, said(found, scale), *ends)
     return table
 
 

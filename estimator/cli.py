@@ -13,12 +13,14 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bridge import captures, os_words
 from bridge import cli as bridge_cli
 from bridge.bus.contract import BusError
 from bridge.config import LOCAL, ConfigError, check_endpoints, load
 from bridge.console import plain_console
 from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
+from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 from estimator import cli_correct, cli_doctor, cli_offline, cli_store, cli_tracking
@@ -65,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not isinstance(error, _expected()):
             raise
-        print(f"truerate: {error}", file=sys.stderr)
+        print(f"truerate: {os_words.said(error)}", file=sys.stderr)
         return 1
 
 
@@ -233,9 +235,13 @@ def _note(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
     ward, endpoints = _ward_of(given)
-    device = check_id(given.device, "device")
+    device, text = check_id(given.device, "device"), given.text.strip()
+    if not text:
+        raise ConfigError(f'a note needs words, such as: truerate note {device} "sat up"')
+    if len(text) > MAX_SENTENCE:
+        raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
     with Client(endpoints, ward=ward) as client:
-        reply = client.note(device, getpass.getuser(), given.text)
+        reply = client.note(device, getpass.getuser(), text)
     print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1
 
@@ -244,6 +250,8 @@ def _config_check(given: argparse.Namespace) -> None:
     from estimator.config import Ward  # noqa: PLC0415
 
     ward = load(given.file, Ward)
+    if ward.bridge is not None and (missing := captures.unreadable(ward.bridge.devices)):
+        raise ConfigError("\n".join(f"{given.file}: {words}" for words in missing))
     parts = [
         f"{len(ward.bridge.devices)} devices" if ward.bridge else "no bridge",
         f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",

@@ -7,12 +7,15 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bridge import captures, rivals
 from bridge.config import ConfigError, load
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble
 from bridge.doctor.router import router
 from bridge.scan.ports import find
+from bridge.transport import serial_state
 from estimator.cli_offline import Verbs, add_verb
+from estimator.client import Client
 from estimator.config import Ward
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
@@ -54,7 +57,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
         except ConfigError as error:
             said = [trouble("config", str(error), f"mend it, then `truerate config check {path}`")]
     devices = _ports(ward)
-    serial = list(dict.fromkeys([*plugged, *(port for port in devices.values() if "://" not in port)]))
+    named = (port for port in devices.values() if "://" not in port and not serial_state.no_port(port))
+    serial = list(dict.fromkeys([*plugged, *named]))
     yield from terminals.permissions(serial, terminals.me())
     yield from terminals.modem_manager()
     yield from terminals.latency()
@@ -65,9 +69,25 @@ def _look(path: Path | None) -> Iterable[Finding]:
     yield from said
     if ward is not None:
         yield from terminals.present(devices)
+        for words in captures.unreadable(ward.bridge.devices if ward.bridge is not None else ()):
+            yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
-        yield from router(ward.bus.connect)
+        reached = router(ward.bus.connect)
+        yield from reached
+        if all(finding.level is Level.OK for finding in reached):
+            yield from _running(ward)
+
+
+def _running(ward: Ward) -> Iterable[Finding]:
+    """What the ward itself says, where it runs."""
+    with Client(ward.bus.connect, ward=ward.ward) as client:
+        statuses = client.statuses(0.5)
+    clashes = rivals.found(statuses.values())
+    for words in clashes:
+        yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")
+    if statuses and not clashes:
+        yield ok("bridges of the ward", "each device is sent by one bridge")
 
 
 def _ports(ward: Ward | None) -> dict[str, str]:

@@ -9,7 +9,7 @@ from estimator.client import Client
 
 import time
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self, TypeVar
 
 from bridge.bus.contract import Bus, BusError, Subscription
@@ -78,11 +78,16 @@ class Client:
         """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
         return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device)}
 
-    def infos(self, wait_s: float = 1.5) -> dict[str, DeviceInfo]:
-        """The latest device info of every device; of several bridges that list it, from one that hears it."""
+    def infos(self, wait_s: float = 1.5, owners: Mapping[str, str] | None = None) -> dict[str, DeviceInfo]:
+        """The latest device info of every device; of several bridges that list it, from one that hears it.
+
+        owners: whose samples of a device are taken (`bridge` of its status); there that bridge has the word.
+        """
         found: dict[str, DeviceInfo] = {}
         for info in self._collect("info", codec.decode_info, wait_s):
-            if info.boot or info.device not in found or found[info.device].bridge == info.bridge:
+            known = found.get(info.device)
+            owner = (owners or {}).get(info.device)
+            if known is None or info.bridge in (owner, known.bridge) or (info.boot and known.bridge != owner):
                 found[info.device] = info
         return found
 

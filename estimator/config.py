@@ -1,5 +1,7 @@
 """The estimator's part of a ward's file: the [estimator] table, and the root that gives it its type."""
 
+from pathlib import Path
+
 from msgspec import Struct
 
 from bridge import config
@@ -30,6 +32,9 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         config.check(self.id, "id")
         if not self.store.strip() or not self.store.isprintable():
             raise ValueError(f"store is {self.store!r}; the path of a file is expected, such as 'truerate.sqlite3'")
+        if Path(self.store).is_dir():
+            inside = Path(self.store) / "truerate.sqlite3"
+            raise ValueError(f"store is {self.store!r}, which is a folder; a file is expected, such as '{inside}'")
         if self.health:
             config.listening(self.health)
         if self.method not in METHODS:

@@ -1,15 +1,20 @@
 """A ward at one look: how many devices are well, what needs a person first, and whether every sample is accounted for. Pure."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan
 from typing import Any
 
+from bridge import rivals
 from bridge.wire.messages import DeviceInfo, State, Status
+from bridge.wire.refusal import in_words
 from estimator.service.law import EVENT
+from estimator.service.sources import ELSEWHERE
 
 #: a battery that needs to be charged
 LOW_PERCENT = 15.0
+_MOST = 3  # reasons
 _URGENT = (
     State.UNKNOWN,
     State.LOST,
@@ -33,7 +38,10 @@ class Need:
 
 @dataclass(frozen=True, slots=True)
 class Glance:
-    """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself."""
+    """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself.
+
+    unused: samples that were not used, by device and reason, most first; those of which there are none are not in it.
+    """
 
     ward: str
     devices: int
@@ -42,6 +50,7 @@ class Glance:
     samples_in: int
     samples_out: int
     dropped: int
+    unused: Mapping[str, Mapping[str, int]]
     law: Mapping[str, str]
     bridges: Sequence[str]
     estimators: Sequence[str]
@@ -67,6 +76,7 @@ def glance(
     troubles += [] if bridges else ["no bridge is alive: no device is read"]
     if len(estimators) > 1:
         troubles.append(f"{len(estimators)} estimators are alive: devices are corrected {len(estimators)} times")
+    troubles += rivals.found(statuses.values())
     return Glance(
         ward=ward,
         devices=len(names),
@@ -75,6 +85,7 @@ def glance(
         samples_in=sum(s.samples_in for s in statuses.values()),
         samples_out=sum(s.samples_out for s in statuses.values()),
         dropped=sum(sum(s.dropped.values()) for s in statuses.values()),
+        unused=_unused(names, statuses, infos),
         law={name: words for name, status in sorted(statuses.items()) if (words := _law(status))},
         bridges=sorted(bridges),
         estimators=sorted(estimators),
@@ -97,10 +108,45 @@ def as_json(seen: Glance) -> dict[str, Any]:
             "dropped": seen.dropped,
             "broken": dict(seen.law),
         },
+        "unused": {"all": dict(total(seen.unused)), "devices": {name: dict(why) for name, why in seen.unused.items()}},
         "bridges": list(seen.bridges),
         "estimators": list(seen.estimators),
         "troubles": list(seen.troubles),
     }
+
+
+def total(unused: Mapping[str, Mapping[str, int]]) -> Counter[str]:
+    """Of all devices together, by reason."""
+    return sum(map(Counter, unused.values()), Counter())
+
+
+def most(reasons: Mapping[str, int]) -> str:
+    """The first few reasons with their counts, in words."""
+    found = Counter(reasons).most_common()
+    said = [f"{n} {why}" for why, n in found[:_MOST]]
+    left = sum(n for _, n in found[_MOST:])
+    return ", ".join([*said, *([f"{left} for other reasons"] if left else [])])
+
+
+def _unused(
+    names: Sequence[str], statuses: Mapping[str, Status], infos: Mapping[str, DeviceInfo]
+) -> dict[str, dict[str, int]]:
+    found = {name: reasons for name in names if (reasons := _reasons(statuses.get(name), infos.get(name)))}
+    return dict(sorted(found.items(), key=lambda one: -sum(one[1].values())))
+
+
+def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
+    """What the estimator did not use, and of what its bridge has read."""
+    reasons: Counter[str] = Counter()
+    if status is not None:
+        reasons.update({in_words(label): n for label, n in status.dropped.items()})
+        elsewhere = {
+            label.removeprefix(ELSEWHERE): n for label, n in status.events.items() if label.startswith(ELSEWHERE)
+        }
+        reasons.update({f"sent by {bridge} as well": n for bridge, n in elsewhere.items()})
+    if info is not None:
+        reasons.update({f"{in_words(label)} (at {info.bridge})": n for label, n in info.dropped.items()})
+    return {why: n for why, n in reasons.most_common() if n}
 
 
 def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | None:

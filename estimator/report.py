@@ -4,8 +4,8 @@ from math import degrees
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.wire.messages import Calibration
 from estimator import calibration_file
 from estimator.batch.result import Result
@@ -28,16 +28,17 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
     return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None}
 
 
-def as_table(result: Result | Calibration) -> Table:
+_HEADINGS = {"axis": 0, "scale k": 0, "±": 0, "bias °/s": 0, "± °/s": 0, "turn °": 1, "closed to °": 2, "s": 3}
+
+
+def as_table(result: Result | Calibration) -> Columns:
     """Scale, bias and turn of each axis, with standard deviations."""
-    table = Table(title=None, box=None, pad_edge=False)
-    for heading in ("axis", "scale k", "±", "bias °/s", "±", "turn °", "closed to °", "s"):
-        table.add_column(heading, justify="right")
+    table = Columns([Column(heading, number=True, spare=spare) for heading, spare in _HEADINGS.items()])
     std = np.sqrt(np.diag(result.covariance))
     turns = {turn.axis: turn for turn in result.turns}
     for axis, name in enumerate(AXES):
         turn = turns.get(axis)
-        table.add_row(
+        table.add(
             name,
             f"{result.matrix[axis, axis]:.5f}",
             f"{std[3 + axis]:.5f}",
@@ -52,13 +53,13 @@ def as_table(result: Result | Calibration) -> Table:
     return table
 
 
-def as_matrix(result: Result | Calibration) -> Table:
+def as_matrix(result: Result | Calibration) -> Columns:
     """The whole matrix, row by row, each element with its standard deviation in brackets."""
-    table = Table(title=None, box=None, pad_edge=False)
-    for heading in ("corrected", "of reading x", "of reading y", "of reading z"):
-        table.add_column(heading, justify="right")
+    table = Columns(
+        [Column(heading, number=True) for heading in ("corrected", "of reading x", "of reading y", "of reading z")]
+    )
     std = dict(zip(result.parameters, np.sqrt(np.diag(result.covariance)), strict=True))
     for i, row in enumerate(AXES):
         names = [f"k_{row}" if row == column else f"m_{row}{column}" for column in AXES]
-        table.add_row(row, *(f"{result.matrix[i, j]:+.5f} ({std[name]:.5f})" for j, name in enumerate(names)))
+        table.add(row, *(f"{result.matrix[i, j]:+.5f} ({std[name]:.5f})" for j, name in enumerate(names)))
     return table

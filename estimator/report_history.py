@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.wire.messages import Calibration
 from estimator.gyro import AXES
 from estimator.history import Biases, History
@@ -87,14 +87,26 @@ def as_json(history: History) -> dict[str, Any]:
     }
 
 
-def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[Table]:
+#: a moment, a boot and a number with its ± are whole; where there is no room, `to` and the boot are left out first
+_WHOLE = 14
+_SHOWN = {
+    "when": Column("when", number=True),
+    "from": Column("from", number=True),
+    "to": Column("to", number=True, spare=2),
+    "boot": Column("boot", number=True, spare=1),
+    "°C": Column("°C", number=True, spare=3),
+    "by": Column("by", spare=1),
+    "cause": Column("cause", spare=2),
+    "scale x, y, z ± 95 %": Column("scale x, y, z ± 95 %", least=_WHOLE),
+}
+
+
+def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[Columns]:
     if not rows:
         return
-    shown = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in headings:
-        shown.add_column(heading, overflow="fold")
+    shown = Columns([_SHOWN.get(name) or Column(name, number="±" in name, least=12) for name in headings], title=title)
     for row in rows:
-        shown.add_row(*row)
+        shown.add(*row)
     yield shown
 
 

@@ -6,9 +6,9 @@ from typing import Self
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
+from bridge.columns import Column, Columns
 from bridge.wire.messages import State, Status
 from estimator.gyro import AXES
 
@@ -29,15 +29,23 @@ def word(state: State) -> Text:
     return Text(state.name.lower().replace("_", " "), STYLES.get(state, ""))
 
 
-def table(statuses: dict[str, Status], title: str = "") -> Table:
-    """A row a device: where it is, how good its output is, what is known of it, and why. Fits 80 columns."""
-    shown = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for heading in ("device", "state", "quality", "turns", "bias ± °/s", "why"):
-        shown.add_column(heading, no_wrap=heading != "why", overflow="fold")
+_COLUMNS = (
+    Column("device", least=20),
+    Column("state", least=8),
+    Column("quality", spare=3, least=6),
+    Column("turns", number=True, spare=2),
+    Column("bias ± °/s", number=True, spare=1),
+    Column("why", least=20),
+)
+
+
+def table(statuses: dict[str, Status], title: str = "") -> Columns:
+    """A row a device: where it is, how good its output is, what is known of it, and why."""
+    shown = Columns(_COLUMNS, title=title)
     for name in sorted(statuses):
         status = statuses[name]
         turns = "".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
-        shown.add_row(
+        shown.add(
             name,
             word(status.state),
             status.quality.name.lower().replace("_", " "),

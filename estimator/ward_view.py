@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
+from bridge import rivals
 from bridge.wire.messages import DeviceInfo, State, Status
 
 #: every device's status comes once a second; after so long it is news that none does
@@ -58,25 +59,32 @@ class WardView:
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}
-        self._infos: dict[str, DeviceInfo] = {}
+        self._infos: dict[str, dict[str, DeviceInfo]] = {}  # by device and bridge
 
     def take_status(self, status: Status, now: float) -> None:
         """The estimator's word on a device, heard at `now` seconds."""
         self._statuses[status.device] = status, now
 
     def take_info(self, info: DeviceInfo) -> None:
-        """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
-        known = self._infos.get(info.device)
-        if info.boot or known is None or known.bridge == info.bridge:
-            self._infos[info.device] = info
+        """A bridge's word on a device."""
+        known = self._infos.setdefault(info.device, {})
+        known.pop(info.bridge, None)
+        known[info.bridge] = info  # latest last
 
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
         names = self._statuses.keys() | self._infos.keys()
         return sorted((self._row(name, now) for name in names), key=lambda row: row.order)
 
+    def _info(self, name: str, owner: str) -> DeviceInfo | None:
+        """Of the bridges that list a device the one whose samples are taken has the word, or else one that hears it."""
+        known = self._infos.get(name, {})
+        infos = [known[owner]] if owner in known else sorted(known.values(), key=lambda info: info.boot != 0)
+        return infos[-1] if infos else None
+
     def _row(self, name: str, now: float) -> Row:
-        info, (status, heard) = self._infos.get(name), self._statuses.get(name, (None, now))
+        status, heard = self._statuses.get(name, (None, now))
+        info = self._info(name, status.bridge if status is not None else "")
         about: dict[str, Any] = {}
         if info is not None:
             battery = None if math.isnan(info.battery_percent) else info.battery_percent
@@ -90,6 +98,8 @@ class WardView:
             state, reason = SILENT, f"no word of it for {now - heard:.0f} s: is the estimator running?"
         elif trouble:
             reason = f"{reason}: {trouble}" if reason else trouble
+        if clash := rivals.found([status]):
+            about["notices"] = {"bridges": clash[0], **about.get("notices", {})}
         return Row(
             name,
             state,

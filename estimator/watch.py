@@ -8,10 +8,12 @@ import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
-from rich.table import Table
 from rich.text import Text
 
+from bridge import rivals
+from bridge.columns import Column, Columns
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
+from bridge.wire.refusal import in_words
 from estimator import glance
 from estimator.client import Client
 from estimator.glance import Glance
@@ -22,13 +24,16 @@ from estimator.screen import table, word
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     """Everything known of every device of a ward; 1 when there is none."""
     with Client(endpoints, ward=ward) as client:
-        infos, statuses = client.infos(), client.statuses(0.5)
+        statuses = client.statuses(0.5)
+        infos = client.infos(1.5, {name: status.bridge for name, status in statuses.items()})
     if not infos and not statuses:
         console.print(f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right?")
         return 1
     console.print(_hardware(infos))
     console.print()
     console.print(table(statuses) if statuses else "no estimator has said anything of them: is one running?")
+    for words in rivals.found(statuses.values()):
+        console.print(Text(f"\n{words}", "bold red"))
     return 0
 
 
@@ -36,7 +41,9 @@ def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_jso
     """A ward at one look; 1 when somebody has to do something."""
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")
-        seen = glance.glance(ward, client.statuses(0.5), client.infos(0.5), bridges, estimators)
+        statuses = client.statuses(0.5)
+        infos = client.infos(0.5, {name: status.bridge for name, status in statuses.items()})
+    seen = glance.glance(ward, statuses, infos, bridges, estimators)
     if as_json:
         console.print_json(data=glance.as_json(seen))
     else:
@@ -45,9 +52,9 @@ def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_jso
 
 
 def _glance(seen: Glance) -> Group:
-    needs = Table(box=None, pad_edge=False, show_header=False, padding=(0, 2, 0, 0))
+    needs = Columns([Column("device", least=20), Column("state"), Column("why", least=20)], headings=False)
     for need in seen.needs:
-        needs.add_row(need.device, word(need.state), need.reason)
+        needs.add(need.device, word(need.state), need.reason)
     law = f"in = out + dropped: {seen.samples_in} = {seen.samples_out} + {seen.dropped}"
     rows: list[RenderableType] = [Text(f"{seen.ward}: {seen.tracking} of {seen.devices} tracking", "bold")]
     rows += [needs] if seen.needs else []
@@ -56,27 +63,46 @@ def _glance(seen: Glance) -> Group:
         Text(f"{device}: in = out + dropped does not hold: {words}", "bold red") for device, words in seen.law.items()
     ]
     rows += [] if seen.law else [Text(law)]
+    rows += _unused(seen)
     rows.append(
         Text(f"bridges: {', '.join(seen.bridges) or 'none'}   estimators: {', '.join(seen.estimators) or 'none'}")
     )
     return Group(*rows)
 
 
-def _hardware(infos: dict[str, DeviceInfo]) -> Table:
-    shown = Table(box=None, pad_edge=False)
-    for heading in _HARDWARE:
-        shown.add_column(heading, overflow="fold", no_wrap=heading == "device")
+def _unused(seen: Glance) -> list[RenderableType]:
+    """What was not used and why: of all devices together, and of those with most."""
+    if not seen.unused:
+        return []
+    devices = Columns([Column("device", least=20), Column("why", least=20)], headings=False)
+    for name, reasons in list(seen.unused.items())[:_MOST_UNUSED]:
+        devices.add(f"  {name}", glance.most(reasons))
+    if (left := len(seen.unused) - _MOST_UNUSED) > 0:
+        devices.add("  …", f"and {left} more devices")
+    return [Text(f"not used: {glance.most(glance.total(seen.unused))}"), devices]
+
+
+def _hardware(infos: dict[str, DeviceInfo]) -> Columns:
+    shown = Columns(_HARDWARE)
     for name in sorted(infos):
-        shown.add_row(*_hardware_row(infos[name]))
+        shown.add(*_hardware_row(infos[name]))
     return shown
 
 
-_HARDWARE = ("device", "what it is", "bridge", "Hz", "samples", "not published or in trouble")
+_MOST_UNUSED = 5  # devices
+_HARDWARE = (
+    Column("device", least=20),
+    Column("what it is", spare=2),
+    Column("bridge", spare=1),
+    Column("Hz", number=True),
+    Column("samples", number=True),
+    Column("not published or in trouble", least=16),
+)
 
 
 def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
     measured = f"{info.measured_rate_hz:.1f} of {info.rate_hz:g}" if info.measured_rate_hz else f"{info.rate_hz:g}"
-    dropped = ", ".join(f"{count} {reason}" for reason, count in info.dropped.items()) or "0"
+    dropped = ", ".join(f"{count} {in_words(reason)}" for reason, count in info.dropped.items()) or "0"
     what = f"{info.model} {info.firmware}" if info.boot else "not heard yet"
     return info.device, what, info.bridge, measured, str(info.samples), info.trouble or dropped
 
@@ -129,14 +155,16 @@ def _revision_line(revision: BiasRevision) -> str:
     return f"the bias of {seconds:.0f} s is known better now, to {std:.4f} °/s: {revision.reason}"
 
 
+#: and what is left out first where there is no room; the bar has no heading
+_PANEL = {"axis": 0, "rate °/s": 0, "±": 0, "": 3, "bias °/s": 0, "± °/s": 1, "scale": 2}
+
+
 def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:
-    rows = Table(box=None, pad_edge=False)
-    for heading in ("axis", "rate °/s", "±", "", "bias °/s", "±", "scale"):
-        rows.add_column(heading, justify="right")
+    rows = Columns([Column(heading, number=True, spare=spare) for heading, spare in _PANEL.items()])
     for axis, name in enumerate(AXES):
         rate = degrees(float(batch.rate[-1, axis])) if batch else float("nan")
         std = degrees(float(batch.rate_std[-1, axis])) if batch else float("nan")
-        rows.add_row(
+        rows.add(
             name,
             f"{rate:+8.2f}",
             f"{std:.2f}",

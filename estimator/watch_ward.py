@@ -23,7 +23,7 @@ _TROUBLE = "bold red"
 HEADINGS = ("device", "state", "quality", "Hz", "gaps", "rest", "battery", "why")
 _ALWAYS, _NUMBERS = ("device", "state", "why"), ("Hz", "gaps", "rest", "battery")
 #: what is left out first where there is no room for the reason
-_DISPENSABLE = ("quality", "rest", "gaps", "Hz")
+_DISPENSABLE = ("quality", "rest", "gaps", "Hz", "battery")
 _MIN_WHY = 30
 
 
@@ -60,7 +60,7 @@ def watch_ward(
                 screen.update(Group(*lines(rows, head, console.width, console.height)), refresh=True)
             elif once:
                 width = console.width if console.is_terminal else None
-                console.print(*lines(rows, head, width), sep="\n", highlight=False, soft_wrap=True)
+                console.print(*lines(rows, head, width, cut=False), sep="\n", highlight=False, soft_wrap=True)
             else:
                 _print_changes(console, rows, said)
             if once or (seconds is not None and now - begin >= seconds):
@@ -75,8 +75,13 @@ def watch_ward(
     return 0 if heard else 1
 
 
-def lines(rows: Sequence[Row], head: str, width: int | None = None, height: int | None = None) -> list[Text]:
-    """A head line, headings and a line a device, cut to width and height where there are any; the last line tells of the rest."""
+def lines(
+    rows: Sequence[Row], head: str, width: int | None = None, height: int | None = None, *, cut: bool = True
+) -> list[Text]:
+    """A head line, headings and a line a device, cut to width and height where there are any; the last line tells of the rest.
+
+    Without `cut` the width only decides which columns there are.
+    """
     room = len(rows) if height is None else max(1, height - 2)
     shown, rest = (rows, ()) if len(rows) <= room else (rows[: room - 1], rows[room - 1 :])
     cells = [_cells(row) for row in shown]
@@ -87,7 +92,7 @@ def lines(rows: Sequence[Row], head: str, width: int | None = None, height: int 
         found.append(_line(line, columns, styles))
     if rest:
         found.append(_text(f"… and {len(rest)} more: {counted(rest)}", "dim"))
-    if width is not None:
+    if width is not None and cut:
         for text in found:
             text.truncate(width, overflow="ellipsis")
     return found

@@ -44,6 +44,10 @@ class Subscription(Protocol):
         """Messages known to be lost: reported by the bus, or dropped because this queue was full."""
 
     @property
+    def missed_by_key(self) -> dict[str, int]:
+        """Of which keys they were, of so many keys; under "" those of which that is not known."""
+
+    @property
     def overflowed(self) -> int:
         """Those of them that were dropped because this queue was full: its reader is too slow."""
 

@@ -1,10 +1,12 @@
 """The bounded queue between a bus, which must never wait, and a reader, which may be slow."""
 
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 
 from bridge.bus.contract import Message
+
+MOST_KEYS = 1024
 
 
 class Inbox:
@@ -16,7 +18,8 @@ class Inbox:
         self._capacity = capacity
         self._messages: deque[Message] = deque()
         self._ready = threading.Condition()
-        self._missed = self._overflowed = 0
+        self._missed: Counter[str] = Counter()
+        self._overflowed = 0
         self._closed = False
 
     def put(self, messages: Iterable[Message]) -> None:
@@ -26,19 +29,25 @@ class Inbox:
                 return
             self._messages.extend(messages)
             while len(self._messages) > self._capacity:
-                self._messages.popleft()
+                self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
             self._ready.notify_all()
 
-    def add_missed(self, count: int) -> None:
-        """Count messages that are known to have been lost before they came here."""
+    def add_missed(self, count: int, key: str = "") -> None:
+        """Count messages that are known to have been lost before they came here, and under which key if it is known."""
         with self._ready:
-            self._missed += count
+            self._count(key, count)
 
     @property
     def missed(self) -> int:
         """How many messages are known to be lost so far."""
-        return self._missed + self._overflowed
+        return self._missed.total()
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """Of which keys they were, of up to MOST_KEYS; the others under ""."""
+        with self._ready:
+            return {key: n for key, n in self._missed.items() if n}
 
     @property
     def overflowed(self) -> int:
@@ -60,6 +69,9 @@ class Inbox:
         with self._ready:
             self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
             return [self._messages.popleft() for _ in range(min(limit, len(self._messages)))]
+
+    def _count(self, key: str, n: int) -> None:
+        self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
 
     def close(self) -> None:
         """Discard what is here and wake every reader; a second close does nothing."""

@@ -195,7 +195,7 @@ class _Subscription:
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
         if new:
             if last is not None:
-                self._inbox.add_missed(new[0][0] - last - 1)
+                self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
             self._inbox.put(message for _, message in new)
 
@@ -208,6 +208,10 @@ class _Subscription:
     @property
     def missed(self) -> int:
         return self._inbox.missed
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        return self._inbox.missed_by_key
 
     @property
     def overflowed(self) -> int:

@@ -1,6 +1,7 @@
 """Several subscriptions read as one: of a few devices, where a pattern would bring all of them over the network."""
 
 import threading
+from collections import Counter
 from collections.abc import Sequence
 
 from bridge.bus.contract import Message, Subscription
@@ -42,6 +43,12 @@ class Together:
     def missed(self) -> int:
         """See contract.Subscription."""
         return self._inbox.missed + sum(part.missed for part in self._parts)
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """See contract.Subscription."""
+        counts = (Counter(part.missed_by_key) for part in (self._inbox, *self._parts))
+        return dict(sum(counts, Counter[str]()))
 
     @property
     def overflowed(self) -> int:

@@ -301,7 +301,7 @@ class _Subscription(_Declared):
     ) -> None:
         super().__init__(bus, subscriber)
         self._samples, self._misses, self._inbox = samples, misses, inbox
-        self._heard: dict[str, None] = {}  # publishers, in order
+        self._heard: dict[str, str] = {}  # publishers, in order, and their keys
         bus.run(self._pump, f"receive {pattern}")
 
     def _pump(self) -> None:
@@ -333,9 +333,9 @@ class _Subscription(_Declared):
         for sample in batch:
             info = sample.source_info
             if info is not None and (source := _source(info)) not in self._heard:
-                self._heard[source] = None
+                self._heard[source] = key = str(sample.key_expr)
                 if info.source_sn > 0:
-                    asked.append((self._bus.past(str(sample.key_expr), info.source_sn), source, info.source_sn))
+                    asked.append((self._bus.past(key, info.source_sn), source, info.source_sn))
         for source in list(self._heard)[:-_MAX_KNOWN]:
             del self._heard[source]
         found: list[zenoh.Sample] = []
@@ -356,10 +356,14 @@ class _Subscription(_Declared):
     def missed(self) -> int:
         try:
             while self._misses is not None and (miss := self._misses.try_recv()) is not None:
-                self._inbox.add_missed(miss.nb)
+                self._inbox.add_missed(miss.nb, self._heard.get(_publisher(miss.source), ""))
         except zenoh.ZError:
             self._misses = None
         return self._inbox.missed
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        return self._inbox.missed_by_key if self.missed else {}
 
     @property
     def overflowed(self) -> int:
@@ -375,8 +379,12 @@ class _Subscription(_Declared):
 
 
 def _source(info: zenoh.SourceInfo) -> str:
+    return _publisher(info.source_id)
+
+
+def _publisher(entity: zenoh.EntityGlobalId) -> str:
     """A publisher; its id has no hash."""
-    return f"{info.source_id.zid}/{info.source_id.eid}"
+    return f"{entity.zid}/{entity.eid}"
 
 
 def _each(channel: _Channel[_T], handle: Callable[[_T], None]) -> None:

@@ -7,7 +7,13 @@ from typing import Any
 CUT_OFF_S = 0.2
 # Longer in clients, or they would leave a router that is only waiting for such a reader.
 CLIENT_CUT_OFF_S = 1.0
-LEASE_S = 1.0
+# Who has been silent for its own lease is taken for gone. A process that ends is known at once, by its connection: a lease is
+# for a machine that hangs or a cable that is pulled, and must outlast the moments in which a busy machine does not get round
+# to a process. Clients: others must know within 1.5 s that an estimator hangs. The router: before its clients think that
+# all devices are silent, after the 2 s of an estimator's `silence_s`.
+CLIENT_LEASE_S, ROUTER_LEASE_S = 1.25, 1.5
+# So many signs of life in a lease: the more, the closer to all of it a process may be held up.
+SIGNS = 10
 ACCEPT_S = 0.5
 MAX_MESSAGE_BYTES = 1 << 20
 
@@ -16,7 +22,7 @@ Settings = dict[str, Any]
 
 def client(endpoints: Sequence[str]) -> Settings:
     """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
-    return _common(CLIENT_CUT_OFF_S) | {
+    return _common(CLIENT_CUT_OFF_S, CLIENT_LEASE_S) | {
         "mode": "client",
         "connect": {
             "endpoints": list(endpoints),
@@ -31,7 +37,7 @@ def client(endpoints: Sequence[str]) -> Settings:
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     """A router; idle connections lock nobody out, and on `shed` a slow reader loses instead of slowing others."""
-    settings = _common(CUT_OFF_S) | {
+    settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {
         "mode": "router",
         "connect": {"endpoints": []},
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
@@ -54,7 +60,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     return settings
 
 
-def _common(cut_off_s: float) -> Settings:
+def _common(cut_off_s: float, lease_s: float) -> Settings:
     # zenoh by itself listens on every interface and announces itself by multicast and gossip: not in a hospital.
     return {
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
@@ -62,7 +68,8 @@ def _common(cut_off_s: float) -> Settings:
         "transport": {
             "link": {
                 "tx": {
-                    "lease": round(LEASE_S * 1000),
+                    "lease": round(lease_s * 1000),
+                    "keep_alive": SIGNS,
                     "queue": {"congestion_control": {"block": {"wait_before_close": round(cut_off_s * 1e6)}}},
                 },
                 "rx": {"max_message_size": MAX_MESSAGE_BYTES},

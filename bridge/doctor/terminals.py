@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from bridge.doctor.finding import Finding, ok, trouble, warning
+from bridge.transport import serial_state
 from bridge.transport.holders import PROC, Holder, holders
 
 RULES = "configs/udev/99-truerate.rules"
@@ -107,14 +108,12 @@ def busy(ports: Sequence[str], proc: Path = PROC) -> list[Finding]:
 def present(devices: dict[str, str]) -> list[Finding]:
     """Whether the serial ports of a file's devices, {id: port}, are there."""
     missing = {device: port for device, port in devices.items() if "://" not in port and not os.path.exists(port)}  # noqa: PTH110
+    wrong = {device: port for device, port in devices.items() if "://" not in port and serial_state.no_port(port)}
+    advice = "find its name with `truerate bridge scan` and put it into the ward's file"
     return [
-        warning(
-            f"device {device}",
-            f"{port} is not there",
-            "plug it in; or find its name with `truerate bridge scan` and put it into the ward's file",
-        )
+        warning(f"device {device}", f"{port} is not there", f"plug it in; or {advice}")
         for device, port in missing.items()
-    ]
+    ] + [trouble(f"device {device}", f"{port} is {serial_state.NO_PORT}", advice) for device, port in wrong.items()]
 
 
 def doubled(devices: dict[str, str]) -> list[Finding]:

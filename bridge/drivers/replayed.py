@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
+from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
 from bridge.record import stretches
@@ -108,7 +109,7 @@ def _recorded(path: Path) -> Recorded:
     try:
         state = path.stat()
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+        raise RecordingError(f"{path}: {os_words.why(error)}") from None
     if state.st_size > MAX_BYTES:
         raise RecordingError(f"{path}: {state.st_size} bytes; at most {MAX_BYTES} are taken")
     with _reading:
@@ -174,7 +175,7 @@ class ReplayedDriver:
 
 
 def _state(options: ReplayedOptions) -> str:
-    return "present" if Path(options.file).is_file() else "missing; there is no such file"
+    return os_words.unreadable(Path(options.file)) or "present"
 
 
 KIND = DriverKind(

@@ -1,6 +1,7 @@
 """What a recorder says while it records: a live line on a terminal, elsewhere a log line a minute."""
 
 import logging
+from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 
@@ -8,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from bridge.bus.missed import words
 from bridge.record.recorder import WardRecorder
 from bridge.wording import count
 
@@ -16,7 +18,7 @@ _SILENT_S = 3.0
 _log = logging.getLogger(__name__)
 
 
-def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) -> str:
+def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> str:
     """Devices, samples, size, time, and what is missing."""
     account = recorder.account
     silent = sum(now_s - heard > _SILENT_S for heard in account.heard.values())
@@ -27,7 +29,7 @@ def line(recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) ->
         f"{recorder.size / 1e6:.1f} MB",
     ]
     if missed:
-        parts.append(f"{count(missed, 'message')} missed on the bus")
+        parts.append(words(missed))
     if refused := account.refused.total():
         parts.append(f"{refused} refused")
     if account.not_recorded:
@@ -49,7 +51,7 @@ class Screen:
         self._live = Live(console=console, refresh_per_second=2, transient=True) if console.is_terminal else None
         self._told_s = 0.0
 
-    def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: int) -> None:
+    def show(self, recorder: WardRecorder, elapsed_s: float, now_s: float, missed: Mapping[str, int]) -> None:
         """Call it about once a second."""
         if self._live is not None:
             style = "bold red" if recorder.account.trouble else ""

@@ -127,14 +127,14 @@ def _run(
             recorder.tick(time.time_ns(), now)
             if now - shown >= _SHOW_S:
                 shown = now
-                screen.show(recorder, now - began, now, subscription.missed)
+                screen.show(recorder, now - began, now, subscription.missed_by_key)
                 if bus.connected != there:
                     there = bus.connected
                     _log.warning("router %s", "is back" if there else "is gone; going on, and waiting for it")
             if subscription.closed or (seconds is not None and now - began >= seconds) or stop.wait(_ROUND_S):
                 break
             messages = subscription.drain(QUEUE, 0.0)  # what gathers in a round costs less than what comes one by one
-    now, missed = time.monotonic(), subscription.missed
+    now, missed = time.monotonic(), subscription.missed_by_key
     recorder.take(subscription.drain(QUEUE, 0.0), time.time_ns(), now)
     recorder.close()
     console.print(line(recorder, now - began, now, missed), highlight=False, soft_wrap=True)

@@ -4,14 +4,20 @@ from datetime import UTC, datetime
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.record.survey import Boot, Device, Survey
 from bridge.wire.keys import boot_id
 from bridge.wording import count
 
-_HEADINGS = ("device", "boot", "from", "seconds", "Hz", "samples", "missing", "corrected", "good")
-_LEFT = 3
+_COLUMNS = (
+    Column("device", least=20),
+    Column("boot", number=True, spare=3),
+    Column("from", number=True, spare=4),
+    Column("seconds", number=True, spare=2),
+    Column("Hz", number=True, spare=1),
+    *(Column(heading, number=True) for heading in ("samples", "missing", "corrected", "good")),
+)
 
 
 def show(console: Console, survey: Survey) -> None:
@@ -23,12 +29,10 @@ def show(console: Console, survey: Survey) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    table = Table(box=None, pad_edge=False)
-    for number, heading in enumerate(_HEADINGS):
-        table.add_column(heading, justify="left" if number < _LEFT else "right", no_wrap=True)
+    table = Columns(_COLUMNS)
     for name, device in survey.devices.items():
         for boot in device.boots.values():
-            table.add_row(name, *_row(boot))
+            table.add(name, *_row(boot))
     console.print(table)
     for name, device in survey.devices.items():
         for boot in device.boots.values():

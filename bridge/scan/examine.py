@@ -44,6 +44,8 @@ def bauds(tried: Iterable[Candidate]) -> list[int]:
 def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], seconds: float, say: Say) -> Verdict:
     """Find out; `say` is told what goes on. Opens the port once a speed, and sends nothing."""
     is_serial = "://" not in found.port
+    if is_serial and serial_state.no_port(found.port):
+        return Verdict(found, None, 0, serial_state.NO_PORT)
     if is_serial and any(holder.pid != os.getpid() for holder in holders(found.port)):
         return Verdict(found, None, 0, serial_state.busy(found.port))
     opened_ns = time.time_ns()

@@ -3,31 +3,29 @@
 import json
 from collections.abc import Iterable, Sequence
 
-from rich import box
-from rich.table import Table
-from rich.text import Text
-
+from bridge.columns import Column, Columns
 from bridge.scan.examine import Verdict
 
+_COLUMNS = (
+    Column("port", least=14),
+    Column("USB", spare=1),
+    Column("protocol", least=10),
+    Column("model"),
+    Column("rate", number=True),
+)
 
-def table(verdicts: Iterable[Verdict]) -> Table:
+
+def table(verdicts: Iterable[Verdict]) -> Columns:
     """A row a port."""
-    made = Table(box=box.SIMPLE_HEAD)
-    for heading in ("port", "USB", "protocol", "model", "rate"):
-        made.add_column(heading, overflow="fold")
+    made = Columns(_COLUMNS)
     for verdict in verdicts:
         guess = verdict.guess
         if guess is None:
-            _row(made, *verdict.found, "–", "", "")
+            made.add(*verdict.found, "–")
             continue
         model = f"{guess.identity.model} {guess.identity.firmware}".strip() if guess.identity else ""
-        _row(made, *verdict.found, str(guess.candidate), model, f"{guess.rate_hz:.0f} Hz")
+        made.add(*verdict.found, str(guess.candidate), model, f"{guess.rate_hz:.0f} Hz")
     return made
-
-
-def _row(table: Table, *cells: str) -> None:
-    """As they are: what a device says of itself may look like markup."""
-    table.add_row(*map(Text, cells))
 
 
 def remarks(verdicts: Iterable[Verdict]) -> list[str]:

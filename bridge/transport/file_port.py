@@ -1,12 +1,12 @@
 """A capture of a device's bytes, played as if it came from a port: `file:///path?bytes_per_s=...`."""
 
-import stat
 import threading
 import time
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote
 
+from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import url
 from bridge.transport.transport import Chunk
@@ -43,7 +43,7 @@ class FilePort:
         try:
             self._file = self._path.open("rb")
         except OSError as error:
-            raise DeviceUnavailable(f"{self.place}: {error.strerror or error}") from None
+            raise DeviceUnavailable(f"{self.place}: {os_words.why(error)}") from None
         self._closed.clear()
         self._due, self._then_s = 0.0, time.monotonic()
 
@@ -91,10 +91,4 @@ def state(address: str) -> str:
 
 
 def _state(path: Path) -> str:
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        return "missing; there is no such file"
-    except OSError as error:
-        return error.strerror or str(error)
-    return "present" if stat.S_ISREG(mode) else "not a file"
+    return os_words.unreadable(path) or "present"

@@ -55,6 +55,8 @@ class SerialPort:
         self.close()
         if not os.path.exists(self.place):  # noqa: PTH110 - asked often, of many missing ports: half the cost of Path
             raise DeviceUnavailable(f"{self.place}: {serial_state.MISSING}", soon=True)
+        if serial_state.no_port(self.place):
+            raise DeviceUnavailable(f"{self.place}: {serial_state.NO_PORT}")
         opened = serial.Serial(exclusive=True, write_timeout=_WRITE_TIMEOUT_S, timeout=0.2)
         try:
             opened.port, opened.baudrate = self.place, self.baud

@@ -22,11 +22,19 @@ def state(port: str) -> str:
         status = os.stat(port)  # noqa: PTH116 - a name, as everywhere here
     except OSError as error:
         return cause(error, port)
-    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) == _MEMORY_DEVICES:
+    if _no_port(status):
         return NO_PORT
     if not os.access(port, os.R_OK | os.W_OK):
         return FORBIDDEN
     return busy(port) if locked(port) else "present"
+
+
+def no_port(port: str) -> bool:
+    """Whether something is there that cannot be a serial port: a file, a folder, /dev/null."""
+    try:
+        return _no_port(os.stat(port))  # noqa: PTH116 - a name, as everywhere here
+    except OSError:
+        return False
 
 
 def cause(error: Exception, port: str) -> str:
@@ -52,6 +60,10 @@ def busy(port: str) -> str:
     """Who has it open, as far as we may know."""
     who = ", ".join(map(str, holders(port))) or "another program"
     return f"busy; {who} has it open: close that one"
+
+
+def _no_port(status: os.stat_result) -> bool:
+    return not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) == _MEMORY_DEVICES
 
 
 def _number(error: Exception) -> int | None:

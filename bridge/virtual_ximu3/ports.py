@@ -6,6 +6,7 @@ import math
 import socket
 from typing import NamedTuple, Self
 
+from bridge import os_words
 from bridge.framing.lines import Lines
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.wire.refusal import Tally
@@ -34,7 +35,9 @@ class Address(NamedTuple):
         try:
             return self._replace(host=socket.gethostbyname(self.host))
         except OSError as error:
-            raise OSError(f"host {self.host!r}: {error.strerror or error}") from None
+            raise OSError(
+                f"host {self.host!r} is not known; check its spelling, or give its address in numbers"
+            ) from error
 
 
 class _Client:
@@ -177,7 +180,7 @@ def _bound(kind: socket.SocketKind, at: Address) -> socket.socket:
         made.bind(at)
     except OSError as error:
         made.close()
-        raise OSError(error.errno, f"{at.host}:{at.port} is not to be had: {error.strerror}") from None
+        raise OSError(f"{at.host}:{at.port} is not to be had: {os_words.why(error)}; choose another port") from None
     made.setblocking(False)  # noqa: FBT003 - the socket's own word
     return made
 

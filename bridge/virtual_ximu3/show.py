@@ -11,13 +11,15 @@ from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.virtual_ximu3.device import VirtualXimu3
 from bridge.virtual_ximu3.ports import Address, Ports, local
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Reason, Refusal, Tally
+from bridge.wire.refusal import Reason, Refusal, Tally, in_words
 
 _TURN_S = 0.02
 _AT_ONCE = 4096
 _ANNOUNCE_EVERY_S = 1.0
 _SILENT_S = 5.0
+_PATIENCE_S = 2.0
 MOST_DEVICES = 64
+_NAMED = 20  # devices
 
 _log = logging.getLogger(__name__)
 
@@ -46,6 +48,10 @@ class Show:
         self._ports: dict[str, Ports] = {}
         self._without: set[str] = set()  # devices for which there was no port
         self._heard: dict[str, tuple[str, float]] = {}  # device -> its bridge, and when
+        self._shown: set[str] = set()  # devices of which rates were passed on
+        self._others: set[str] = set()  # devices that are there, and not wanted
+        self._began_s = time.monotonic()
+        self._waited = False
         self._announced_s = float("-inf")
         self._announce_to = wanted.announce and wanted.announce.resolved()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -71,6 +77,24 @@ class Show:
         for ports in self._ports.values():
             ports.serve()
         self._announce()
+        if not self._waited and time.monotonic() - self._began_s > _PATIENCE_S:
+            self._waited = True
+            if words := self.waits_for():
+                _log.warning("%s", words)
+
+    def waits_for(self) -> str:
+        """What is still to come before all that is wanted is shown, in words; empty when it is."""
+        wanted = self._wanted.devices or tuple(self._ports) or ("any device",)
+        missing = [device for device in wanted if device not in self._shown]
+        if not missing:
+            return ""
+        kind = "corrected" if self._wanted.corrected else "raw"
+        unheard = [device for device in missing if device not in self._heard]
+        if not unheard:
+            return f"waiting for {kind} rates of {', '.join(missing)}: is an estimator running? --raw shows raw ones"
+        there = sorted({*self._heard, *self._others} - {*missing})
+        known = f"there are {', '.join(there[:_NAMED])}" if there else "no device is heard: is a bridge running?"
+        return f"waiting for {', '.join(unheard)} in ward {self._wanted.ward}; {known}"
 
     @property
     def over(self) -> bool:
@@ -90,15 +114,19 @@ class Show:
             key = keys.parse(message.key)
             device = key.device
             if self._wanted.devices and device not in self._wanted.devices:
+                if len(self._others) < _NAMED:
+                    self._others.add(device)
                 return
             ports = self._ports.get(device) or self._found(device)
             if ports is None:
-                self.refused.add("of_more_devices")
+                self.refused.add("of devices that have no port here")
                 return
             if "bridge" in key.ids and not self._hears(device, key.ids["bridge"], samples=key.what == "raw"):
-                self.refused.add("of_another_bridge")
+                self.refused.add("of a second bridge")
                 return
             ports.send(_passed_on(ports.device, key.what, message))
+            if key.what == ("corrected" if self._wanted.corrected else "raw"):
+                self._shown.add(device)
         except Refusal as refusal:
             self.refused.add(refusal.reason)
 
@@ -152,7 +180,8 @@ def show(bus: Bus, wanted: Wanted, stop: threading.Event) -> None:
     finally:
         shown.close()
         if shown.refused.total():
-            _log.info("not shown: %s", ", ".join(f"{n} {reason}" for reason, n in shown.refused.as_dict().items()))
+            counts = (f"{n} {in_words(reason)}" for reason, n in shown.refused.as_dict().items())
+            _log.info("messages that were not shown: %s", ", ".join(counts))
 
 
 def _passed_on(device: VirtualXimu3, what: str, message: Message) -> list[bytes]:

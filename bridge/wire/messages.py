@@ -238,6 +238,8 @@ class Status:
     samples_out: int
     dropped: dict[str, int] = field(default_factory=dict)
     events: dict[str, int] = field(default_factory=dict)
+    bridge: str = ""  # whose samples of it are taken
+    refused_bridges: tuple[str, ...] = ()  # others that send it now as well
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,7 @@
 """The messages that are said once a second or less, through truerate.proto itself."""
 
+from collections.abc import Sequence
+
 from bridge.wire import checks, keys
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.batches import MAX_CELSIUS, MAX_RATE
@@ -24,6 +26,7 @@ from bridge.wire.refusal import Reason, Refusal
 _MAX_STD = 1e6
 _MAX_TURNS = 32
 _MAX_PARAMETERS = 32
+_MAX_BRIDGES = 16
 
 
 def encode_info(info: DeviceInfo) -> bytes:
@@ -111,6 +114,8 @@ def encode_status(status: Status) -> bytes:
         samples_out=status.samples_out,
         dropped=_clean_counts(status.dropped),
         events=_clean_counts(status.events),
+        bridge=status.bridge,
+        refused_bridges=status.refused_bridges,
     ).SerializeToString()
 
 
@@ -143,6 +148,8 @@ def decode_status(key: str, payload: bytes) -> Status:
         samples_out=raw.samples_out,
         dropped=checks.counts(raw.dropped, "dropped"),
         events=checks.counts(raw.events, "events"),
+        bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
+        refused_bridges=_ids(raw.refused_bridges, "refused_bridges"),
     )
 
 
@@ -284,6 +291,12 @@ def _turn(raw: pb.Turn) -> Turn:
         closure_error=checks.number(raw.closure_error, "closure_error", 0.0, 100.0),
         duration_s=checks.number(raw.duration_s, "duration_s", 0.0, 1e6),
     )
+
+
+def _ids(values: Sequence[str], name: str) -> tuple[str, ...]:
+    if len(values) > _MAX_BRIDGES:
+        raise Refusal(Reason.LENGTH, f"{name} has {len(values)} values; at most {_MAX_BRIDGES} are taken")
+    return tuple(keys.check_id(value, f"one of {name}") for value in values)
 
 
 def _clean_counts(counts: dict[str, int]) -> dict[str, int]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
+from bridge import os_words
 from estimator.database.connection import FAULTS, beside, code, connect, transaction
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
@@ -243,7 +244,7 @@ def _as_it_is(path: Path) -> sqlite3.Connection:
     except FileNotFoundError:
         raise StoreError(f"store {path}: there is no such file") from None
     except (*FAULTS, OSError) as error:
-        raise StoreError(f"store {path} cannot be read: {error}") from error
+        raise StoreError(f"store {path} cannot be read: {os_words.said(error)}") from error
     return db
 
 

@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bridge import os_words
 from bridge.wording import count
 from estimator.database import salvage, wal
 from estimator.database.connection import FAULTS, beside, connect
@@ -40,7 +41,7 @@ def inspect(path: Path) -> Inspection:
     except FileNotFoundError:
         raise StoreError(f"store {path}: there is no such file") from None
     except OSError as error:
-        raise StoreError(f"store {path} cannot be read: {error}") from error
+        raise StoreError(f"store {path} cannot be read: {os_words.said(error)}") from error
 
 
 def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:

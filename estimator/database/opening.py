@@ -5,6 +5,7 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
+from bridge import os_words
 from estimator.database import salvage
 from estimator.database.connection import FAULTS, connect, damaged, transaction
 from estimator.database.errors import StoreError, Unavailable
@@ -48,7 +49,8 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
             notes.append(rescued(path, str(damage)))
             return _opened(path), notes
     except (*FAULTS, OSError) as error:
-        raise Unavailable(f"store {path}: {error}; check that the folder exists, is writable and has room") from error
+        words = f"{os_words.said(error)}; check that the folder exists, is writable and has room"
+        raise Unavailable(f"store {path}: {words}") from error
     except Damaged as damage:
         raise Unavailable(f"store {path}: damaged again at once ({damage}); is the disk failing?") from damage
 
@@ -108,7 +110,7 @@ def backed_up(db: sqlite3.Connection, to: Path) -> None:
         replaced(part, to)
     except (*FAULTS, OSError, Damaged) as error:
         part.unlink(missing_ok=True)
-        raise Unavailable(f"store: it cannot be copied to {to}: {error}") from error
+        raise Unavailable(f"store: it cannot be copied to {to}: {os_words.said(error)}") from error
 
 
 def migrated(db: sqlite3.Connection, version: int) -> None:

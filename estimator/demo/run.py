@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
 from estimator import figures
 from estimator.demo.audience import Boot, Subscriber, Watcher
@@ -120,47 +120,42 @@ def _summary(
     return not failures
 
 
-def _parameters(judgements: list[Judgement]) -> Table:
-    shown = Table(
-        title="Truth and estimate at the end of each device's last boot", title_justify="left", box=None, pad_edge=False
+def _parameters(judgements: list[Judgement]) -> Columns:
+    spare = {"axis": 0, "k true": 2, "estimated": 1, "error": 0, "bias true": 2, "estimated °/s": 1, "error °/s": 0}
+    shown = Columns(
+        [Column("device"), *(Column(heading, number=True, spare=n) for heading, n in spare.items())],
+        title="Truth and estimate at the end of each device's last boot",
     )
-    shown.add_column("device")
-    for heading in ("axis", "k true", "estimated", "error", "bias true", "estimated °/s", "error"):
-        shown.add_column(heading, justify="right")
     for j in judgements:
         for axis, name in enumerate(AXES):
             true, found = float(j.bias_true_dps[-1, axis]), float(j.bias_dps[-1, axis])
             k = f"{j.k_true[axis]:.4f}", f"{j.k[axis]:.4f}", f"{j.k[axis] - j.k_true[axis]:+.4f}"
-            shown.add_row(
-                j.device if axis == 0 else "", name, *k, f"{true:+.3f}", f"{found:+.3f}", f"{found - true:+.3f}"
-            )
+            shown.add(j.device if axis == 0 else "", name, *k, f"{true:+.3f}", f"{found:+.3f}", f"{found - true:+.3f}")
     return shown
 
 
-def _worth(judgements: list[Judgement]) -> Table:
-    shown = Table(title="Heading error since calibration", title_justify="left", box=None, pad_edge=False)
-    shown.add_column("device")
-    for heading in ("over", "raw", "corrected"):
-        shown.add_column(heading, justify="right")
+def _worth(judgements: list[Judgement]) -> Columns:
+    columns = [Column("device"), *(Column(heading, number=True) for heading in ("over", "raw", "corrected"))]
+    shown = Columns(columns, title="Heading error since calibration")
     for j in judgements:
         raw, corrected = f"{j.raw_heading_deg[-1]:+.1f}°", f"{j.corrected_heading_deg[-1]:+.2f}°"
-        shown.add_row(j.device, f"{j.time[-1] - j.time[0]:.0f} s", raw, corrected)
+        shown.add(j.device, f"{j.time[-1] - j.time[0]:.0f} s", raw, corrected)
     return shown
 
 
 def _count(console: Console, devices: dict[str, VirtualDevice], subscribers: list[Subscriber]) -> list[str]:
     """Samples sent against samples received by each subscriber, boot by boot; what is wrong, in words."""
     failures = []
-    shown = Table(title="Samples sent and received", title_justify="left", box=None, pad_edge=False)
-    for heading in ("device", "boot", "sent", *(f"subscriber {n + 1}" for n in range(len(subscribers)))):
-        shown.add_column(heading, justify="left" if heading in ("device", "boot") else "right")
+    received_by = (Column(f"subscriber {n + 1}", number=True) for n in range(len(subscribers)))
+    columns = [Column("device"), Column("boot", number=True, spare=1), Column("sent", number=True), *received_by]
+    shown = Columns(columns, title="Samples sent and received")
     total = 0
     boots: list[Boot] = sorted({boot for subscriber in subscribers for boot in subscriber.received})
     for name, boot in boots:
         sent = devices[name].sent(boot)
         total += sent
         received = [subscriber.received[name, boot] for subscriber in subscribers]
-        shown.add_row(name, f"{boot:016x}", str(sent), *map(str, received))
+        shown.add(name, f"{boot:016x}", str(sent), *map(str, received))
         if set(received) != {sent}:
             failures.append(f"{name}: {sent} samples sent, {received} received")
     console.print(shown)

@@ -4,6 +4,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +117,8 @@ class Device:
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
-        return published.status(self.session.status(time_ns))
+        said = published.status(self.session.status(time_ns))
+        return replace(said, bridge=self.source.owner, refused_bridges=self.source.refused(time.monotonic()))
 
     @property
     def told(self) -> int:

@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from bridge import rivals
 from bridge.bus.contract import Bus, Message
+from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
@@ -72,7 +74,7 @@ class Service:
         self._presence = Presence(self.counts)
         self._commands = Commands()
         self._next_status = 0.0
-        self._connected = True
+        self._router = RouterWatch(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals = Totals()
@@ -160,13 +162,9 @@ class Service:
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
-        if device.session.sequence.events.add(device.source.label(batch.bridge), len(batch)) == len(batch):
-            log.warning(
-                "%s is sent by bridge %s and by bridge %s: only the first is listened to; give one of them another name",
-                batch.device,
-                device.source.owner,
-                batch.bridge,
-            )
+        if device.session.sequence.events.add(device.source.label(batch.bridge, now), len(batch)) == len(batch):
+            # How many there are of them stands in its status.
+            log.warning("%s (said once)", rivals.words([batch.device], device.source.owner, (batch.bridge,)))
 
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session, overtaken = device.session, device.overtaken
@@ -227,19 +225,14 @@ class Service:
         self._stock.check()
         self._presence.note(now)
         connected = self._bus.connected
-        if connected and not self._connected:
-            log.info("the router is back")
-        elif self._connected and not connected:
-            log.warning("the router is gone; waiting")
         if not self._control.connected:
             self._presence.forget()
-        if not connected or connected != self._connected:
+        if self._router.look(now, connected=connected):
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
                 device.heard = now
                 device.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
-        self._connected = connected
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
         self._record.tend(now)
@@ -306,4 +299,4 @@ def _obey(device: Device, verb: str, command: Command) -> str | None:
         return device.session.recalibrate(command.who, command.reason)
     if verb == "cancel":
         return device.session.cancel(command.who)
-    return None if command.reason else "a note needs a text, in `reason`"
+    return None if command.reason.strip() else "a note needs words"

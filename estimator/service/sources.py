@@ -56,7 +56,7 @@ class Source:
         self.owner = ""
         self._owned_s = silence_s + OWNED_S
         self._heard_s = float("-inf")
-        self._others: set[str] = set()
+        self._others: dict[str, float] = {}  # bridges that are refused, and when each was heard last
         self._latest: tuple[SampleBatch, float] | None = None
         self._booted_ns = 0  # when the first batch of the boot that is taken was received
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
@@ -74,11 +74,17 @@ class Source:
         """Nobody can be heard now: the owner stays the owner."""
         self._heard_s = heard_s
 
-    def label(self, bridge: str) -> str:
-        """Under what another bridge's samples are counted; a bounded number of names."""
-        if len(self._others) < NAMED_BRIDGES:
-            self._others.add(bridge)
+    def label(self, bridge: str, heard_s: float) -> str:
+        """Under what another bridge's samples, that came now, are counted; a bounded number of names."""
+        if bridge in self._others or len(self._others) < NAMED_BRIDGES:
+            self._others[bridge] = heard_s
         return f"{ELSEWHERE}{bridge if bridge in self._others else 'others'}"
+
+    def refused(self, now: float) -> tuple[str, ...]:
+        """The bridges that send it now beside its owner."""
+        return tuple(
+            bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
+        )
 
     def went_on(self, batch: SampleBatch, heard_s: float) -> None:
         """A batch of the owner's came that only goes on."""

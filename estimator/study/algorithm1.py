@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.recording import Recording
 from bridge.sim.session import simulate_session
 from bridge.wire.messages import Verdict
@@ -27,13 +27,9 @@ def run(console: Console, sessions: int, noise_dps: float, wobble_deg: float, pi
         bias_error.append(np.degrees(result.bias - session.bias[0]))
         k_score.append(k_error[-1] / np.sqrt(np.diag(result.covariance)[3:]))
     k, bias = np.array(k_error), np.array(bias_error)
-    table = Table(
-        title=f"Algorithm 1: {sessions} sessions, noise {noise_dps:g} °/s, wobble {wobble_deg:g}°, one rest of 3 s"
-    )
-    for heading in ("", "rms", "median", "largest"):
-        table.add_column(heading, justify="right")
+    table = Columns([Column(heading, number=True) for heading in ("", "rms", "median", "largest")])
     for name, error, form in (("scale factor k", k, ".2e"), ("bias °/s", bias, ".2e")):
-        table.add_row(
+        table.add(
             name,
             f"{np.sqrt(np.mean(error**2)):{form}}",
             f"{np.median(error):+{form}}",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
+from bridge.columns import Column, Columns
 from bridge.recording import Recording
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import TurnPlan
@@ -185,12 +185,10 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
             seen[kind] += 1
             accepted[kind] += was_accepted
             wrong[kind] += was_wrong
-    table = Table(title=f"Protocols at random, method {method}", title_justify="left", box=None, pad_edge=False)
-    table.add_column("protocol")
-    for heading in ("sessions", "accepted", "accepted and wrong"):
-        table.add_column(heading, justify="right")
+    numbers = (Column(heading, number=True) for heading in ("sessions", "accepted", "accepted and wrong"))
+    table = Columns([Column("protocol"), *numbers], title=f"Protocols at random, method {method}")
     for kind in (GOOD, *kinds):
-        table.add_row(kind, str(seen[kind]), str(accepted[kind]), str(wrong[kind]))
+        table.add(kind, str(seen[kind]), str(accepted[kind]), str(wrong[kind]))
     console.print(table)
     refused = runs - accepted[GOOD]
     console.print(

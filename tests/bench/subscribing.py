@@ -1,4 +1,6 @@
-"""What a subscriber costs and bears: batches a second of CPU time, in a thread and in an event loop. `make bench`."""
+"""What a subscriber costs and bears: batches a second of CPU time, in a thread and in an event loop, and many publishers on a
+real router. `make bench`.
+"""
 
 import asyncio
 import sys
@@ -10,8 +12,11 @@ import numpy as np
 from rich.console import Console
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.bus.router import Router
+from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from estimator.client import Client
+from estimator.demo.ward import free_port
 from tests.estimator.shuffled import delivered, make_boot
 from tests.estimator.test_revision import batch
 
@@ -53,6 +58,29 @@ def loop(client: Client, fill: Callable[[], None]) -> int:
     return asyncio.run(read())
 
 
+def many_publishers(publishers: int = 1000, rounds: int = 20) -> float:
+    """CPU seconds a message of publisher, router and subscriber together, all in this process."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Router([endpoint]), ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
+        subscription = b.subscribe("t/*", history=True)
+        made = [a.publisher(f"t/{n}", cache=20) for n in range(publishers)]
+
+        def put_and_get(rounds: int) -> None:
+            for _ in range(rounds):
+                for publisher in made:
+                    publisher.put(b"")
+            left = rounds * publishers
+            while left and (new := len(subscription.drain(10_000, 5.0))):
+                left -= new
+            if left:
+                raise RuntimeError(f"{left} messages of {rounds * publishers} did not come")
+
+        put_and_get(1)
+        began = process_time()
+        put_and_get(rounds)
+        return (process_time() - began) / (rounds * publishers)
+
+
 def main() -> int:
     """Print what it costs; no verdict."""
     console = Console()
@@ -77,6 +105,8 @@ def main() -> int:
                 f"{words}, {how.__name__}: {each_us:.1f} µs a batch; {len(messages)} came, {given} given;"
                 f" 100 devices at 20 a second: {share:.1%} of a core"
             )
+    each_us = 1e6 * many_publishers()
+    console.print(f"1000 publishers on a router: {each_us:.1f} µs a message, publisher, router and subscriber together")
     return 0
 
 

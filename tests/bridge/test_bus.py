@@ -252,6 +252,7 @@ def test_a_full_queue_drops_its_oldest_and_counts_it(a: Bus, b: Bus) -> None:
         publisher.put(b"%d" % n)
     assert numbers(collect(quick, 1000)) == list(range(1000))
     eventually(lambda: slow.missed - missed == 990)
+    assert slow.missed_by_key == {"t/full": slow.missed}
     assert numbers(slow.drain(100, 1.0)) == list(range(990, 1000))
 
 
@@ -315,6 +316,7 @@ def test_what_an_outage_took_for_good_is_counted(world: World, a: Bus, b: Bus) -
     world.start()
     assert numbers(collect(subscription, 10)) == list(range(91, 101))
     eventually(lambda: subscription.missed == 90)
+    assert subscription.missed_by_key == {"t/lost": 90}
 
 
 def test_an_answer_comes_back(a: Bus, b: Bus) -> None:

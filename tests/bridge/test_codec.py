@@ -212,7 +212,7 @@ def plain(n: int = 4, **changes: Any) -> SampleBatch:
 
 STILL = Status(
     "d1", 7, 1, State.TRACKING, Quality.GOOD, "fine", 1.0, (0, 1, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0),
-    "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {},
+    "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",),
 )  # fmt: skip
 CAL = Calibration(
     "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, "", np.eye(3), np.zeros(3), ("bx",), np.eye(1),

@@ -153,6 +153,14 @@ DEVICE = (
             'ward = "w"\n[bridge]\nid = "b"\n[bridge.devices]\nid = "x"',
             "[bridge]: key 'devices': expected a list, got a table",
         ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "simulated"\nlife = "nope"',
+            "[[bridge.devices]] #2: key 'life': unknown value 'nope'; there are lively, ward",
+        ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "simulated"\nlife = "livly"',
+            "[[bridge.devices]] #2: key 'life': unknown value 'livly'; did you mean 'lively'?",
+        ),
         ('ward = "w"\n[bridge]\nid = "b"\ndevices = [3]', "[[bridge.devices]] #1: expected a table, got int"),
     ],
 )
@@ -170,13 +178,16 @@ def test_a_bad_id_is_refused_and_says_what_one_looks_like(tmp_path: Path, bad: s
 def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     assert "line 2" in refusal(tmp_path, 'ward = "w"\nbus = = 3')
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\0")
+    (tmp_path / "latin.toml").write_bytes("ward = 'w'\n# Kücke\n".encode("latin-1"))
     for path, said in [
         (tmp_path / "none.toml", "no such file"),
-        (tmp_path, "cannot be read"),
-        (tmp_path / "binary.toml", "cannot be read"),
+        (tmp_path, "a folder, where a file is expected"),
+        (tmp_path / "binary.toml", "line 1 is not UTF-8 text: save the file as UTF-8"),
+        (tmp_path / "latin.toml", "line 2 is not UTF-8 text"),
     ]:
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(ConfigError, match=said) as refused:
             load(path, Root)
+        assert "Errno" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_what_fails_while_answering_ends_that_answer_only(told: Told, health: He
 
 
 def test_a_port_in_use_is_said(health: Health) -> None:
-    with pytest.raises(OSError, match=f"cannot listen on 127.0.0.1:{health.port}"):
+    with pytest.raises(OSError, match=f"address 127.0.0.1:{health.port}: in use by another program; choose another"):
         Health(("127.0.0.1", health.port), Asked(list, list, list))
 
 

@@ -397,7 +397,48 @@ def test_one_bridge_a_device_and_no_strangers() -> None:
             other.publisher(keys.build("w", "raw", bridge="b1", device="wrist")).put(b"nonsense")
             for _ in range(3):
                 shown.turn()
-            assert shown.refused.as_dict() == {"of_another_bridge": 1, "malformed": 1}
+            assert shown.refused.as_dict() == {"of a second bridge": 1, "malformed": 1}
+        finally:
+            shown.close()
+
+
+def test_who_waits_for_a_device_that_is_not_there_is_told_who_is() -> None:
+    with MemoryBus(MemoryBroker()) as bus:
+        shown = Show(bus, Wanted("w", devices=("nobody",), tcp=tcp()))
+        try:
+            assert shown.waits_for() == "waiting for nobody in ward w; no device is heard: is a bridge running?"
+            put_raw(bus, raw(0), "b1")
+            shown.turn()
+            assert shown.waits_for() == "waiting for nobody in ward w; there are chest"
+        finally:
+            shown.close()
+
+
+def test_who_waits_for_corrected_rates_is_told_of_raw_ones() -> None:
+    with MemoryBus(MemoryBroker()) as bus:
+        shown = Show(bus, Wanted("w", tcp=tcp()))
+        try:
+            assert shown.waits_for().startswith("waiting for any device in ward w; no device is heard")
+            put_raw(bus, raw(0), "b1")
+            shown.turn()
+            assert shown.waits_for().startswith("waiting for corrected rates of chest: is an estimator running?")
+            bus.publisher(keys.build("w", "corrected", device="chest")).put(codec.encode_corrected(corrected(raw(0))))
+            shown.turn()
+            assert shown.waits_for() == ""
+        finally:
+            shown.close()
+
+
+def test_it_is_said_once_and_after_a_while(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    with MemoryBus(MemoryBroker()) as bus:
+        shown = Show(bus, Wanted("w", devices=("nobody",), tcp=tcp()))
+        try:
+            shown.turn()
+            assert "waiting" not in caplog.text
+            monkeypatch.setattr("bridge.virtual_ximu3.show._PATIENCE_S", 0.0)
+            for _ in range(3):
+                shown.turn()
+            assert caplog.text.count("waiting for nobody") == 1
         finally:
             shown.close()
 
@@ -411,7 +452,7 @@ def test_a_port_in_use_is_said() -> None:
     with socket.socket() as taken, MemoryBus(MemoryBroker()) as bus:
         taken.bind(at)
         taken.listen()
-        with pytest.raises(OSError, match=rf"127.0.0.1:{at.port} is not to be had: Address already in use"):
+        with pytest.raises(OSError, match=rf"127.0.0.1:{at.port} is not to be had: in use by another program"):
             Show(bus, Wanted("w", devices=("chest",), tcp=at))
 
 

@@ -6,6 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from bridge.config import Bridge, Device
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
 from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
+from bridge.drivers.simulated import SimulatedOptions
 from bridge.drivers.stream import StreamOptions
 from bridge.intake import Intake
 from bridge.link import Link
@@ -205,6 +207,20 @@ def status_of(device: str, boot: int, state: State) -> bytes:
     return codec.encode_status(
         Status(device, boot, 1, state, Quality.NONE, "", 0.0, (), three, three, three, "", 0, 0.0, 20.0, 0.0, 0, 0)
     )
+
+
+def test_a_bridge_whose_device_is_refused_says_so_once(
+    broker: MemoryBroker, listener: Listener, caplog: pytest.LogCaptureFixture
+) -> None:
+    words = "device d1 is sent by two bridges, b0 and b1: b1's samples are refused; stop one"
+    status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
+    config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
+    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Ward("w", config, bus):
+        for device in ("d2", "d1", "d1"):
+            said = replace(status, device=device, bridge="b0", refused_bridges=("b1",))
+            estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: words in caplog.text)
+    assert caplog.text.count("are refused") == 1
 
 
 def rate_of(batches: Sequence[SampleBatch]) -> float:

@@ -210,7 +210,8 @@ def test_uncached_messages_of_several_publishers_pass_a_subscription_with_histor
         assert got == 20_000
 
 
-def test_many_publishers_cost_their_subscriber_little() -> None:
+def test_the_keys_of_many_publishers_are_learnt() -> None:
+    """Without it each message would search the caches of all; what it costs, tests/bench/subscribing.py measures."""
     endpoint = free_endpoint()
     with Router([endpoint]), ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
         subscription = b.subscribe("t/*", history=True)
@@ -218,12 +219,11 @@ def test_many_publishers_cost_their_subscriber_little() -> None:
         for publisher in publishers:
             publisher.put(b"")
         assert eventually_counts(subscription, 1000)
-        busy = time.process_time()
         for _ in range(20):
             for publisher in publishers:
                 publisher.put(b"")
         assert eventually_counts(subscription, 20_000)
-        assert (time.process_time() - busy) / 20_000 < 20e-6  # all three together; 4e-6 measured
+        assert b._known == {f"t/{n}" for n in range(1000)}
 
 
 def eventually_counts(subscription: Subscription, count: int) -> bool:

@@ -39,6 +39,22 @@ def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.Capture
     assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
 
 
+def test_a_store_that_is_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "ward.toml"
+    config.write_text(f'ward = "w"\n[estimator]\nid = "e"\nstore = "{tmp_path}"\n')
+    for verb in (["config", "check"], ["estimator", "serve"]):
+        assert main([*verb, str(config)]) == 2
+        assert f"store is '{tmp_path}', which is a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("text", "said"), [("", "needs words"), (" \t", "needs words"), ("x" * 501, "at most 500")])
+def test_a_note_that_says_nothing_or_too_much_is_refused_at_once(
+    text: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["note", "chest", text]) == 2
+    assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("method", ["closure", "turn360"])
 def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0

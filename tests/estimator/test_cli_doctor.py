@@ -1,15 +1,20 @@
 """`truerate doctor`: in words or as JSON, and an exit code that tells trouble."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bridge.bus.router import Router
+from bridge.bus.zenoh_bus import ZenohBus
 from bridge.doctor import terminals
 from bridge.doctor.finding import trouble
+from bridge.wire import keys
+from bridge.wire.codec import encode_status
 from estimator.cli import main
 from estimator.demo.ward import free_port
+from tests.estimator.test_glance import STATUS
 
 WARD = """ward = "w"
 [bus]
@@ -49,6 +54,22 @@ def test_a_ward_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert found["config"][0] == found["disk, store"][0] == found["ports"][0] == "ok"
     shown = capsys.readouterr().out
     assert f"! device gone: {tmp_path}/gone is not there\n    do: plug it in" in shown
+
+
+def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    endpoint, config = f"tcp/127.0.0.1:{free_port()}", tmp_path / "ward.toml"
+    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
+    with Router([endpoint]), ZenohBus([endpoint]) as bus:
+        said = bus.publisher(keys.build("w", "status", device="a"), cache=1)
+        alone = replace(STATUS, bridge="b1")
+        for status, code, level in (
+            (alone, 0, "ok"),
+            (replace(alone, refused_bridges=("b2",)), 1, "trouble"),
+        ):
+            said.put(encode_status(status))
+            found = look(capsys, str(config))
+            assert (found[0], found[1]["bridges of the ward"][0]) == (code, level)
+    assert "b2's samples are refused; stop one" in found[1]["bridges of the ward"][1]
 
 
 def test_trouble_is_an_exit_code(

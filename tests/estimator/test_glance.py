@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
-from estimator.glance import as_json, glance
+from estimator.glance import as_json, glance, most, total
 from estimator.service.law import EVENT
 from tests.estimator.stream import info as info_of
 
@@ -79,6 +79,32 @@ def test_a_broken_law_is_trouble() -> None:
         assert words in seen.law["a"]
         assert not seen.well
         assert as_json(seen)["law"]["holds"] is False
+
+
+def test_a_device_that_two_bridges_send_is_trouble_until_one_stops() -> None:
+    found = {
+        name: replace(s, bridge="b1", refused_bridges=("b2",), events={"also from b2": 50, "gaps": 3})
+        for name, s in statuses(a=State.TRACKING, c=State.TRACKING).items()
+    }
+    seen = glance("w", found, infos("a", "c"), ["b1", "b2"], ["e"])
+    assert seen.troubles == ["devices a, c are sent by two bridges, b1 and b2: b2's samples are refused; stop one"]
+    assert not seen.well
+    assert seen.unused["a"] == {"sent by b2 as well": 50, "repeated": 10}
+    over = {name: replace(s, refused_bridges=()) for name, s in found.items()}
+    assert glance("w", over, infos("a", "c"), ["b1", "b2"], ["e"]).well
+
+
+def test_what_was_not_used_is_told_with_its_reasons_most_first() -> None:
+    found = statuses(a=State.TRACKING, b=State.TRACKING, d=State.TRACKING)
+    found["a"] = replace(found["a"], dropped={})
+    found["b"] = replace(found["b"], dropped={"range": 1, "old_boot": 40, "non_finite": 2, "duplicate": 7})
+    seen = glance("w", found, infos("a", "b", dropped={"overflow": 5}), ["bridge"], ["e"])
+    assert list(seen.unused) == ["b", "d", "a"]
+    assert most(seen.unused["b"]) == (
+        "40 of an earlier boot, 7 repeated, 5 more than there was room for (at bridge), 3 for other reasons"
+    )
+    assert total(seen.unused)["repeated"] == 17
+    assert as_json(seen)["unused"]["devices"]["d"] == {"repeated": 10}
 
 
 def test_an_empty_ward_is_not_well() -> None:

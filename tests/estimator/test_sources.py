@@ -54,11 +54,22 @@ def test_an_outage_of_the_bus_gives_a_device_to_nobody_else() -> None:
 
 def test_only_so_many_bridges_are_named() -> None:
     source = Source(2.0)
-    assert source.label("b1") == "also from b1"
-    labels = {source.label(f"b{n}") for n in range(1000)}
+    assert source.label("b1", 0.0) == "also from b1"
+    labels = {source.label(f"b{n}", 0.0) for n in range(1000)}
     assert len(labels) == NAMED_BRIDGES + 1
     assert "also from others" in labels
-    assert all(len(source.label("x" * 32)) <= 64 for _ in range(2))
+    assert all(len(source.label("x" * 32, 0.0)) <= 64 for _ in range(2))
+
+
+def test_who_is_refused_now_is_known_until_silent() -> None:
+    source = Source(2.0)
+    assert source.owns("b1", 0.0)
+    source.label("b2", 0.0)
+    source.label("b3", 2.0)
+    assert source.refused(2.9) == ("b2", "b3")
+    assert source.refused(3.1) == ("b3",)
+    assert source.owns("b3", 3.1)
+    assert source.refused(3.2) == ()
 
 
 def test_what_goes_on_is_taken_at_any_pace(source: Stream) -> None:

@@ -1,6 +1,7 @@
 """The service in trouble: failing sessions, several senders, phantoms, full disks, other estimators."""
 
 import logging
+import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,6 +16,8 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
+from estimator import config
+from estimator.config import Estimator
 from estimator.service import roster, serve, sources
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession, Outcome
@@ -106,7 +109,12 @@ def test_a_second_bridge_silences_nobody(
     status = ward.latest()
     assert status.samples_out == len(once)
     assert status.events == {"also from second": sum(len(b) for b in batches[::3])}
-    assert caplog.text.count("give one of them another name") == 1
+    assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
+    said = f"device {NAME} is sent by two bridges, bridge and second: second's samples are refused; stop one"
+    assert caplog.text.count(said) == 1
+    clock[0] += 4.0  # the second is silent
+    ward.service.step(0.0)
+    assert ward.latest().refused_bridges == ()
 
 
 def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
@@ -296,6 +304,24 @@ def look(broker: MemoryBroker, own: str, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(process, "_LOOK_S", 0.1)
     monkeypatch.setattr(process, "_GONE_S", 0.3)
     serve.look_round(MemoryBus(broker), WARD, own).close()
+
+
+def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broker = MemoryBroker()
+    monkeypatch.setattr(process, "_LOOK_S", 0.1)
+    monkeypatch.setattr(process, "_GONE_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as taken, MemoryBus(broker) as first:
+        settings = Estimator(id="e1", store=str(tmp_path / "s.sqlite3"), health=f"127.0.0.1:{taken.getsockname()[1]}")
+        ward = config.Ward(ward=WARD, estimator=settings)
+        monkeypatch.setattr(serve, "connected", lambda *_, **__: MemoryBus(broker))
+        token = first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))
+        with pytest.raises(BusError, match="e1 serves ward w already"):
+            serve.run(ward)
+        token.close()
+        with pytest.raises(OSError, match="in use by another program; choose another `health`"):
+            serve.run(ward)
 
 
 def test_the_same_estimator_twice_is_refused(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:

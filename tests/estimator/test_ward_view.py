@@ -24,7 +24,7 @@ WARD = "w"
 
 def status(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
     plain = DeviceSession(device).status(7)
-    return replace(plain, state=state, quality=Quality.GOOD, reason="all is well", **changes)
+    return replace(plain, state=state, quality=Quality.GOOD, **{"reason": "all is well", **changes})
 
 
 def about(device: str, **changes: Any) -> DeviceInfo:
@@ -128,6 +128,30 @@ def test_it_fits_a_terminal_and_says_what_does_not(width: int, height: int) -> N
         assert shown[-1].startswith(f"… and {len(rows) - (height - 3)} more: ")
     else:
         assert shown[-1].startswith("ok")
+
+
+@pytest.mark.parametrize("width", [20, 40, 60])
+def test_a_column_without_room_is_left_out_whole(width: int) -> None:
+    rows = view(status("a" * 32, rate_hz=104.0), about("a" * 32, battery_percent=87.0)).rows(10.0)
+    _, headings, line = (shown.plain for shown in watch_ward.lines(rows, "head", width))
+    assert ("battery" in headings) == ("87 %" in line)
+    assert "…" not in headings or width < 48
+
+
+def test_once_nothing_is_cut() -> None:
+    rows = view(status("wrist", reason="no samples for " + "1" * 80)).rows(10.0)
+    assert "1" * 80 in watch_ward.lines(rows, "head", 60, cut=False)[2].plain
+
+
+def test_of_two_bridges_the_one_whose_samples_are_taken_has_the_word() -> None:
+    seen = view(
+        status("a", bridge="b1", refused_bridges=("b2",)),
+        about("a", bridge="b1", battery_percent=50.0),
+        about("a", bridge="b2", battery_percent=70.0),
+    )
+    (row,) = seen.rows(10.0)
+    assert row.battery_percent == 50.0
+    assert row.notices["bridges"].endswith("b2's samples are refused; stop one")
 
 
 def test_where_there_is_no_width_nothing_is_cut() -> None:

@@ -3,11 +3,14 @@
 import io
 from dataclasses import replace
 
-from rich.console import Console
+import pytest
+from rich.console import Console, RenderableType
 
-from bridge.wire.messages import BootCause, DeviceInfo
-from estimator import watch
+from bridge.wire.messages import BootCause, DeviceInfo, State
+from estimator import screen, watch
+from estimator.glance import glance
 from tests.estimator.test_revision import revision
+from tests.estimator.test_ward_view import status
 
 INFO = DeviceInfo(
     device="wrist-right-01",
@@ -29,14 +32,19 @@ INFO = DeviceInfo(
 )
 
 
+def hardware(info: DeviceInfo) -> dict[str, str]:
+    headings = [column.heading for column in watch._HARDWARE]
+    return dict(zip(headings, watch._hardware_row(info), strict=True))
+
+
 def test_every_heading_has_its_value() -> None:
-    row = dict(zip(watch._HARDWARE, watch._hardware_row(INFO), strict=True))
+    row = hardware(INFO)
     assert row["device"] == "wrist-right-01"
     assert row["what it is"] == "truerate-virtual 1.0"
     assert row["bridge"] == "bridge-1"
     assert row["Hz"] == "103.9 of 104"
     assert row["samples"] == "123456"
-    assert row["not published or in trouble"] == "3 non_finite"
+    assert row["not published or in trouble"] == "3 not finite"
 
 
 def test_it_fits_80_columns_with_whole_names() -> None:
@@ -49,10 +57,37 @@ def test_it_fits_80_columns_with_whole_names() -> None:
     assert max(map(len, shown.splitlines())) <= 80
 
 
+LONG = replace(INFO, device="wrist-right-of-bed-17-ward-three", bridge="bridge-in-the-corridor-west-two")
+STATUS = replace(status("wrist-right-01", State.AWAITING_STILL), rate_hz=104.0)
+BUSY = replace(STATUS, dropped={"duplicate": 987654321, "old_boot": 12345678}, refused_bridges=("b2",), bridge="b1")
+
+
+@pytest.mark.parametrize("width", [80, 60])
+def test_what_does_not_fit_is_folded_or_left_out_and_no_number_is_cut(width: int) -> None:
+    seen = glance("w", {INFO.device: BUSY}, {INFO.device: INFO, LONG.device: LONG}, ["b1", "b2"], ["e"])
+    for table in (
+        watch._hardware({INFO.device: INFO, LONG.device: LONG}),
+        screen.table({INFO.device: BUSY}),
+        watch._glance(seen),
+        watch._panel(INFO.device, None, BUSY),
+    ):
+        shown = printed(table, width)
+        assert "…" not in shown
+        assert max(map(len, shown.splitlines())) <= width
+    assert "123456" in printed(watch._hardware({LONG.device: LONG}), width)
+    assert {"987654321", "12345678"} <= set(printed(watch._glance(seen), width).split())
+    assert "103.9 of 104" in printed(watch._hardware({INFO.device: INFO}), width)
+
+
+def printed(table: RenderableType, width: int) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    console.print(table)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
 def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
-    row = dict(
-        zip(watch._HARDWARE, watch._hardware_row(replace(INFO, boot=0, trouble="the port is missing")), strict=True)
-    )
+    row = hardware(replace(INFO, boot=0, trouble="the port is missing"))
     assert row["what it is"] == "not heard yet"
     assert row["not published or in trouble"] == "the port is missing"
 

@@ -123,7 +123,12 @@ def test_one_port_under_two_names_is_seen(tmp_path: Path) -> None:
 
 
 def test_a_device_that_is_not_plugged_in_is_told(tmp_path: Path) -> None:
-    assert terminals.present({"a": "tcp://h:1", "b": str(tmp_path)}) == []
+    master, terminal = os.openpty()
+    assert terminals.present({"a": "tcp://h:1", "b": os.ttyname(terminal)}) == []
+    os.close(master)
+    os.close(terminal)
+    level, said, _ = only(terminals.present({"a": "/dev/null"}))
+    assert (level, said) == (Level.TROUBLE, "/dev/null is not a serial port")
     level, said, do = only(terminals.present({"a": str(tmp_path / "gone")}))
     assert (level, said) == (Level.WARNING, f"{tmp_path}/gone is not there")
     assert "truerate bridge scan" in do

@@ -67,6 +67,13 @@ def test_a_device_that_says_little_is_listened_to_longer(tmp_path: Path) -> None
         assert what(scan(port.link, 0.6, [115_200])) == ("line", 115_200)
 
 
+@pytest.mark.parametrize("port", ["/dev/null", "/dev/zero", __file__, "/"])
+def test_what_is_no_serial_port_is_not_called_busy(port: str) -> None:
+    with Path("/dev/null").open("rb"):
+        verdict = scan(port)
+    assert (verdict.guess, verdict.words) == (None, "not a serial port")
+
+
 def test_what_booted_with_the_opening_is_said(tmp_path: Path) -> None:
     with talking(tmp_path / "port", lines(first=1000, n=3000)) as young:
         assert "it seems to have booted because the port was opened" in scan(young.link).words

@@ -1,0 +1,47 @@
+"""Devices that several bridges send: one is listened to, what the others send is refused. Said wherever somebody looks."""
+
+import logging
+from collections.abc import Iterable, Sequence
+
+from bridge.wire.messages import Status
+
+_MOST = 4  # devices that are named
+_log = logging.getLogger(__name__)
+
+
+def words(devices: Sequence[str], owner: str, refused: Sequence[str]) -> str:
+    """That it is so, whose samples are not used, and what to do."""
+    whose = ", ".join(f"{bridge}'s" for bridge in refused)
+    bridges = f"{'two' if len(refused) == 1 else len(refused) + 1} bridges, {', '.join([owner, *refused[:-1]])} and {refused[-1]}"
+    what = "stop one" if len(refused) == 1 else "stop all but one"
+    return f"{named(devices)} sent by {bridges}: {whose} samples are refused; {what}"
+
+
+def named(devices: Sequence[str]) -> str:
+    """The first few of them, with the verb."""
+    if len(devices) == 1:
+        return f"device {devices[0]} is"
+    left = len(devices) - _MOST
+    return f"devices {', '.join(devices[:_MOST])}{f' and {left} more' if left > 0 else ''} are"
+
+
+def found(statuses: Iterable[Status]) -> list[str]:
+    """A sentence for each set of bridges that get into each other's way now."""
+    sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for status in statuses:
+        if status.refused_bridges:
+            sets.setdefault((status.bridge, tuple(sorted(status.refused_bridges))), []).append(status.device)
+    return [words(sorted(devices), owner, refused) for (owner, refused), devices in sorted(sets.items())]
+
+
+class Rivals:
+    """What a bridge itself is told of its devices: the first time that one is refused."""
+
+    def __init__(self, bridge: str, devices: Iterable[str]) -> None:
+        self._bridge, self._untold = bridge, set(devices)
+
+    def take(self, status: Status) -> None:
+        """The estimator's word on a device."""
+        if self._bridge in status.refused_bridges and status.device in self._untold:
+            self._untold.discard(status.device)
+            _log.warning("%s (said once)", words([status.device], status.bridge, status.refused_bridges))
