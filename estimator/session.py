@@ -23,7 +23,7 @@ from bridge.wire.messages import (
 )
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats, Rest, Samples
-from estimator.batch.methods import DEFAULT
+from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.block import BLOCK_S, Block, sample_time_ns

@@ -8,8 +8,9 @@ import numpy as np
 from bridge.wire.messages import Verdict
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
-from estimator.batch.methods import BY_MOVEMENTS, DEFAULT, METHODS
+from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.batch.movements import Movements
+from estimator.batch.names import DEFAULT
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
 from estimator.batch.result import PARAMETERS, Result, nothing
 from estimator.batch.stages import StageKnobs, Stages

@@ -1,15 +1,16 @@
 """`truerate estimator serve`: sessions on the bus, signals, and the wait for a router."""
 
 import logging
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from importlib import import_module
 
 from bridge.bus.contract import Bus, Declared
 from bridge.config import listening
 from bridge.health import Health
 from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
-from estimator.service.shell import Service
-from estimator.service.store import Store
+from estimator.database import Database
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -26,18 +27,26 @@ def run(ward: Ward) -> None:
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
             stack.enter_context(Health(listening(ward.estimator.health), vitals.asked))
-        store = Store(ward.estimator.store, patient=True)
-        stack.callback(store.close)
+        database = Database(ward.estimator.store, patient=True)
+        stack.callback(database.close)
         data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
         if data is None or control is None:
             return
         stack.enter_context(data)
         stack.enter_context(control)
-        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id)))
-        Service(ward.ward, ward.estimator, data, control, store, vitals=vitals).run(stop)
+        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load)))
+        from estimator.service.shell import Service  # noqa: PLC0415 - see _load
+        from estimator.service.store import Store  # noqa: PLC0415
+
+        Service(ward.ward, ward.estimator, data, control, Store(database), vitals=vitals).run(stop)
 
 
-def look_round(control: Bus, ward: str, own: str) -> Declared:
+def _load() -> None:
+    """The mathematics: loading it takes as long as looking round, and a ward waits for an estimator that starts again."""
+    import_module("estimator.service.shell")
+
+
+def look_round(control: Bus, ward: str, own: str, meanwhile: Callable[[], None] = lambda: None) -> Declared:
     """Watch the other estimators of the ward, and warn of each; raises BusError when one of them has our own id."""
     return alone(
         control,
@@ -47,4 +56,5 @@ def look_round(control: Bus, ward: str, own: str) -> Declared:
         lambda name: log.warning(
             "estimator %s serves ward %s too: devices will be corrected twice; stop one of them", name, ward
         ),
+        meanwhile,
     )

@@ -30,8 +30,8 @@ BOOTS, POINTS = 8, 300
 class Store:
     """One open store; used from one thread. `patient`: where the disk does not let us, it goes on without and tries again."""
 
-    def __init__(self, path: Path | str, *, patient: bool = False) -> None:
-        self.database = Database(path, patient=patient)
+    def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
+        self.database = path if isinstance(path, Database) else Database(path, patient=patient)
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
