@@ -173,6 +173,11 @@ class DeviceSession:
         return self.sequence.boot
 
     @property
+    def near(self) -> bool:
+        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
+        return self._capture is not None and self._capture.near
+
+    @property
     def applied(self) -> Correction:
         """What is applied to the samples that come next."""
         return self._applied

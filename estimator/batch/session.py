@@ -132,6 +132,13 @@ class CalibrationSession:
         return tuple(axis for axis in range(3) if axis not in self.turns)
 
     @property
+    def near(self) -> bool:
+        """Whether the method may run after the next movement."""
+        if self._by_movements:
+            return len(self._movements) + 1 >= BY_MOVEMENTS[self.method]
+        return len(self.turns) >= 2
+
+    @property
     def movements(self) -> tuple[Movement, ...]:
         """What was kept of all that lay between rests, full turns or not."""
         return self._movements.all()

@@ -30,6 +30,8 @@ class Device:
     def __init__(self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float) -> None:
         self.name = name
         self.source = Source(silence_s)
+        #: what it is heard under
+        self.key = ""
         self.heard = now
         self.checkpointed = self.recorded = 0.0
         self.unsaved: list[Calibration] = []

@@ -22,6 +22,7 @@ from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
+from estimator.service.turns import Turns
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome, Remembered, SessionKnobs
 
@@ -32,6 +33,8 @@ STATUS_S = 1.0
 SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
+#: messages of a device that sends too many are counted under this
+FLOODED = "messages flooded"
 
 
 class Service:
@@ -59,6 +62,7 @@ class Service:
         self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
+        self._turns = Turns(self._lane.take, self._flooded)
         self._commands = Commands()
         self._next_status = 0.0
         self._connected = True
@@ -87,14 +91,14 @@ class Service:
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
-        """One round: what has come in, what was asked, what is due. How many sample messages came."""
-        messages = self._raw.drain(512, timeout_s)
+        """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
+        messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.waiting else timeout_s)
         began = time.monotonic()
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        self._lane.take(messages)
+        self._turns.round(messages)
         self._commands.work(self._do)
         now = time.monotonic()
         if now - began > SLOW_S:
@@ -103,7 +107,7 @@ class Service:
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
-        return len(messages)
+        return len(messages) + self._turns.waiting
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -114,6 +118,12 @@ class Service:
             device = None
         if device is not None:
             device.session.count_event(f"refused {refusal.reason}")
+
+    def _flooded(self, key: str, messages: int) -> None:
+        self.counts.add(FLOODED, messages)
+        device = self._devices.get(key.rpartition("/")[2])
+        if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
+            log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
 
     def _on_info(self, info: DeviceInfo) -> None:
         before = self._devices.info(info.bridge, info.device)
@@ -145,7 +155,7 @@ class Service:
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
-            device.heard = now
+            device.heard, device.key = now, message.key
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now))
             return
@@ -201,6 +211,7 @@ class Service:
             device.say_revision(outcome.revision)
         if outcome.changed:
             device.say_status(self._now_ns())
+            self._turns.slow(device.key, now=device.session.near)
 
     def _every_second(self, now: float) -> None:
         self._stock.check()

@@ -90,6 +90,8 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
         patch.setattr(DeviceSession, "keep", counted)
         for _ in rounds:
             service.step(0.0)
+        while service.step(0.0):  # a device that may be done with its calibration waits for the others
+            pass
     said: dict[str, list[bytes]] = {}
     for where, payload in bus.said:
         said.setdefault(where, []).append(payload)

@@ -58,11 +58,16 @@ class Ward:
             for batch in batches[start : start + 100]:
                 self._raw.put(codec.encode_samples(batch))
             self.service.step(0.0)
-        self.service.step(0.0)
+        self.settle()
+
+    def settle(self) -> None:
+        """Until nothing waits any more."""
+        while self.service.step(0.0):
+            pass
 
     def put(self, payload: bytes, **ids: str) -> None:
         MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)
-        self.service.step(0.0)
+        self.settle()
 
     def latest(self) -> Status:
         """The status, published anew."""
