@@ -35,6 +35,8 @@ class Device:
         self.heard = now
         self.checkpointed = self.recorded = 0.0
         self.unsaved: list[Calibration] = []
+        #: calibrations, encoded, that are said once they are kept
+        self.unsaid: dict[str, bytes] = {}
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last

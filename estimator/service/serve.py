@@ -35,10 +35,13 @@ def run(ward: Ward) -> None:
         stack.enter_context(data)
         stack.enter_context(control)
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load)))
-        from estimator.service.shell import Service  # noqa: PLC0415 - see _load
+        from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
+        from estimator.service.shell import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415
 
-        Service(ward.ward, ward.estimator, data, control, Store(database), vitals=vitals).run(stop)
+        clerk = Clerk(database)
+        stack.callback(clerk.close)
+        Service(ward.ward, ward.estimator, data, control, Store(database), vitals=vitals, clerk=clerk).run(stop)
 
 
 def _load() -> None:

@@ -13,6 +13,7 @@ from estimator.config import Estimator
 from estimator.device_knobs import knobs_of
 from estimator.door import Door
 from estimator.noise_model import load_model
+from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.lane import Lane
@@ -49,11 +50,12 @@ class Service:
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
         vitals: Vitals | None = None,
+        clerk: Writes | None = None,
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
         self._bus, self._now_ns, self._store_path = data, now_ns, store.path
-        self._record = Record(store, self.counts, now_ns)
+        self._record = Record(store, self.counts, now_ns, clerk)
         usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
         self._knobs = knobs_of(load_model(settings.model), usual)
         self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
@@ -85,6 +87,7 @@ class Service:
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+        self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
         for thing in (*self._declared, self._raw, self._info, *self._devices.values()):
             thing.close()
@@ -100,6 +103,7 @@ class Service:
                 self._on_info(info)
         self._turns.round(messages)
         self._commands.work(self._do)
+        self._record.collect()
         now = time.monotonic()
         if now - began > SLOW_S:
             for device in self._devices.values():
@@ -203,9 +207,7 @@ class Service:
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
         if outcome.calibration is not None:
-            payload = self._record.calibration(device, outcome.calibration, time.monotonic())
-            if payload is not None:
-                device.say_calibration(payload)
+            self._record.calibration(device, outcome.calibration, time.monotonic())
         device.say_corrected(outcome.corrected)
         if outcome.revision is not None:
             device.say_revision(outcome.revision)

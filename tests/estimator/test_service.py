@@ -15,6 +15,8 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply, DeviceInfo, Note, Quality, SampleBatch, State, Status, Verdict
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
+from estimator.database import Database
+from estimator.service.clerk import Writes
 from estimator.service.shell import Service
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Outcome
@@ -40,10 +42,12 @@ class Ward:
         self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
         self.start()
 
-    def start(self) -> None:
+    def start(self, clerk: Callable[[Database], Writes | None] = lambda _: None) -> None:
         self.store = Store(self.path)
         self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
-        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: 1_700_000_000_000_000_000)
+        now_ns = 1_700_000_000_000_000_000
+        writes = clerk(self.store.database)
+        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: now_ns, clerk=writes)
 
     def kill(self) -> None:
         """Nothing is said or written any more; what was written is there."""
