@@ -69,7 +69,9 @@ def alone(
 ) -> Declared:
     """Watch the others of a kind, `bridge` or `estimator`, in a ward; another(id) is told of each.
 
-    It takes a while to hear of them: time for meanwhile(). Raises BusError when one of them has our own id, and is not just one that was killed and may still seem alive.
+    It takes a while to hear of them: time for meanwhile().
+
+    Raises BusError when one of them has our own id, and is not just one that was killed and may still seem alive.
     """
     there: dict[str, bool] = {}
 

@@ -47,7 +47,10 @@ class Change(NamedTuple):
 
 
 class Database:
-    """Written from one thread, read from one, the same or another. With `patient`, a disk that does not let us is no error but `trouble`, until it does."""
+    """Written from one thread, read from one, the same or another.
+
+    With `patient`, a disk that does not let us is no error but `trouble`, until it does.
+    """
 
     def __init__(self, path: Path | str, *, patient: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
         self.path = str(path)

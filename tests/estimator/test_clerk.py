@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bridge.wire.messages import Quality
-from estimator.database import StoreError
+from estimator.database import Database, StoreError
 from estimator.service import clerk as rules
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
@@ -30,7 +30,12 @@ def test_samples_do_not_wait_for_a_disk_and_a_calibration_is_said_when_it_is_kep
     ward = Ward(tmp_path)
     ward.kill()
     clerks: list[Clerk] = []
-    ward.start(lambda database: clerks.append(Clerk(database)) or clerks[0])  # type: ignore[func-returns-value]
+
+    def hired(database: Database) -> Clerk:
+        clerks.append(Clerk(database))
+        return clerks[0]
+
+    ward.start(hired)
     stream = calibration(seed=1)
     with closing(sqlite3.connect(ward.path, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")  # whoever writes now waits
