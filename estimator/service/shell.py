@@ -95,7 +95,7 @@ class Service:
 
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
-        messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.waiting else timeout_s)
+        messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)

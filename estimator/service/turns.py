@@ -15,6 +15,8 @@ from bridge.bus.contract import Message
 SHARE = 32
 #: so many may wait, a bus's cache among them; of more the oldest are dropped
 MOST = 2048
+#: so many of those of one device are handled in a second: a whole cache at once, but no flood for ever
+A_SECOND = 2048
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
 #: with so many waiting of all devices together nothing more is taken in
@@ -35,6 +37,7 @@ class Turns:
         self._take, self._dropped, self._clock = take, dropped, clock
         self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
         self._slow: set[str] = set()
+        self._spent, self._second = Counter[str](), 0
         #: how many messages wait
         self.waiting = 0
 
@@ -42,6 +45,11 @@ class Turns:
     def full(self) -> bool:
         """Whether what waits should become less first."""
         return self.waiting >= FULL
+
+    @property
+    def pressing(self) -> bool:
+        """Whether there is something to be done even if nothing more comes."""
+        return self._next() is not None
 
     def slow(self, key: str, *, now: bool) -> None:
         """Whether a message of this key may now take as long as a calibration does."""
@@ -55,17 +63,26 @@ class Turns:
         """Handle what came, and some of what waits."""
         self._take(self._prompt(messages))
         until = self._clock() + ASIDE_S
-        while self.waiting:
-            key = next(key for key, queue in self._queues.items() if queue)
+        while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
             part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
             self.waiting -= len(part)
+            self._spent[key] += len(part)
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             self._take(part)
             if self._clock() >= until:
                 return
+
+    def _next(self) -> str | None:
+        if not self.waiting:
+            return None
+        second = int(self._clock())
+        if second != self._second:
+            self._second = second
+            self._spent.clear()
+        return next((key for key, queue in self._queues.items() if queue and self._spent[key] < A_SECOND), None)
 
     def _prompt(self, messages: Sequence[Message]) -> Sequence[Message]:
         if not self._queues and len(messages) <= SHARE:

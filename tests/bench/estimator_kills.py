@@ -57,6 +57,11 @@ def main() -> int:
         console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s (goal {GOAL_S:g} s)")
     for what, seconds_of in starts.items():
         console.print(f"of which {what}: median {np.median(seconds_of):.2f} s, worst {max(seconds_of):.2f} s")
+    moved = np.concatenate([kill.moved for kill in kills])
+    console.print(
+        f"the bias is where it was within its standard deviation: {(moved <= 1).mean():.1%}; "
+        f"median {np.median(moved):.2f}, p99 {np.percentile(moved, 99):.2f} of it"
+    )
     faults = sum(len(kill.faults) for kill in kills)
     console.print(f"{len(kills)} kills, {faults} faults, {(first > GOAL_S).sum()} beyond the goal")
     return int(bool(faults or (first > GOAL_S).any()))

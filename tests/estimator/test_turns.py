@@ -33,6 +33,7 @@ class Desk:
     def finish(self) -> None:
         while self.turns.waiting:
             self.turns.round(())
+            self.now += 0.0 if self.turns.pressing else 0.1
 
 
 def messages(key: str, begin: int, end: int) -> list[Message]:
@@ -61,6 +62,18 @@ def test_a_flood_waits_for_the_others_and_is_dropped_from_the_oldest_on() -> Non
     assert len(flood) + desk.dropped["flood"] == 40_000
     assert flood[-1] == 39_999, "what is newest is kept"
     assert desk.dropped.keys() == {"flood"}
+
+
+def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
+    desk = Desk()
+    for millisecond in range(10_000):
+        desk.turns.round(messages("flood", 10 * millisecond, 10 * millisecond + 10))
+        desk.turns.round(messages("flood", 10**6 + 90 * millisecond, 10**6 + 90 * (millisecond + 1)))
+        desk.now = max(desk.now, 1e-3 * millisecond)
+    assert desk.turns.pressing is False
+    handled = len(desk.numbers("flood"))
+    assert handled < 12 * (rules.A_SECOND + rules.SHARE)
+    assert handled + desk.dropped["flood"] + desk.turns.waiting == 10**6
 
 
 def test_fifty_long_calibrations_are_one_between_two_rounds() -> None:
