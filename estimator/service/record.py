@@ -28,9 +28,7 @@ PROBE_S = 5.0
 class Record:
     """What is kept of the ward's devices; no method raises StoreError."""
 
-    def __init__(
-        self, store: Store, counts: Tally, now_ns: Callable[[], int], clerk: Writes | None = None
-    ) -> None:
+    def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int], clerk: Writes | None = None) -> None:
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")

@@ -1,4 +1,4 @@
-"""Fifty devices calibrated in the same moment while 950 stream: how much later do the samples of the others come? `make bench`.
+"""Fifty devices calibrated at once while 950 stream: how much later do the samples of the others come? `make bench-faults`.
 
 In one process, over a bus that only takes note, in the time of this thread: what an estimator on an idle core would need. All
 messages of a period arrive together; a message is late by what passes until its corrected batch is published. Beside it the
@@ -108,8 +108,7 @@ def late(*, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dtype[np.float64
 
         for number in range(begin):
             line.arrive(0.0, of_those(number))
-        while not line.over or service.step(0.0):
-            service.step(0.0)
+        _finish(service, line)
         begun_s = line.now() + 1.0
         arrivals = []
         for number in range(begin, len(batches) + round(AFTER_S / PERIOD_S)):
@@ -117,8 +116,7 @@ def late(*, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dtype[np.float64
             others = [Message(fleet.keys[i], payload) for i, payload in fleet.round(number - begin, time.time_ns())]
             line.arrive(at_s, [*of_those(number), *others])
             arrivals.append(at_s)
-        while not line.over or service.step(0.0):
-            service.step(0.05)
+        _finish(service, line)
         counted = sum(bool(device.session.calibration) for device in service._devices.values())
         assert counted == (CALIBRATED if calibrated else 0), counted
         store.close()
@@ -129,6 +127,11 @@ def late(*, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dtype[np.float64
     return result
 
 
+def _finish(service: Service, line: Line) -> None:
+    while service.step(0.05) or not line.over:
+        pass
+
+
 def main() -> int:
     """Print a table; 1 when the goal is missed."""
     table = Table(title=f"{OTHERS} others, ms of a core after their arrival")
@@ -137,7 +140,7 @@ def main() -> int:
     usual = late(calibrated=False)
     base = float(usual.max())
     found = late(calibrated=True)
-    before, turns.Turns.slow = turns.Turns.slow, lambda *_, **__: None  # type: ignore[assignment, method-assign]
+    before, turns.Turns.slow = turns.Turns.slow, lambda *_, **__: None  # type: ignore[method-assign]
     share, turns.SHARE = turns.SHARE, 10**6
     try:
         unfair = late(calibrated=True)

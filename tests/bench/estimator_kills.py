@@ -1,4 +1,4 @@
-"""How long a killed estimator takes to be back: 200 of them, at random moments under load. `make bench`.
+"""How long a killed estimator takes to be back: 200 of them, at random moments under load. `make bench-faults`.
 
 Seconds from the start of the new process to the first GOOD corrected sample at a subscriber (goal 2 s), and what was not gone
 on with: calibration, bias, samples, acknowledged calibrations, the store. Beside it what starting the interpreter costs.

@@ -1,9 +1,10 @@
-"""Who suffers when somebody misbehaves: one should, and nobody else. `make bench-suffering`.
+"""Who suffers when somebody misbehaves: one should, and nobody else. `make bench-faults`.
 
-100 devices at 104 Hz in batches of 5 (where somebody is frozen: at 562.5 Hz in batches of 28) through a router of ours and an estimator, all processes of their own. In one run each:
-nobody misbehaves; a subscriber of corrected rates, or of raw samples, is stopped (SIGSTOP) for ten seconds; one device sends
-10,000 batches a second under its key; the store's disk takes 2 s for every fsync. Latency is from the sender's put to a
-healthy subscriber; a hole is the longest time in which that subscriber heard nothing of any device, or nothing of one.
+100 devices at 104 Hz in batches of 5 (where somebody is frozen: at 562.5 Hz in batches of 28) through a router of ours and an
+estimator, all processes of their own. In one run each: nobody misbehaves; a subscriber of corrected rates, or of raw samples,
+is stopped (SIGSTOP) for ten seconds; one device sends 10,000 batches a second under its key; the store's disk takes 2 s for
+every fsync. Latency is from the sender's put to a healthy subscriber; a hole is the longest time in which that subscriber
+heard nothing of any device, or nothing of one.
 """
 
 import argparse
@@ -92,7 +93,11 @@ class Healthy(threading.Thread):
 def process(*words: str, env: dict[str, str] | None = None, log: Path) -> Iterator[subprocess.Popen[bytes]]:
     with log.open("ab") as out:
         started = subprocess.Popen(
-            [sys.executable, "-m", *words], stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=os.environ | (env or {})
+            [sys.executable, "-m", *words],
+            stdout=out,
+            stderr=out,
+            stdin=subprocess.DEVNULL,
+            env=os.environ | (env or {}),
         )
     try:
         yield started
@@ -141,7 +146,10 @@ def run(trouble: str, seconds: float) -> Suffered:
             victim = stack.enter_context(process("tests.bench.subscriber", endpoint, WARD, what, log=heard))
             while "ready" not in heard.read_text():
                 time.sleep(0.05)
-        fleet, bus = Fleet(DEVICES, *(FAST if "frozen" in trouble or "fast" in trouble else USUAL)), stack.enter_context(ZenohBus([endpoint]))
+        fleet, bus = (
+            Fleet(DEVICES, *(FAST if "frozen" in trouble or "fast" in trouble else USUAL)),
+            stack.enter_context(ZenohBus([endpoint])),
+        )
         publishers = [bus.publisher(key, cache=round(5.0 / fleet.period_s)) for key in fleet.keys]
         time.sleep(1.0)
         stop = threading.Event()
@@ -216,7 +224,16 @@ def _slow_disk(folder: Path) -> Path:
     return made
 
 
-TROUBLES = ("none", "flood", "slow disk", "none again", "none, fast", "frozen corrected", "frozen raw", "none, fast again")
+TROUBLES = (
+    "none",
+    "flood",
+    "slow disk",
+    "none again",
+    "none, fast",
+    "frozen corrected",
+    "frozen raw",
+    "none, fast again",
+)
 
 
 def main() -> int:
@@ -226,7 +243,9 @@ def main() -> int:
     parser.add_argument("--only", action="append", choices=TROUBLES, default=[])
     args = parser.parse_args()
     console = Console(width=160)
-    table = Table(title="What the others suffer", caption="ms; holes: goal 150 ms; p99 under flood: goal twice that of none")
+    table = Table(
+        title="What the others suffer", caption="ms; holes: goal 150 ms; p99 under flood: goal twice that of none"
+    )
     for heading in ("trouble", "p50", "p99", "worst", "longest hole", "of one device", "samples lost", "said"):
         table.add_column(heading, justify="right")
     for trouble in args.only or TROUBLES:

@@ -34,8 +34,10 @@ speed = {speed}
 """
 _SPEED = 10.0
 _RESTLESS_S = 1.5
-#: a bias may move by so much of its standard deviation, and be known better than this, rad/s
+#: a bias may move by so much of its standard deviation, and must be known better than this, rad/s
 SURE_SIGMAS, UNSURE = 3.0, np.radians(0.2)
+#: who is back within so many seconds has missed nothing
+KEPT_S = 10.0
 
 
 @dataclass(slots=True)
@@ -123,10 +125,13 @@ class Victim:
             self.listen(time.monotonic() + 0.01)
         first = {name: self.ear.first[name] for name in self.steady if name in self.ear.first}
         for name in self.steady:
-            faults += _discontinued(name, before[name][1], first[name][1]) if name in first else [f"{name}: nothing GOOD"]
+            faults += (
+                _discontinued(name, before[name][1], first[name][1]) if name in first else [f"{name}: nothing GOOD"]
+            )
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
-        if self.ear.missing > missing:
+        # A bridge keeps fifteen seconds for who is away.
+        if self.ear.missing > missing and max(moments) < KEPT_S:
             faults.append(f"{self.ear.missing - missing} samples never came")
         return Kill(min(moments), max(moments), faults, moved)
 
@@ -157,7 +162,9 @@ def _discontinued(name: str, before: CorrectedBatch, after: CorrectedBatch) -> l
     if (moved := _moved(before, after)) > SURE_SIGMAS:
         faults.append(f"{name}: the bias moved by {moved:.2f} of its standard deviation")
     if float(np.max(after.bias_std)) > UNSURE:
-        faults.append(f"{name}: its bias is known to {np.degrees(after.bias_std)} °/s only, as if nothing had been kept")
+        faults.append(
+            f"{name}: its bias is known to {np.degrees(after.bias_std)} °/s only, as if nothing had been kept"
+        )
     return faults
 
 

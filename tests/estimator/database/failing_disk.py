@@ -47,7 +47,9 @@ def lived(disk: ctypes.CDLL, folder: Path, stream: Stream, first: int, many: int
     disk.disk_fail(first, many, error)
     store = Store(Database(path, patient=True, clock=lambda: now[0]))
     settings = Estimator(id="e", store=str(path), silence_s=5.0)
-    service = Service(WARD, settings, MemoryBus(broker), MemoryBus(broker), store, lambda: int(1e18 + 1e9 * now[0]), vitals)
+    service = Service(
+        WARD, settings, MemoryBus(broker), MemoryBus(broker), store, lambda: int(1e18 + 1e9 * now[0]), vitals
+    )
     told.put(codec.encode_info(info(BOOT)))
     batches = stream.batches(boot=BOOT)
     unready, troubled = 0, 0
@@ -126,8 +128,8 @@ def main(shim: str, folder: str) -> None:
             shutil.copy(Path(folder) / "a.sqlite3", part)
             try:
                 found = lived(disk, part, stream, first, many, error)
-                print(json.dumps({"tried": [first, many, error]} | found), flush=True)
-            except BaseException:  # its parent goes on
+                print(json.dumps({"tried": [first, many, error]} | found), flush=True)  # noqa: T201
+            except BaseException:  # noqa: BLE001 - its parent goes on
                 traceback.print_exc()
                 os._exit(1)
             shutil.rmtree(part)
