@@ -23,15 +23,8 @@ from estimator.database import inspect
 from estimator.demo.audience import Watcher
 from estimator.demo.ward import WARD, Ward
 from estimator.service.store import Store
-from tests.ward.parts import living, wait
+from tests.ward.parts import add_simulated, living, wait
 
-_SIMULATED = """
-[[bridge.devices]]
-id = "{id}"
-driver = "simulated"
-seed = {seed}
-speed = {speed}
-"""
 _SPEED = 10.0
 _RESTLESS_S = 1.5
 #: a bias may move by so much of its standard deviation, and must be known better than this, rad/s
@@ -174,9 +167,7 @@ def victim(folder: Path, steady: int, restless: int, speed: float = 1.0) -> Iter
     names = [f"s{number:02d}" for number in range(steady)]
     others = tuple(f"r{number}" for number in range(restless))
     with Ward(folder, others) as ward:
-        text = ward.config.read_text(encoding="utf-8")
-        devices = "".join(_SIMULATED.format(id=name, seed=seed, speed=speed) for seed, name in enumerate(names))
-        ward.config.write_text(text.replace("[estimator]", devices + "[estimator]"), encoding="utf-8")
+        add_simulated(ward, names, speed)
         ward.start("router", "estimator", "bridge")
         ward.wait_for_router()
         made = Victim(ward, names, list(others))
