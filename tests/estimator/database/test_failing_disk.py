@@ -60,8 +60,9 @@ def test_whichever_change_of_the_disk_fails_the_session_goes_on(shim: Path, tmp_
         wrong = [what for what, so in found.items() if so is False]
         assert wrong == [], found
         assert found["sessions failed"] == 0
-        # One that SQLite could do without is no trouble; a disk that stays so always is, and then health says so.
-        assert (found["troubled"] > 0) == (found["unready"] > 0), found
+        # One that SQLite could do without, or that passed within a second, need not be seen; a disk that stays so is.
+        assert found["unready"] <= found["troubled"] + 1, found
         if found["tried"][1] == ALWAYS:  # type: ignore[index]
             assert found["troubled"] > 0, found
             assert found["store failed"] > 0, found
+            assert found["unready"] > 0, found
