@@ -27,8 +27,8 @@ from tests.estimator.database.kept import loaded, made
 from tests.estimator.stream import NAME, Stream, calibration, info
 
 WARD, BOOT = "w", 9
-#: seconds of the session after which a disk that fails for good is repaired, and how long it then goes on
-REPAIRED_S, AFTER_S = 30.0, 20.0
+#: seconds after which a disk that has begun to fail is repaired, and how long a session goes on, or goes on after that
+REPAIRED_S, AFTER_S = 15.0, 20.0
 
 
 def lived(disk: ctypes.CDLL, folder: Path, stream: Stream, first: int, many: int, error: int) -> dict[str, object]:
@@ -53,11 +53,16 @@ def lived(disk: ctypes.CDLL, folder: Path, stream: Stream, first: int, many: int
     told.put(codec.encode_info(info(BOOT)))
     batches = stream.batches(boot=BOOT)
     unready, troubled = 0, 0
-    for at in range(0, len(batches) + 11 * int(AFTER_S), 11):  # a second or so a round
+    at, until_s, failing_s = 0, len(batches) / 11 + AFTER_S, 0.0
+    while now[0] < until_s:  # a second or so a round
         for batch in batches[at : at + 11]:
             raw.put(codec.encode_samples(batch))
+        at += 11
         now[0] += 1.0
-        if now[0] > REPAIRED_S:
+        if first and not failing_s and disk.disk_calls() >= first:
+            failing_s = now[0]
+            until_s = max(until_s, failing_s + REPAIRED_S + AFTER_S)
+        if failing_s and now[0] > failing_s + REPAIRED_S:
             disk.disk_fail(0, 0, 0)
         while service.step(0.0):
             pass
