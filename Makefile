@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load fuzz soak clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults fuzz soak clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -66,6 +66,12 @@ bench-bridge: setup-dev
 # The estimator beside a bare relay: throughput, latency, CPU, memory; ARGS=--quick for a short look.
 bench-load: setup-dev
 	$(BIN)/python -m tests.bench.load $(ARGS)
+
+# Who suffers when a subscriber freezes, a device floods, a disk is slow, fifty calibrate at once; and an estimator killed 200 times.
+bench-faults: setup-dev
+	$(BIN)/python -m tests.bench.suffering
+	-$(BIN)/python -m tests.bench.crowded
+	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
 
 # Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is without one; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev

@@ -59,8 +59,17 @@ def connected(
     return None
 
 
-def alone(bus: Bus, ward: str, kind: str, own: str, another: Callable[[str], None] = lambda _: None) -> Declared:
+def alone(
+    bus: Bus,
+    ward: str,
+    kind: str,
+    own: str,
+    another: Callable[[str], None] = lambda _: None,
+    meanwhile: Callable[[], None] = lambda: None,
+) -> Declared:
     """Watch the others of a kind, `bridge` or `estimator`, in a ward; another(id) is told of each.
+
+    It takes a while to hear of them: time for meanwhile().
 
     Raises BusError when one of them has our own id, and is not just one that was killed and may still seem alive.
     """
@@ -76,7 +85,9 @@ def alone(bus: Bus, ward: str, kind: str, own: str, another: Callable[[str], Non
             another(name)
 
     watch = bus.watch_alive(keys.pattern(ward, f"alive/{kind}"), on_change)
-    time.sleep(_LOOK_S)
+    looked = time.monotonic() + _LOOK_S
+    meanwhile()
+    time.sleep(max(0.0, looked - time.monotonic()))
     deadline = time.monotonic() + _GONE_S
     while there.get(own, False):
         if time.monotonic() >= deadline:

@@ -126,8 +126,8 @@ def _rates(text: str) -> tuple[float, ...]:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
-    from estimator.batch.methods import BY_RATES, DEFAULT  # noqa: PLC0415
-    from estimator.batch.methods import METHODS as BY_HAND  # noqa: PLC0415
+    from estimator.batch.methods import BY_RATES  # noqa: PLC0415
+    from estimator.batch.names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json  # noqa: PLC0415

@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from bridge import config
 from bridge.toml_file import ConfigError, nearest
-from estimator.batch.methods import DEFAULT, METHODS
+from estimator.batch.names import BY_HAND, DEFAULT
 from estimator.noise_model import GENERIC, load_model
 
 
@@ -37,8 +37,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError(f"store is {self.store!r}, which is a folder; a file is expected, such as '{inside}'")
         if self.health:
             config.listening(self.health)
-        if self.method not in METHODS:
-            raise ValueError(f"unknown method {self.method!r}; {nearest(self.method, METHODS)}")
+        if self.method not in BY_HAND:
+            raise ValueError(f"unknown method {self.method!r}; {nearest(self.method, BY_HAND)}")
         for device, model in (("", self.model), *self.models.items()):
             if device:
                 config.check(device, "a device in models")

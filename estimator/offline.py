@@ -15,7 +15,8 @@ from bridge.wire.refusal import Tally
 from bridge.wording import count
 from estimator import smoothed
 from estimator.batch.capture import Samples
-from estimator.batch.methods import BY_MOVEMENTS, BY_RATES, DEFAULT
+from estimator.batch.methods import BY_MOVEMENTS, BY_RATES
+from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored
 from estimator.block import UNFIT

@@ -23,7 +23,7 @@ from bridge.wire.messages import (
 )
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats, Rest, Samples
-from estimator.batch.methods import DEFAULT
+from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.block import BLOCK_S, Block, sample_time_ns
@@ -203,6 +203,11 @@ class DeviceSession:
     def boot(self) -> int | None:
         """The boot whose samples are taken."""
         return self.sequence.boot
+
+    @property
+    def near(self) -> bool:
+        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
+        return self._capture is not None and self._capture.near
 
     @property
     def applied(self) -> Correction:

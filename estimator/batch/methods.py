@@ -8,6 +8,7 @@ import numpy as np
 from bridge.wire.messages import Verdict
 from estimator.batch import accel_aided, closure, servomotor, transitions, turn360, turntable
 from estimator.batch.capture import Capture, Samples
+from estimator.batch.names import BY_HAND
 from estimator.batch.result import Result, VerdictKnobs, judge, nothing
 
 Method = Callable[[Capture], Result]
@@ -44,12 +45,9 @@ def by_closure(capture: Capture) -> Result:
     )
 
 
-METHODS: dict[str, Method] = {
-    "closure": by_closure,
-    "turn360": by_turn360,
-    "transitions": transitions.by_transitions,
-    "accel_aided": accel_aided.by_accel_aided,
-}
+METHODS: dict[str, Method] = dict(
+    zip(BY_HAND, (by_closure, by_turn360, transitions.by_transitions, accel_aided.by_accel_aided), strict=True)
+)
 #: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
 BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
 #: methods for recordings on a machine that turns at known rates (rad/s)
@@ -57,4 +55,3 @@ BY_RATES: dict[str, Callable[[Samples, tuple[float, ...]], Result]] = {
     "turntable": turntable.by_turntable,
     "servomotor": servomotor.by_servomotor,
 }
-DEFAULT = "closure"

@@ -8,8 +8,9 @@ import numpy as np
 from bridge.wire.messages import Verdict
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
-from estimator.batch.methods import BY_MOVEMENTS, DEFAULT, METHODS
+from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.batch.movements import Movements
+from estimator.batch.names import DEFAULT
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
 from estimator.batch.result import PARAMETERS, Result, nothing
 from estimator.batch.stages import StageKnobs, Stages
@@ -129,6 +130,13 @@ class CalibrationSession:
     def missing(self) -> tuple[int, ...]:
         """Axes without a turn so far."""
         return tuple(axis for axis in range(3) if axis not in self.turns)
+
+    @property
+    def near(self) -> bool:
+        """Whether the method may run after the next movement."""
+        if self._by_movements:
+            return len(self._movements) + 1 >= BY_MOVEMENTS[self.method]
+        return len(self.turns) >= 2
 
     @property
     def movements(self) -> tuple[Movement, ...]:

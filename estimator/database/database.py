@@ -5,8 +5,10 @@ Where the disk fails it says so, and tries again after a while: a reader goes on
 
 import logging
 import sqlite3
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
@@ -56,7 +58,10 @@ class Trim(NamedTuple):
 
 
 class Database:
-    """Used from one thread. With `patient`, a disk that does not let us is no error but `trouble`, until it does."""
+    """Written from one thread, read from one, the same or another.
+
+    With `patient`, a disk that does not let us is no error but `trouble`, until it does.
+    """
 
     def __init__(self, path: Path | str, *, patient: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
         self.path = str(path)
@@ -70,6 +75,11 @@ class Database:
         self._again_s = float("-inf")
         self._writable = True
         self._db: sqlite3.Connection | None = None
+        #: for reading, so that nobody who reads waits for who writes; lasts as long as _db
+        self._beside: sqlite3.Connection | None = None
+        self._reading, self._writing = threading.RLock(), threading.RLock()
+        self._together: list[Change | Trim] | None = None
+        self._sick = False  # whether who reads has found that the connection is to be given up
         self._told: set[tuple[str, int]] = set()
         self._types: dict[str, dict[str, str]] = {}
         try:
@@ -100,10 +110,33 @@ class Database:
             found = [dict(zip(names, row, strict=True)) for row in cursor]
             return [whole for row in found if (whole := self._whole(table, int(row.pop("_row")), row)) is not None]
 
-        return self._do(read, "restore it from a backup")
+        hint = "restore it from a backup"
+        with self._reading:
+            db = self._reader()
+            if db is not None:
+                try:
+                    return read(db)
+                except FAULTS as error:
+                    raise self._failed(error, hint) from error
+        with self._writing, self._reading:
+            return self._do(read, hint)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """What is written within is written at its end, all or nothing; for the thread that writes."""
+        self._together = []
+        try:
+            yield
+            changes = self._together
+        finally:
+            self._together = None
+        self.write(*changes)
 
     def write(self, *changes: Change | Trim) -> None:
         """All of them, or none; on disk when it returns."""
+        if self._together is not None:
+            self._together += changes
+            return
 
         def written(db: sqlite3.Connection) -> None:
             with transaction(db):
@@ -137,13 +170,18 @@ class Database:
         """A copy of it as it is now, as a file that stands alone."""
         if to.exists():
             raise StoreError(f"{to} is there already; choose another name, or remove it")
-        self._do(lambda db: backed_up(db, to), "is there room for a copy?")
+        with self._writing:
+            self._do(lambda db: backed_up(db, to), "is there room for a copy?")
 
     def close(self) -> None:
         """Close; what was written is on disk already."""
-        if self._db is not None:
-            self._db.close()
-            self._db = None
+        with self._reading:
+            if self._beside is not None:
+                self._beside.close()
+                self._beside = None
+            if self._db is not None:
+                self._db.close()
+                self._db = None
 
     def refuse(self, table: str, words: str) -> None:
         """Count a row that has a whole seal and yet cannot be used, and tell it."""
@@ -152,7 +190,26 @@ class Database:
 
     # ---- what fails -------------------------------------------------------------------------------------------------
 
+    def _reader(self) -> sqlite3.Connection | None:
+        """A connection of its own for reading; None where there is but one."""
+        if self.path == _MEMORY or not self._writable or self._db is None:
+            return None
+        if self._beside is None:
+            try:
+                self._beside = connect(self.path)
+                self._beside.execute("PRAGMA query_only = 1")
+            except FAULTS:
+                self._beside = None
+        return self._beside
+
     def _must_write(self, work: Callable[[sqlite3.Connection], None]) -> None:
+        with self._writing:
+            self._write_now(work)
+
+    def _write_now(self, work: Callable[[sqlite3.Connection], None]) -> None:
+        if self._sick:
+            self._sick = False
+            self._gone(self.trouble)
         if not self._writable:
             if self._clock() < self._again_s:
                 raise Unavailable(self.trouble or f"store {self.path} is open for reading")
@@ -172,20 +229,31 @@ class Database:
         try:
             return work(self._db)
         except FAULTS as error:
-            self.trouble = f"store {self.path}: {error}; {hint}"
-            if code(error) not in _PASSING and self.path != _MEMORY:
-                self._gone(self.trouble)
-            raise Unavailable(self.trouble) from error
+            raise self._failed(error, hint) from error
+
+    def _failed(self, error: Exception, hint: str) -> Unavailable:
+        """What to raise; the connection is given up, now or, while somebody writes, by who writes next."""
+        self.trouble = f"store {self.path}: {error}; {hint}"
+        if code(error) not in _PASSING and self.path != _MEMORY:
+            if self._writing.acquire(blocking=False):
+                try:
+                    self._gone(self.trouble)
+                finally:
+                    self._writing.release()
+            else:
+                self._sick = True
+        return Unavailable(self.trouble)
 
     def _gone(self, trouble: str) -> None:
         """Go on from what can be read, for a while."""
         self.trouble = trouble
-        self.close()
-        self._writable, self._again_s = False, self._clock() + RETRY_S
-        try:
-            self._db = _as_it_is(Path(self.path))
-        except StoreError as error:
-            log.debug("%s", error)
+        with self._reading:
+            self.close()
+            self._writable, self._again_s = False, self._clock() + RETRY_S
+            try:
+                self._db = _as_it_is(Path(self.path))
+            except StoreError as error:
+                log.debug("%s", error)
 
     def _open(self) -> None:
         if self.path == _MEMORY:
@@ -198,8 +266,9 @@ class Database:
             except StoreError as error:
                 self.trouble = str(error)
                 raise
-        self.close()
-        self._db, self._writable = db, True
+        with self._reading:
+            self.close()
+            self._db, self._writable = db, True
         self._types = {table: columns(db, table) for table in TABLES}
         for note in notes:
             log.error("%s", note)

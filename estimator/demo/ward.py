@@ -11,7 +11,7 @@ from typing import Self
 
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
-from estimator.batch.methods import DEFAULT
+from estimator.batch.names import DEFAULT
 
 WARD = "demo"
 _CONFIG = """ward = "{ward}"

@@ -32,7 +32,7 @@ class Boots:
             if scratch:
                 remembered = None
             if remembered is None or remembered.calibration is None:
-                prior = self._record.prior(session, info)
+                prior = self._record.prior(device, info)
                 scratch = scratch if prior is None else ""
                 remembered = _with(remembered, prior)
                 if prior is None:
@@ -59,7 +59,7 @@ class Boots:
         if scratch:
             outcome = session.start_over(scratch)
         if session.calibration is None:
-            if (prior := self._record.prior(session, info)) is not None:
+            if (prior := self._record.prior(device, info)) is not None:
                 session.scratch = scratch = ""
                 session.believe(prior)
             else:

@@ -32,12 +32,16 @@ class Device:
     def __init__(self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float) -> None:
         self.name = name
         self.source = Source(silence_s)
+        #: what it is heard under
+        self.key = ""
         self.heard = now
         self.checkpointed = self.recorded = 0.0
         #: when its bias history was looked through last; boots still to be thinned, from when on
         self.thinned = float("-inf")
         self.to_thin: deque[tuple[str, int]] = deque()
         self.unsaved: list[Calibration] = []
+        #: calibrations, encoded, that are said once they are kept
+        self.unsaid: dict[str, bytes] = {}
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last

@@ -1,5 +1,7 @@
 """The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again.
 
+A clerk writes, perhaps on a thread of its own; what came of it is heard in `collect`.
+
 The first failure is told aloud, those after it are counted, and that it works again is told.
 """
 
@@ -9,7 +11,8 @@ from collections.abc import Callable
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
-from estimator.restore import changed
+from estimator.restore import changed, differing, restore_key
+from estimator.service.clerk import Inline, Writes
 from estimator.service.device import UNSAVED, Device
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Remembered
@@ -23,6 +26,8 @@ CHECKPOINT_S, HISTORY_S = 5.0, 60.0
 THIN_S = 86400.0
 #: what a history says where nothing known of a device holds any more
 SCRATCH = "from scratch"
+#: so many commands are known without the store
+REPLIES = 256
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -30,14 +35,27 @@ PROBE_S = 5.0
 class Record:
     """What is kept of the ward's devices; no method raises StoreError."""
 
-    def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int]) -> None:
+    def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int], clerk: Writes | None = None) -> None:
         self._store, self._counts, self._now_ns = store, counts, now_ns
+        self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")
+        #: what the clerk has and has not said to be written: ids of calibrations, names of devices
+        self._saving, self._noting = set[str](), set[str]()
+        #: replies to the latest commands, which may not be written yet
+        self._replies: dict[tuple[str, str, str], CommandReply] = {}
         #: why the store does not work now; empty when it does
         self.trouble = store.database.trouble
         if self.trouble:
             self._counts.add("store failed")
             log.error("%s; the service goes on from memory", self.trouble)
+
+    def collect(self) -> None:
+        """What was written since, or failed."""
+        self._clerk.collect()
+
+    def close(self) -> None:
+        """Have written what waits."""
+        self._clerk.close()
 
     def tend(self, now: float) -> None:
         """Once a second: try a store that failed, and count what of it was damaged."""
@@ -47,12 +65,13 @@ class Record:
             self._damaged = damaged
         if self.trouble and now - self._probed >= PROBE_S:
             self._probed = now
-            try:
-                self._store.database.probe()
-            except StoreError as error:
-                self.trouble = str(error)
-            else:
-                self._works()
+            self._clerk.do(self._store.database.probe, self._probed_so)
+
+    def _probed_so(self, error: StoreError | None) -> None:
+        if error is None:
+            self._works()
+        else:
+            self.trouble = str(error)
 
     def recall(self, device: Device, boot: int) -> Remembered | None:
         """What is known of this very boot, saved or not."""
@@ -65,12 +84,15 @@ class Record:
             self._failed(device.session, error)
             return None
 
-    def prior(self, session: DeviceSession, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of the same hardware in an earlier boot."""
+    def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
+        """The last calibration of the same hardware in an earlier boot, saved or not."""
+        for unsaved in reversed(device.unsaved):
+            if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
+                return unsaved
         try:
             return self._store.prior(info)
         except StoreError as error:
-            self._failed(session, error)
+            self._failed(device.session, error)
             return None
 
     def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
@@ -103,25 +125,31 @@ class Record:
 
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""
-        self._keep(session, lambda: self._store.add_boot(info, self._now_ns()))
+        time_ns = self._now_ns()
+        self._keep(session, lambda: self._store.add_boot(info, time_ns))
 
-    def calibration(self, device: Device, c: Calibration, now: float) -> bytes | None:
-        """Keep a calibration, and the bias with it; its payload, or None where no subscriber would understand it."""
+    def calibration(self, device: Device, c: Calibration, now: float) -> None:
+        """Keep a calibration, and the bias with it, and then say it: who hears of one can rely on it, unless the disk fails.
+
+        One that no subscriber would understand is neither kept nor said.
+        """
         payload = codec.encode_calibration(c)
         try:
             codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
         except Refusal as refusal:
             if device.session.count_event("calibration unfit") == 1:
                 log.error("%s: a calibration cannot be said: %s", c.device, refusal)
-            return None
+            return
         if c.verdict is Verdict.ACCEPTED:
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
+            device.unsaid[c.id] = payload
             self.checkpoint(device, now, force=True)
         else:
             words = f"{c.verdict.name.lower()}: {c.reason}"
             row = (c.device, "calibrate", c.id, c.who, "", words)
-            self._keep(device.session, lambda: self._store.add_audit(self._now_ns(), *row, accepted=False))
-        return payload
+            time_ns = self._now_ns()
+            self._keep(device.session, lambda: self._store.add_audit(time_ns, *row, accepted=False))
+            device.say_calibration(payload)
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
         """Every few seconds: calibrations that could not be saved yet, and the bias where it is known."""
@@ -137,31 +165,44 @@ class Record:
         if history:
             device.recorded = now
             self.thin(device, now)
+        if device.name in self._noting and not force:
+            return
+        self._noting.add(device.name)
         doubted = session.tracker.doubted and session.calibration is not None
         row, asked = (device.name, boot, self._now_ns(), state), session.asked
-        self._keep(session, lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked))
+        self._keep(
+            session,
+            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked),
+            lambda _: self._noting.discard(device.name),
+        )
 
     def thin(self, device: Device, now: float) -> None:
         """Once a day and device, in small pieces: old points of its bias history."""
         if not device.to_thin:
-            if now - device.thinned < THIN_S:
-                return
-            device.thinned = now
-            self._keep(
-                device.session, lambda: device.to_thin.extend((b, 0) for b in self._store.boots_kept(device.name))
-            )
-        if device.to_thin:
-            boot, after_ns = device.to_thin.popleft()
+            if now - device.thinned >= THIN_S:
+                device.thinned = now
+                self._look_for_old(device)
+            return
+        boot, after_ns = device.to_thin.popleft()
+        on_ns: list[int | None] = []
+        self._keep(
+            device.session,
+            lambda: on_ns.append(self._store.thin(device.name, boot, after_ns, self._now_ns())),
+            lambda _: device.to_thin.extendleft((boot, ns) for ns in on_ns[-1:] if ns is not None),
+        )
 
-            def piece() -> None:
-                on_ns = self._store.thin(device.name, boot, after_ns, self._now_ns())
-                if on_ns is not None:
-                    device.to_thin.appendleft((boot, on_ns))
-
-            self._keep(device.session, piece)
+    def _look_for_old(self, device: Device) -> None:
+        boots: list[list[str]] = []
+        self._keep(
+            device.session,
+            lambda: boots.append(self._store.boots_kept(device.name)),
+            lambda _: device.to_thin.extend((boot, 0) for kept in boots[-1:] for boot in kept),
+        )
 
     def answered(self, key: keys.Key, command: Command) -> CommandReply | None:
         """What this very command was answered before, be it by an estimator that has been restarted since."""
+        if (reply := self._replies.get((key.device, key.ids["verb"], command.request_id))) is not None:
+            return reply
         try:
             found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         except StoreError as error:
@@ -171,31 +212,51 @@ class Record:
 
     def audit(self, key: keys.Key, command: Command, reply: CommandReply) -> None:
         """What was asked for, and what came of it."""
+        self._replies[key.device, key.ids["verb"], command.request_id] = reply
+        while len(self._replies) > REPLIES:
+            del self._replies[next(iter(self._replies))]
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
-        try:
-            self._store.add_audit(self._now_ns(), *row, accepted=reply.accepted)
-        except StoreError as error:
-            self._failing(error)
+        time_ns = self._now_ns()
+        self._clerk.do(
+            lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted),
+            lambda error: None if error is None else self._failing(error),
+        )
 
     def _save_calibrations(self, device: Device) -> None:
-        while device.unsaved:
-            first = device.unsaved[0]
-            if not self._keep(device.session, lambda c=first: self._store.add_calibration(c)):  # type: ignore[misc] # bound now
-                if device.session.count_event("calibration not saved") == 1:
-                    log.error("%s: calibration %s is not saved; it is tried again", device.name, first.id)
-                return
-            device.unsaved.pop(0)
-            if device.session.sequence.events.as_dict().get("calibration not saved"):
-                log.info("%s: calibration %s is saved", device.name, first.id)
+        for c in [c for c in device.unsaved if c.id not in self._saving]:
+            self._saving.add(c.id)
+            self._keep(
+                device.session,
+                lambda c=c: self._store.add_calibration(c),  # type: ignore[misc] # bound now
+                lambda error, c=c: self._saved(device, c, error),  # type: ignore[misc]
+            )
 
-    def _keep(self, session: DeviceSession, write: Callable[[], None]) -> bool:
-        try:
-            write()
-        except StoreError as error:
-            self._failed(session, error)
-            return False
-        self._works()
-        return True
+    def _saved(self, device: Device, c: Calibration, error: StoreError | None) -> None:
+        self._saving.discard(c.id)
+        if error is not None:
+            if device.session.count_event("calibration not saved") == 1:
+                log.error("%s: calibration %s is not saved; it is tried again", device.name, c.id)
+        else:
+            device.unsaved = [other for other in device.unsaved if other is not c]
+            if device.session.sequence.events.as_dict().get("calibration not saved"):
+                log.info("%s: calibration %s is saved", device.name, c.id)
+        if (payload := device.unsaid.pop(c.id, None)) is not None:
+            device.say_calibration(payload)
+
+    def _keep(
+        self,
+        session: DeviceSession,
+        write: Callable[[], None],
+        then: Callable[[StoreError | None], None] = lambda _: None,
+    ) -> None:
+        def done(error: StoreError | None) -> None:
+            if error is None:
+                self._works()
+            else:
+                self._failed(session, error)
+            then(error)
+
+        self._clerk.do(write, done)
 
     def _failed(self, session: DeviceSession, error: StoreError) -> None:
         session.count_event("store failed")

@@ -2,15 +2,16 @@
 
 import logging
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from importlib import import_module
 
 from bridge.bus.contract import Bus, BusError, Declared
 from bridge.config import listening
 from bridge.health import Health
 from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
-from estimator.service.shell import Service
-from estimator.service.store import Store
+from estimator.database import Database
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -31,15 +32,21 @@ def run(ward: Ward) -> None:
             except OSError:
                 _look_for_another(ward, ward.estimator.id, stop)  # which would be why
                 raise
-        store = Store(ward.estimator.store, patient=True)
-        stack.callback(store.close)
+        database = Database(ward.estimator.store, patient=True)
+        stack.callback(database.close)
         data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
         if data is None or control is None:
             return
         stack.enter_context(data)
         stack.enter_context(control)
-        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id)))
-        Service(ward.ward, ward.estimator, data, control, store, vitals=vitals).run(stop)
+        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load)))
+        from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
+        from estimator.service.shell import Service  # noqa: PLC0415
+        from estimator.service.store import Store  # noqa: PLC0415
+
+        clerk = Clerk(database)
+        stack.callback(clerk.close)
+        Service(ward.ward, ward.estimator, data, control, Store(database), vitals=vitals, clerk=clerk).run(stop)
 
 
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
@@ -53,7 +60,12 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
             look_round(control, ward.ward, own).close()
 
 
-def look_round(control: Bus, ward: str, own: str) -> Declared:
+def _load() -> None:
+    """The mathematics: loading it takes as long as looking round, and a ward waits for an estimator that starts again."""
+    import_module("estimator.service.shell")
+
+
+def look_round(control: Bus, ward: str, own: str, meanwhile: Callable[[], None] = lambda: None) -> Declared:
     """Watch the other estimators of the ward, and warn of each; raises BusError when one of them has our own id."""
     return alone(
         control,
@@ -63,4 +75,5 @@ def look_round(control: Bus, ward: str, own: str) -> Declared:
         lambda name: log.warning(
             "estimator %s serves ward %s too: devices will be corrected twice; stop one of them", name, ward
         ),
+        meanwhile,
     )

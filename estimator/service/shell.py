@@ -19,6 +19,7 @@ from estimator.door import Door
 from estimator.lifecycle import Event
 from estimator.noise_model import load_model
 from estimator.service.boots import Boots
+from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
@@ -30,6 +31,7 @@ from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
+from estimator.service.turns import Turns
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome, SessionKnobs
 
@@ -42,6 +44,8 @@ SLOW_S = 0.5
 DRAIN_S = 2.0
 #: names told to who asks for a device that is not there
 SHOWN = 20
+#: messages of a device that sends too many are counted under this
+FLOODED = "messages flooded"
 
 
 class Service:
@@ -56,11 +60,12 @@ class Service:
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
         vitals: Vitals | None = None,
+        clerk: Writes | None = None,
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
-        self._record = Record(store, self.counts, now_ns)
+        self._record = Record(store, self.counts, now_ns, clerk)
         usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
         self._knobs = knobs_of(load_model(settings.model), usual)
         self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
@@ -72,6 +77,7 @@ class Service:
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
         self._presence = Presence(self.counts)
+        self._turns = Turns(self._lane.take, self._flooded)
         self._commands = Commands()
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
@@ -97,21 +103,23 @@ class Service:
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+        self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
         for thing in (*self._declared, self._raw, self._info, *self._devices.values()):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
-        """One round: what has come in, what was asked, what is due. How many sample messages came."""
-        messages = self._raw.drain(512, timeout_s)
+        """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
+        messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        self._lane.take(messages)
+        self._turns.round(messages)
         self._commands.work(self._do)
+        self._record.collect()
         now = time.monotonic()
         self._give_up(now)
         if now - began > SLOW_S:
@@ -120,7 +128,7 @@ class Service:
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
-        return len(messages)
+        return len(messages) + self._turns.waiting
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -131,6 +139,12 @@ class Service:
             device = None
         if device is not None:
             device.session.count_event(f"refused {refusal.reason}")
+
+    def _flooded(self, key: str, messages: int) -> None:
+        self.counts.add(FLOODED, messages)
+        device = self._devices.get(key.rpartition("/")[2])
+        if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
+            log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
 
     def _on_info(self, info: DeviceInfo) -> None:
         before = self._devices.info(info.bridge, info.device)
@@ -158,7 +172,7 @@ class Service:
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
-            device.heard = now
+            device.heard, device.key = now, message.key
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
@@ -212,14 +226,13 @@ class Service:
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
         if outcome.calibration is not None:
-            payload = self._record.calibration(device, outcome.calibration, time.monotonic())
-            if payload is not None:
-                device.say_calibration(payload)
+            self._record.calibration(device, outcome.calibration, time.monotonic())
         device.say_corrected(outcome.corrected)
         if outcome.revision is not None:
             device.say_revision(outcome.revision)
         if outcome.changed:
             device.say_status(self._now_ns())
+            self._turns.slow(device.key, now=device.session.near)
 
     def _every_second(self, now: float) -> None:
         self._stock.check()

@@ -42,8 +42,8 @@ _STATE = 5
 class Store:
     """One open store; used from one thread. `patient`: where the disk does not let us, it goes on without and tries again."""
 
-    def __init__(self, path: Path | str, *, patient: bool = False) -> None:
-        self.database = Database(path, patient=patient)
+    def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
+        self.database = path if isinstance(path, Database) else Database(path, patient=patient)
         self._audited: Counter[str] = Counter()
 
     @classmethod

@@ -122,8 +122,7 @@ class BiasFilter:
         self.law = law
         #: what the law's curvature moved the state by in the last step
         self.bent = np.zeros(OWN)
-        self._take(state)
-        self._unsure = self._law_var(self.temperature_c)
+        self.restart(state)
 
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
@@ -134,6 +133,11 @@ class BiasFilter:
         #: by how much the bias was doubted since the last step
         self.widened = np.zeros((3, 3))
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
+
+    def restart(self, state: BiasState) -> None:
+        """Forget all that came since, and go on from a state."""
+        self._take(state)
+        self._unsure = self._law_var(self.temperature_c)
 
     @property
     def x(self) -> Floats:

@@ -35,6 +35,8 @@ Floats = NDArray[np.float64]
 
 #: temperatures kept, for bringing a rest's bias from then to now
 _TEMPERATURES = 1000
+#: seconds begin and end at the same moments of the device, whoever counts them
+_SAME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,7 @@ class Tracker:
         self._contradictions = 0
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
+        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
@@ -215,10 +218,11 @@ class Tracker:
         self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
 
     def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
-        """Go on from a state that was kept."""
+        """Go on from a state that was kept; what comes of the time before it (a bus's cache) teaches only what rest is."""
         self._believe(model, state)
         self._filter.predict(now)
         self._evidence_time = min(state.time, now)
+        self._kept = state if now < state.time else None
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature from now on."""
@@ -248,6 +252,11 @@ class Tracker:
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
+        if self._kept is not None and second.start > self._kept.time - _SAME_S:
+            # Its evidence is in what was kept: none may count twice.
+            kept, self._kept = self._kept, None
+            self._gravity.lose()
+            self._filter.restart(replace(kept, x=kept.x[:OWN], P=kept.P[:OWN, :OWN]))
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
             second = replace(second, accel=None, accel_mean=None, accel_std=None)

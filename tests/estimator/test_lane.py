@@ -95,6 +95,8 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
         for messages in rounds:
             now[0] += 0.1 * len(messages) / len(DEVICES)  # as they come at 104 Hz
             service.step(0.0)
+        while service.step(0.0):  # a device that may be done with its calibration waits for the others
+            pass
         service._give_up(math.inf)
     said: dict[str, list[bytes]] = {}
     for where, payload in bus.said:

@@ -17,6 +17,8 @@ from bridge.wire.messages import CommandReply, DeviceInfo, Note, Quality, Sample
 from estimator import history
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
+from estimator.database import Database
+from estimator.service.clerk import Writes
 from estimator.service.shell import Service
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Outcome
@@ -42,10 +44,12 @@ class Ward:
         self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
         self.start()
 
-    def start(self) -> None:
+    def start(self, clerk: Callable[[Database], Writes | None] = lambda _: None) -> None:
         self.store = Store(self.path)
         self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
-        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: 1_700_000_000_000_000_000)
+        now_ns = 1_700_000_000_000_000_000
+        writes = clerk(self.store.database)
+        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: now_ns, clerk=writes)
 
     def kill(self) -> None:
         """Nothing is said or written any more; what was written is there."""
@@ -60,16 +64,17 @@ class Ward:
             for batch in batches[start : start + 100]:
                 self._raw.put(codec.encode_samples(batch))
             self.service.step(0.0)
-        self.round()
+        self.settle()
 
-    def round(self) -> None:
-        """A round, in which nothing is waited for."""
-        self.service.step(0.0)
+    def settle(self) -> None:
+        """Until nothing waits any more, and nothing is waited for."""
+        while self.service.step(0.0):
+            pass
         self.service._give_up(math.inf)
 
     def put(self, payload: bytes, **ids: str) -> None:
         MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)
-        self.round()
+        self.settle()
 
     def latest(self) -> Status:
         """The status, published anew."""

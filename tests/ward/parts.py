@@ -15,6 +15,14 @@ from bridge.wire.messages import CorrectedBatch, Quality
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward
 
+_SIMULATED = """
+[[bridge.devices]]
+id = "{id}"
+driver = "simulated"
+seed = {seed}
+speed = {speed}
+life = "{life}"
+"""
 WAITING = DeviceSpec(wait_for_host=True)
 
 
@@ -37,6 +45,13 @@ def simulated_session(name: str, session: Session) -> VirtualDevice:
 def living(name: str, seed: int) -> VirtualDevice:
     """A device that is calibrated at every boot and then worn for ever."""
     return VirtualDevice(name, SimulatedSource(demo_script, DEMO_SPEC, 104.0), seed, WAITING)
+
+
+def add_simulated(ward: Ward, names: list[str], speed: float, life: str = "lively") -> None:
+    """Have the ward's bridge simulate these devices, too; before it is started."""
+    devices = "".join(_SIMULATED.format(id=name, seed=seed, speed=speed, life=life) for seed, name in enumerate(names))
+    text = ward.config.read_text(encoding="utf-8")
+    ward.config.write_text(text.replace("[estimator]", devices + "[estimator]"), encoding="utf-8")
 
 
 def wait(what: str, until: Callable[[], bool], watcher: Watcher, ward: Ward, timeout_s: float = 40.0) -> float:

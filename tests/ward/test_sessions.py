@@ -8,7 +8,7 @@ import pytest
 from bridge.sim.session import simulate_session
 from bridge.sim.virtual_device import VirtualDevice
 from bridge.wire.messages import Calibration, Quality, Verdict
-from estimator.batch.methods import DEFAULT
+from estimator.batch.names import DEFAULT
 from estimator.client import Client
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward

@@ -1,0 +1,164 @@
+"""Fifty devices calibrated at once while 950 stream: how much later do the samples of the others come? `make bench-faults`.
+
+In one process, over a bus that only takes note, in the time of this thread: what an estimator on an idle core would need. All
+messages of a period arrive together; a message is late by what passes until its corrected batch is published. Beside it the
+same with none of the fifty calibrated, and with all of a round handled in the order it came in.
+"""
+
+import sys
+import tempfile
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bridge.bus.contract import Message
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire import codec, keys
+from bridge.wire import columns_pb2 as columns
+from estimator.config import Estimator
+from estimator.service import turns
+from estimator.service.shell import Service
+from estimator.service.store import Store
+from tests.bench.load.stream import WARD, Fleet
+from tests.estimator.stream import calibration
+
+CALIBRATED, BATCH, RATE_HZ = 50, 10, 104.0
+PERIOD_S, BEFORE_S, AFTER_S = BATCH / RATE_HZ, 3.0, 1.5
+GOAL_S = 0.020
+
+
+class Line:
+    """A subscription on which messages arrive at their times, and a publisher that notes when something was said."""
+
+    missed, closed = 0, False
+
+    def __init__(self) -> None:
+        self._coming: deque[tuple[float, list[Message]]] = deque()
+        self._here: deque[Message] = deque()
+        self._skipped_s = 0.0
+        self.said: dict[str, list[tuple[float, bytes]]] = {}
+
+    def now(self) -> float:
+        return time.thread_time() + self._skipped_s
+
+    def arrive(self, at_s: float, messages: list[Message]) -> None:
+        self._coming.append((at_s, messages))
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        if timeout_s and not self._here and self._coming:
+            self._skipped_s += max(0.0, self._coming[0][0] - self.now())  # idle until then
+        while self._coming and self._coming[0][0] <= self.now():
+            self._here.extend(self._coming.popleft()[1])
+        return [self._here.popleft() for _ in range(min(limit, len(self._here)))]
+
+    @property
+    def over(self) -> bool:
+        return not (self._coming or self._here)
+
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "Line":
+        return self if "/raw/" in pattern else Line()
+
+    def publisher(self, key: str, *, cache: int = 0) -> "_Noting":
+        return _Noting(self, self.said.setdefault(key, []))
+
+    def close(self) -> None:
+        pass
+
+    connected = True
+
+
+class _Noting:
+    def __init__(self, line: Line, said: list[tuple[float, bytes]]) -> None:
+        self._line, self._said = line, said
+
+    def put(self, payload: bytes) -> None:
+        self._said.append((self._line.now(), payload))
+
+    def close(self) -> None:
+        pass
+
+
+def late(others: int, *, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """(rounds, others) s: how late what each of the others sent in each period came out."""
+    batches = calibration(seed=1).batches()
+    if not calibrated:
+        batches = batches[: len(batches) // 2] * 2  # two turns, and then samples that are known already
+    begin = len(batches) - round(BEFORE_S / PERIOD_S)
+    with tempfile.TemporaryDirectory() as folder:
+        line, store = Line(), Store(Path(folder) / "a.sqlite3")
+        settings = Estimator(id="e", silence_s=600.0)
+        service = Service(WARD, settings, line, MemoryBus(MemoryBroker()), store)  # type: ignore[arg-type]
+        names = [f"c{number:02d}" for number in range(CALIBRATED)]
+        fleet = Fleet(others, RATE_HZ, BATCH)
+
+        def of_those(number: int) -> list[Message]:
+            if number >= len(batches):
+                return []
+            return [
+                Message(
+                    keys.build(WARD, "raw", bridge="bridge", device=name),
+                    codec.encode_samples(replace(batches[number], device=name)),
+                )
+                for name in names
+            ]
+
+        for number in range(begin):
+            line.arrive(0.0, of_those(number))
+        _finish(service, line)
+        begun_s = line.now() + 1.0
+        arrivals = []
+        for number in range(begin, len(batches) + round(AFTER_S / PERIOD_S)):
+            at_s = begun_s + (number - begin) * PERIOD_S
+            streamed = [Message(fleet.keys[i], payload) for i, payload in fleet.round(number - begin, time.time_ns())]
+            line.arrive(at_s, [*of_those(number), *streamed])
+            arrivals.append(at_s)
+        _finish(service, line)
+        counted = sum(bool(device.session.calibration) for device in service._devices.values())
+        assert counted == (CALIBRATED if calibrated else 0), counted
+        store.close()
+    device_keys = [keys.build(WARD, "corrected", device=keys.parse(key).device) for key in fleet.keys]
+    result = np.zeros((len(arrivals), others))
+    for column, key in enumerate(device_keys):
+        for at_s, payload in line.said[key]:  # one message may be published in two parts: the last counts
+            number = columns.CorrectedBatch.FromString(payload).sequence // BATCH
+            result[number, column] = at_s - arrivals[number]
+    settled: np.ndarray[tuple[int, ...], np.dtype[np.float64]] = result[10:]  # the first round announces the devices
+    return settled
+
+
+def _finish(service: Service, line: Line) -> None:
+    while service.step(0.05) or not line.over:
+        pass
+
+
+def main() -> int:
+    """Print a table; 1 when the goal is missed."""
+    others = int(sys.argv[1]) if len(sys.argv) > 1 else 950
+    table = Table(title=f"{others} others, ms of a core after their arrival")
+    for heading in ("", "median", "p99", "worst", "worst beyond the usual"):
+        table.add_column(heading, justify="right")
+    usual = late(others, calibrated=False)
+    base = float(usual.max())
+    found = late(others, calibrated=True)
+    before, turns.Turns.slow = turns.Turns.slow, lambda *_, **__: None  # type: ignore[method-assign]
+    share, turns.SHARE = turns.SHARE, 10**6
+    try:
+        unfair = late(others, calibrated=True)
+    finally:
+        turns.Turns.slow, turns.SHARE = before, share  # type: ignore[method-assign]
+    rows = (("none calibrated", usual), ("fifty calibrated", found), ("fifty, as it comes", unfair))
+    for what, late_s in rows:
+        p50, p99 = np.percentile(late_s, (50, 99))
+        numbers = (p50, p99, late_s.max(), late_s.max() - base)
+        table.add_row(what, *(f"{1e3 * number:.1f}" for number in numbers))
+    Console().print(table)
+    return int(found.max() - base > GOAL_S)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

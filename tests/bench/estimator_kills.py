@@ -1,0 +1,71 @@
+"""How long a killed estimator takes to be back: 200 of them, at random moments under load. `make bench-faults`.
+
+Seconds from the start of the new process to the first GOOD corrected sample at a subscriber (goal 2 s), and what was not gone
+on with: calibration, bias, samples, acknowledged calibrations, the store. Beside it what starting the interpreter costs.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from tests.ward.killed import Kill, killed
+
+GOAL_S = 2.0
+_STARTS = {
+    "an interpreter": "pass",
+    "and numpy, zenoh": "import numpy, zenoh",
+    "and the command": "import estimator.cli",
+    "and the service": "import estimator.cli, estimator.service.shell, estimator.service.serve",
+}
+
+
+def _started(code: str) -> float:
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", code], check=True)
+    return time.perf_counter() - began
+
+
+def main() -> int:
+    """Print what was found; 1 when a goal is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--steady", type=int, default=20, help="devices in the bridge")
+    parser.add_argument("--restless", type=int, default=2, help="devices that are rebooted and calibrated all the time")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    console = Console()
+    kills: list[Kill] = []
+    starts: dict[str, list[float]] = {what: [] for what in _STARTS}
+    with tempfile.TemporaryDirectory() as folder:
+        for kill in killed(Path(folder), args.kills, args.steady, args.restless, args.seed):
+            kills.append(kill)
+            for fault in kill.faults:
+                console.print(f"kill {len(kills)}: {fault}", style="red")
+            if len(kills) % 10 == 1:
+                for what, code in _STARTS.items():  # under the same load
+                    starts[what].append(_started(code))
+                console.print(f"{len(kills)} of {args.kills}: {kill.first_s:.2f} s", style="dim")
+    first, every = np.array([k.first_s for k in kills]), np.array([k.all_s for k in kills])
+    for what, seconds in (("the first GOOD sample", first), (f"the last of {args.steady} devices' first", every)):
+        p50, p95 = np.percentile(seconds, (50, 95))
+        console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s (goal {GOAL_S:g} s)")
+    for what, seconds_of in starts.items():
+        console.print(f"of which {what}: median {np.median(seconds_of):.2f} s, worst {max(seconds_of):.2f} s")
+    moved = np.concatenate([kill.moved for kill in kills])
+    console.print(
+        f"the bias is where it was within its standard deviation: {(moved <= 1).mean():.1%}; "
+        f"median {np.median(moved):.2f}, p99 {np.percentile(moved, 99):.2f} of it"
+    )
+    faults = sum(len(kill.faults) for kill in kills)
+    console.print(f"{len(kills)} kills, {faults} faults, {(first > GOAL_S).sum()} beyond the goal")
+    return int(bool(faults or (first > GOAL_S).any()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,84 @@
+"""A disk that takes its time: samples do not wait for it, calibrations are said when they are kept, nothing is lost."""
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bridge.wire.messages import Quality
+from estimator.database import Database, StoreError
+from estimator.service import clerk as rules
+from estimator.service.clerk import Clerk
+from estimator.service.store import Store
+from tests.estimator.database.kept import CALIBRATIONS
+from tests.estimator.stream import NAME, calibration, info
+from tests.estimator.test_service import Ward
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    made = Store(tmp_path / "a.sqlite3")
+    yield made
+    made.close()
+
+
+def test_samples_do_not_wait_for_a_disk_and_a_calibration_is_said_when_it_is_kept(tmp_path: Path) -> None:
+    ward = Ward(tmp_path)
+    ward.kill()
+    clerks: list[Clerk] = []
+
+    def hired(database: Database) -> Clerk:
+        clerks.append(Clerk(database))
+        return clerks[0]
+
+    ward.start(hired)
+    stream = calibration(seed=1)
+    with closing(sqlite3.connect(ward.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")  # whoever writes now waits
+        ward.send(stream.batches(), info(1))
+        batches = list(ward.subscriber)
+        assert sum(map(len, batches)) == len(stream)
+        assert batches[-1].quality is Quality.GOOD, "the calibration is in use"
+        assert ward.client.calibrations(wait_s=0.05) == [], "and is promised to nobody yet"
+        assert ward.store.recall(NAME, 1, 0) is None, "to read waits for nobody"
+        other.execute("COMMIT")
+    deadline = time.monotonic() + 20
+    while not (said := ward.client.calibrations(wait_s=0.05)) and time.monotonic() < deadline:
+        ward.settle()
+    assert [c.id for c in said] == [c.id for c in ward.store.calibrations(NAME)] == [batches[-1].calibration]
+    assert ward.service.counts.as_dict() == {}
+    clerks[0].close()
+    assert (found := ward.store.recall(NAME, 1, 0)) is not None
+    assert found.bias is not None
+    ward.kill()
+
+
+def test_one_that_cannot_be_written_keeps_the_others_from_nothing(store: Store) -> None:
+    clerk, heard = Clerk(store.database), list[StoreError | None]()
+    bad = replace(CALIBRATIONS[0], id=None)  # type: ignore[arg-type]
+    for c in (CALIBRATIONS[0], bad, CALIBRATIONS[1]):
+        clerk.do(lambda c=c: store.add_calibration(c), heard.append)  # type: ignore[misc]
+    assert heard == [], "told only in collect"
+    clerk.close()
+    assert [error is None for error in heard] == [True, False, True]
+    assert [c.id for c in store.calibrations(NAME)] == ["c1", "c2"]
+
+
+def test_more_than_can_wait_is_refused(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "MOST", 3)
+    heard = list[StoreError | None]()
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        clerk = Clerk(store.database)
+        for _ in range(20):
+            clerk.do(lambda: store.add_calibration(CALIBRATIONS[0]), heard.append)
+        assert heard
+        assert all("too slow" in str(error) for error in heard)
+        other.execute("COMMIT")
+    clerk.close()
+    assert len(heard) == 20
+    assert None in heard

@@ -1,0 +1,115 @@
+"""Whose turn it is: order within a device, patience for the others, floods that are dropped and counted."""
+
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.bus.contract import Message
+from estimator.service import turns as rules
+from estimator.service.turns import Turns
+
+
+class Desk:
+    """Turns whose work takes time by a clock of its own: cost_s of each message by key."""
+
+    def __init__(self, cost_s: dict[str, float] | None = None) -> None:
+        self.now, self.done = 0.0, list[Message]()
+        self.dropped: dict[str, int] = {}
+        self._cost_s = cost_s or {}
+        self.turns = Turns(self.take, self.drop, lambda: self.now)
+
+    def take(self, messages: Sequence[Message]) -> None:
+        self.done += messages
+        self.now += sum(self._cost_s.get(message.key, 1e-5) for message in messages)
+
+    def drop(self, key: str, n: int) -> None:
+        self.dropped[key] = self.dropped.get(key, 0) + n
+
+    def numbers(self, key: str) -> list[int]:
+        return [int(message.payload) for message in self.done if message.key == key]
+
+    def finish(self) -> None:
+        while self.turns.waiting:
+            self.turns.round(())
+            self.now += 0.0 if self.turns.pressing else 0.1
+
+
+def messages(key: str, begin: int, end: int) -> list[Message]:
+    return [Message(key, b"%d" % number) for number in range(begin, end)]
+
+
+def test_who_sends_little_never_waits() -> None:
+    desk = Desk()
+    sent = [*messages("a", 0, 5), *messages("b", 0, 5)]
+    desk.turns.round(sent)
+    assert desk.done == sent
+
+
+def test_a_flood_waits_for_the_others_and_is_dropped_from_the_oldest_on() -> None:
+    desk = Desk({"flood": 1e-4})
+    longest = 0.0
+    for number in range(100):
+        began = desk.now
+        desk.turns.round([*messages("flood", 400 * number, 400 * (number + 1)), *messages("calm", number, number + 1)])
+        longest = max(longest, desk.now - began)
+        assert desk.numbers("calm")[-1] == number, "in the round it came in"
+    assert longest < rules.ASIDE_S + 2 * rules.SHARE * 1e-4 + 1e-4
+    desk.finish()
+    flood = desk.numbers("flood")
+    assert flood == sorted(flood)
+    assert len(flood) + desk.dropped["flood"] == 40_000
+    assert flood[-1] == 39_999, "what is newest is kept"
+    assert desk.dropped.keys() == {"flood"}
+
+
+def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
+    desk = Desk()
+    for millisecond in range(10_000):
+        desk.turns.round(messages("flood", 10 * millisecond, 10 * millisecond + 10))
+        desk.turns.round(messages("flood", 10**6 + 90 * millisecond, 10**6 + 90 * (millisecond + 1)))
+        desk.now = max(desk.now, 1e-3 * millisecond)
+    assert desk.turns.pressing is False
+    handled = len(desk.numbers("flood"))
+    assert handled < 12 * (rules.A_SECOND + rules.SHARE)
+    assert handled + desk.dropped["flood"] + desk.turns.waiting == 10**6
+
+
+def test_fifty_long_calibrations_are_one_between_two_rounds() -> None:
+    slow = [f"s{n:02d}" for n in range(50)]
+    desk = Desk(dict.fromkeys(slow, 0.013))
+    for key in slow:
+        desk.turns.slow(key, now=True)
+    desk.turns.round([message for key in slow for message in messages(key, 0, 2)])
+    for number in range(100):
+        began = desk.now
+        desk.turns.round(messages("calm", number, number + 1))
+        assert desk.now - began < 0.013 + 1e-4
+    assert desk.turns.waiting == 0
+    assert all(desk.numbers(key) == [0, 1] for key in slow)
+    desk.turns.slow("s00", now=False)
+    desk.turns.round(messages("s00", 2, 3))
+    assert desk.numbers("s00") == [0, 1, 2]
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 60), st.booleans()), max_size=40))
+def test_what_one_device_says_keeps_its_order_and_nothing_is_lost(rounds: list[tuple[str, int, bool]]) -> None:
+    desk = Desk({"a": 1e-3})
+    sent = dict.fromkeys("abc", 0)
+    for key, n, slow in rounds:
+        desk.turns.slow(key, now=slow)
+        desk.turns.round(messages(key, sent[key], sent[key] + n))
+        sent[key] += n
+    desk.finish()
+    assert {key: desk.numbers(key) for key in "abc"} == {key: list(range(n)) for key, n in sent.items()}
+    assert desk.dropped == {}
+
+
+def test_with_too_many_waiting_nothing_more_is_to_be_taken_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "FULL", 100)
+    desk = Desk({"a": 1.0})
+    desk.turns.round(messages("a", 0, 200))
+    assert desk.turns.full
+    desk.finish()
+    assert not desk.turns.full

@@ -1,0 +1,197 @@
+"""Estimators killed at random moments under load, and what each restart went on with. Real processes, router and store.
+
+Steady devices live in the bridge and are calibrated once; others, behind pseudo-terminals, are rebooted again and again, so
+that at any moment some calibration is under way, being written, or just said.
+"""
+
+import random
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch, Quality, Verdict
+from estimator.client import Client
+from estimator.database import inspect
+from estimator.demo.audience import Watcher
+from estimator.demo.ward import WARD, Ward
+from estimator.service.store import Store
+from tests.ward.parts import add_simulated, living, wait
+
+_SPEED = 10.0
+_RESTLESS_S = 1.5
+#: a bias may move by so much of its standard deviation, and must be known better than this, rad/s
+SURE_SIGMAS, UNSURE = 3.0, np.radians(0.2)
+#: who is back within so many seconds has missed nothing
+KEPT_S = 10.0
+
+
+@dataclass(slots=True)
+class Kill:
+    """One kill. Seconds from the start of the next process to the first GOOD sample of one, and of every steady device."""
+
+    first_s: float
+    all_s: float
+    faults: list[str] = field(default_factory=list)
+    moved: list[float] = field(default_factory=list)  # each steady device's bias, in standard deviations
+
+
+class Ear(threading.Thread):
+    """Hears corrected rates of the whole ward, each sample once: the latest GOOD batch of a device, and holes in its numbers."""
+
+    def __init__(self, endpoint: str) -> None:
+        super().__init__(daemon=True)
+        self._client = Client((endpoint,), ward=WARD)
+        self._corrected = self._client.corrected()
+        self._over = threading.Event()
+        self.good: dict[str, tuple[float, CorrectedBatch]] = {}
+        self.first: dict[str, tuple[float, CorrectedBatch]] = {}
+        self.missing = 0
+        self._next: dict[tuple[str, int], int] = {}
+        self.start()
+
+    def run(self) -> None:
+        while not self._over.is_set():
+            batch = self._corrected.receive(0.1)
+            if batch is None:
+                continue
+            boot = batch.device, batch.boot
+            self.missing += max(0, batch.sequence - self._next.get(boot, batch.sequence))
+            self._next[boot] = batch.sequence + len(batch)
+            if batch.quality is Quality.GOOD:
+                heard = time.monotonic(), batch
+                self.good[batch.device] = heard
+                self.first.setdefault(batch.device, heard)
+
+    def close(self) -> None:
+        self._over.set()
+        self.join()
+        self._client.close()
+
+
+class Victim:
+    """A ward with `steady` devices in the bridge and `restless` ones behind pseudo-terminals."""
+
+    def __init__(self, ward: Ward, steady: list[str], restless: list[str]) -> None:
+        self.ward, self.steady, self.restless = ward, steady, restless
+        self.store = ward.folder / "truerate.sqlite3"
+        self.ear, self.watcher = Ear(ward.endpoint), Watcher(ward.endpoint, WARD)
+        self._bus = ZenohBus((ward.endpoint,))
+        self._calibrations = self._bus.subscribe(keys.pattern(WARD, "calibration"))
+        self.acknowledged: dict[str, str] = {}
+        self._rebooted: dict[str, float] = {}
+
+    def listen(self, until_s: float) -> None:
+        """Until a moment: take note of what is acknowledged, and reboot restless devices that have been calibrated."""
+        while time.monotonic() < until_s:
+            for message in self._calibrations.drain(100, min(0.02, max(0.0, until_s - time.monotonic()))):
+                found = codec.decode_calibration(message.key, message.payload)
+                if found.verdict is Verdict.ACCEPTED:
+                    self.acknowledged[found.id] = found.device
+                    self._rebooted.setdefault(found.device, time.monotonic() + _RESTLESS_S)
+            for name in self.restless:
+                if self._rebooted.get(name, np.inf) < time.monotonic():
+                    del self._rebooted[name]
+                    self.ward.ports[name].device.reboot()
+            self.watcher.poll()
+
+    def kill(self, lasts_s: float) -> Kill:
+        """Listen for so long, kill the estimator, start it again, and hold what comes against what was."""
+        self.listen(time.monotonic() + lasts_s)
+        self.ward.stop("estimator", signal.SIGKILL)
+        self.listen(time.monotonic() + 0.3)  # what had been said is heard
+        before, missing = dict(self.ear.good), self.ear.missing
+        inspection = inspect(self.store)
+        faults = [] if inspection.sound else [f"the store: {inspection}"]
+        self.ear.first.clear()
+        begun = time.monotonic()
+        self.ward.start("estimator")
+        deadline = begun + 30.0
+        while not self.ear.first.keys() >= set(self.steady) and time.monotonic() < deadline:
+            self.listen(time.monotonic() + 0.01)
+        first = {name: self.ear.first[name] for name in self.steady if name in self.ear.first}
+        for name in self.steady:
+            faults += (
+                _discontinued(name, before[name][1], first[name][1]) if name in first else [f"{name}: nothing GOOD"]
+            )
+        moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
+        moments = [moment - begun for moment, _ in first.values()] or [np.inf]
+        # A bridge keeps fifteen seconds for who is away.
+        if self.ear.missing > missing and max(moments) < KEPT_S:
+            faults.append(f"{self.ear.missing - missing} samples never came")
+        return Kill(min(moments), max(moments), faults, moved)
+
+    def lost(self) -> list[str]:
+        """Calibrations that were acknowledged and are not in the store."""
+        store = Store.reading(self.store)
+        kept = {name: {c.id for c in store.calibrations(name)} for name in {*self.acknowledged.values()}}
+        store.close()
+        return [name for name, device in self.acknowledged.items() if name not in kept[device]]
+
+    def close(self) -> None:
+        self.ear.close()
+        self.watcher.close()
+        self._bus.close()
+
+
+def _moved(before: CorrectedBatch, after: CorrectedBatch) -> float:
+    """How far the bias has gone meanwhile, in standard deviations of who is less sure: what a rest taught may be news to one."""
+    std = np.maximum(before.bias_std, after.bias_std)
+    return float(np.max(np.abs(after.bias - before.bias) / std))
+
+
+def _discontinued(name: str, before: CorrectedBatch, after: CorrectedBatch) -> list[str]:
+    """What is not as it was: the calibration, or the bias."""
+    faults = []
+    if after.calibration != before.calibration:
+        faults.append(f"{name}: calibration {after.calibration} after {before.calibration}")
+    if (moved := _moved(before, after)) > SURE_SIGMAS:
+        faults.append(f"{name}: the bias moved by {moved:.2f} of its standard deviation")
+    if float(np.max(after.bias_std)) > UNSURE:
+        faults.append(
+            f"{name}: its bias is known to {np.degrees(after.bias_std)} °/s only, as if nothing had been kept"
+        )
+    return faults
+
+
+@contextmanager
+def victim(folder: Path, steady: int, restless: int, speed: float = 1.0) -> Iterator[Victim]:
+    """A ward whose devices are all calibrated."""
+    names = [f"s{number:02d}" for number in range(steady)]
+    others = tuple(f"r{number}" for number in range(restless))
+    with Ward(folder, others) as ward:
+        add_simulated(ward, names, speed)
+        ward.start("router", "estimator", "bridge")
+        ward.wait_for_router()
+        made = Victim(ward, names, list(others))
+        try:
+            for seed, name in enumerate(others):
+                ward.plug(name, living(name, seed=100 + seed), speed=_SPEED, lossless=True)
+            wait(
+                "calibrations", lambda: made.ear.good.keys() >= {*names}, made.watcher, ward, timeout_s=90 / speed + 30
+            )
+            yield made
+        finally:
+            made.close()
+
+
+def killed(folder: Path, kills: int, steady: int, restless: int, seed: int, *, speed: float = 1.0) -> Iterator[Kill]:
+    """So many kills, one after the other; the last is followed by a look for calibrations that were lost."""
+    chance = random.Random(seed)
+    with victim(folder, steady, restless, speed) as made:
+        for number in range(kills):
+            kill = made.kill(chance.uniform(0.0, 3.0))
+            if number == kills - 1:
+                made.listen(time.monotonic() + 1.0)
+                made.ward.stop("estimator", signal.SIGKILL)
+                kill.faults += [f"calibration {name} was said and is lost" for name in made.lost()]
+                if not made.acknowledged:
+                    kill.faults.append("no calibration was said")
+            yield kill

@@ -1,0 +1,88 @@
+"""An hour of a ward, faster than life where TRUERATE_SPEED says so: nothing grows, and the filters stay honest."""
+
+import os
+import time
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from estimator.demo.audience import Watcher
+from estimator.demo.ward import WARD, Ward, free_port
+from tests.bridge.asking import get
+from tests.conftest import Effort
+from tests.ward.parts import add_simulated, wait
+
+pytestmark = [pytest.mark.ward, pytest.mark.soak, pytest.mark.xdist_group("ward"), pytest.mark.timeout(7200)]
+EVERY_S = 1.0
+#: a mean over a ward's devices; 1 is what it should be, less where a short rest is believed with caution
+NIS = (0.3, 1.5)
+
+
+class Look(NamedTuple):
+    """One look at the estimator: MB, numbers, what its metrics say."""
+
+    rss_mb: float
+    threads: int
+    files: int
+    values: dict[str, float]  # of the ward
+    nis: list[float]
+
+
+def look(port: int, pid: int) -> Look:
+    values: dict[str, float] = {}
+    nis = []
+    for family in text_string_to_metric_families(get(port, "/metrics")[1]):
+        for sample in family.samples:
+            if sample.name == "truerate_nis":
+                nis.append(sample.value)
+            elif not sample.labels:
+                values[sample.name] = sample.value
+            elif "what" in sample.labels:
+                values[sample.labels["what"]] = sample.value
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    threads = next(int(line.split()[1]) for line in status if line.startswith("Threads"))
+    rss_mb = values["process_resident_memory_bytes"] / 2**20
+    return Look(rss_mb, threads, int(values["process_open_fds"]), values, nis)
+
+
+def test_an_hour_of_a_ward_leaves_it_as_it_was(tmp_path: Path, effort: Effort) -> None:
+    speed = float(os.environ.get("TRUERATE_SPEED", effort(5, 1)))
+    devices = int(os.environ.get("TRUERATE_DEVICES", effort(4, 100)))
+    lasts_s, names = effort(60, 3600) / speed, [f"d{number:03d}" for number in range(devices)]
+    with Ward(tmp_path, ()) as ward:
+        add_simulated(ward, names, speed, "ward")
+        port, text = free_port(), ward.config.read_text(encoding="utf-8")
+        text = text.replace('id = "estimator-1"', f'id = "estimator-1"\nhealth = "127.0.0.1:{port}"')
+        ward.config.write_text(text, encoding="utf-8")
+        ward.start("router", "estimator", "bridge")
+        ward.wait_for_router()
+        watcher = Watcher(ward.endpoint, WARD)
+        try:
+            wait("calibrations", lambda: watcher.all_tracking(devices), watcher, ward, 60 / speed + 2 * devices + 60)
+        finally:
+            watcher.close()
+        pid = ward._processes["estimator"].pid
+        looks, until_s = [], time.monotonic() + lasts_s
+        while time.monotonic() < until_s:
+            time.sleep(EVERY_S)
+            looks.append(look(port, pid))
+            ward.check()
+    settled = looks[len(looks) // 3 :]  # caches fill up first
+    early, late = settled[: len(settled) // 3], settled[-(len(settled) // 3) :]
+    grown_mb = median(one.rss_mb for one in late) - median(one.rss_mb for one in early)
+    last = looks[-1]
+    mean_nis = sum(last.nis) / len(last.nis)
+    print(  # noqa: T201 - a soak says what it found
+        f"{devices} devices, {lasts_s:.0f} s at {speed:g} times: {last.rss_mb:.0f} MB, grown by {grown_mb:.2f}; "
+        f"threads {early[0].threads} to {last.threads}, files {early[0].files} to {last.files}; NIS {mean_nis:.2f} "
+        f"({min(last.nis):.2f} to {max(last.nis):.2f}); { ({k: v for k, v in last.values.items() if ' ' in k}) }"
+    )
+    assert grown_mb < 0.02 * last.rss_mb
+    assert last.threads <= early[0].threads
+    assert max(one.files for one in late) <= max(one.files for one in early)
+    assert NIS[0] < mean_nis < NIS[1]
+    assert last.values["truerate_law_violations_all_total"] == 0
+    assert "sessions failed" not in last.values
