@@ -179,10 +179,12 @@ class Record:
     def thin(self, device: Device, now: float) -> None:
         """Once a day and device, in small pieces: old points of its bias history."""
         if not device.to_thin:
-            if now - device.thinned >= THIN_S:
-                device.thinned = now
-                self._look_for_old(device)
-            return
+            if now - device.thinned < THIN_S:
+                return
+            device.thinned = now
+            self._look_for_old(device)
+        if not device.to_thin:
+            return  # none, or the clerk still looks
         boot, after_ns = device.to_thin.popleft()
         on_ns: list[int | None] = []
         self._keep(
