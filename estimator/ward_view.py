@@ -121,3 +121,11 @@ def chosen(rows: Iterable[Row], only: Iterable[str]) -> list[Row]:
     words = [word.lower() for word in only]
     states = {word.replace("-", " ").replace("_", " ") for word in words}
     return [row for row in rows if not words or row.state in states or any(fnmatchcase(row.device, w) for w in words)]
+
+
+def age(seconds: float) -> str:
+    """How long, in the largest unit of which there are two."""
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
