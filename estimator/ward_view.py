@@ -73,9 +73,10 @@ class WardView:
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
         names = self._statuses.keys() | self._infos.keys()
-        return sorted((self._row(name, now) for name in names), key=lambda row: row.order)
+        return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
-    def _row(self, name: str, now: float) -> Row:
+    def row(self, name: str, now: float) -> Row:
+        """One device."""
         info, (status, heard) = self._infos.get(name), self._statuses.get(name, (None, now))
         about: dict[str, Any] = {}
         if info is not None:

@@ -14,7 +14,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from estimator.web import live, pages
+from estimator.web import device_pages, live, pages
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
 from estimator.web.fault import Fault
@@ -25,7 +25,7 @@ STATIC = Path(__file__).parent / "static"
 
 def routes() -> list[BaseRoute]:
     """Every place there is. A part is a module with `routes()`; a new one is named here."""
-    parts = (pages, live)
+    parts = (pages, device_pages, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 

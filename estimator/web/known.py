@@ -141,6 +141,10 @@ class Known:
         """Every device, those that need a person first."""
         return self._view.rows(now)
 
+    def row(self, device: str, now: float) -> Row:
+        """One that was heard of."""
+        return self._view.row(device, now)
+
     def glance(self) -> Glance:
         """The ward at one look."""
         statuses = {name: story.status for name, story in self.stories.items() if story.status}

@@ -75,11 +75,14 @@ class BiasTopic:
         self._topic, self._known = topic, sources.known
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
-        """By number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN is not known."""
-        begin_ns = now_ns - round(SPARKS_S * 1e9)
-        found = [story.trail.spread(SPARKS, begin_ns, now_ns)[:, :6] for story in self._known.stories.values()]
-        columns = np.degrees(np.array(found)).astype("<f4")
-        yield topics.binary(self._topic, columns.tobytes())
+        """float64 seconds that are told; by number float32 (SPARKS, 6): bias and std, x, y, z, °/s; NaN is not known."""
+        trails = [story.trail for story in self._known.stories.values()]
+        first_ns = min((int(trail.times_ns[0]) for trail in trails if len(trail)), default=now_ns)
+        begin_ns = max(first_ns, now_ns - round(SPARKS_S * 1e9))
+        columns = np.degrees(np.array([trail.spread(SPARKS, begin_ns, now_ns)[:, :6] for trail in trails]))
+        yield topics.binary(
+            self._topic, np.float64((now_ns - begin_ns) / 1e9).tobytes() + columns.astype("<f4").tobytes()
+        )
 
     frames = whole
 

@@ -25,12 +25,13 @@ function fit(canvas) {
 }
 
 // Slow turns are seen beside fast ones: the height is the square root of the rate.
-const FULL_DPS = 360;
+const FULL_DPS = 360, LATE_FRAMES = 4;
 
 export class Strip {
   constructor(canvas) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
+    this.held = [NaN, NaN, 0];
     this.size();
   }
 
@@ -38,7 +39,10 @@ export class Strip {
     this.step = Math.max(1, Math.round(fit(this.canvas)));
   }
 
+  // What comes a frame late is no silence: for a moment the last is drawn on.
   draw(least, most) {
+    if (!Number.isNaN(most)) this.held = [least, most, 0];
+    else if (this.held[2]++ < LATE_FRAMES) [least, most] = this.held;
     const { canvas, pen, step } = this, height = canvas.height;
     pen.globalCompositeOperation = "copy";
     pen.drawImage(canvas, -step, 0);
@@ -75,6 +79,8 @@ export function spark(canvas, rows, points) {
       const away = Math.abs(rows[6 * i + axis] - means[axis]) + Math.min(rows[6 * i + 3 + axis], 0.3);
       if (away > reach) reach = away;
     }
+  pen.fillStyle = colours.line;
+  pen.fillRect(0, Math.round(height / 2), width, 1);
   const x = (i) => (i / (points - 1)) * width, y = (value) => height / 2 - (value / reach) * (height / 2 - 2);
   ["x", "y", "z"].forEach((name, axis) => {
     const value = (i) => rows[6 * i + axis] - means[axis], std = (i) => rows[6 * i + 3 + axis];

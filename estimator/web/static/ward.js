@@ -61,9 +61,11 @@ watch("rates", (data) => {
 
 const points = 40;
 watch("bias", (data) => {
-  const rows = new Float32Array(data);
+  const seconds = new Float64Array(data, 0, 1)[0], rows = new Float32Array(data, 8);
+  const words = `bias, ${seconds < 100 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`}`;
   for (const tile of tiles.values()) {
     const at = tile.number * points * 6;
+    say(tile.element.querySelector(".span"), words);
     if (tile.number !== undefined && at + points * 6 <= rows.length) spark(tile.spark, rows.subarray(at, at + points * 6), points);
   }
 });
