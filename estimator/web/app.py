@@ -15,6 +15,7 @@ from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
 from estimator.web import device_pages, live, pages
+from estimator.web.api import places
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
 from estimator.web.fault import Fault
@@ -25,7 +26,7 @@ STATIC = Path(__file__).parent / "static"
 
 def routes() -> list[BaseRoute]:
     """Every place there is. A part is a module with `routes()`; a new one is named here."""
-    parts = (pages, device_pages, live)
+    parts = (pages, device_pages, places, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 
@@ -73,6 +74,8 @@ async def _not_there(request: Request, error: Exception) -> Response:
 
 
 def _answer(request: Request, fault: Fault) -> Response:
+    if request.url.path.startswith(places.ROOT):
+        return places.refused(fault)
     response = pages.show(request, "fault.html", {"fault": fault}, fault.status)
     response.headers.update(fault.headers)
     return response

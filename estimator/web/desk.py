@@ -30,6 +30,8 @@ log = logging.getLogger(__name__)
 COOKIE = "truerate"
 #: how long what a store said of a device is taken for all there is
 PAST_S = 30.0
+#: how a program says who it is; no browser asks a person because of it
+CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
 VERBS = ("recalibrate", "cancel", "note")
 
 
@@ -63,7 +65,7 @@ class Desk:
         """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
         session = self.session(connection)
         if session is None:
-            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Log in to do this.")
+            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Log in to do this.", CHALLENGE)
         if not secrets.compare_digest(session.csrf.encode(), csrf.encode("utf-8", "replace")):
             raise Fault(HTTPStatus.FORBIDDEN, "stale_page", "This page is not of your session any more; load it again.")
         return session
@@ -83,7 +85,7 @@ class Desk:
             if not await run_in_threadpool(self._passwords.right, name, password):
                 self._attempts.failed(address, time.monotonic())
                 log.warning("a wrong name or password from %s", address)
-                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.")
+                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.", CHALLENGE)
             self._attempts.succeeded(address)
 
     # ---- devices --------------------------------------------------------------------------------------------------
@@ -92,7 +94,9 @@ class Desk:
         """Of a device that was heard of; else Fault."""
         story = self.known.stories.get(device)
         if story is None:
-            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", f"No device {device[:64]!r} was heard of in this ward.")
+            there = ", ".join(sorted(self.known.stories)[:20]) or "none"
+            message = f"no device {device[:64]} was heard; there are: {there}"
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", message)
         return story
 
     async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
