@@ -9,6 +9,7 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
@@ -47,7 +48,7 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
 
     app = Starlette(
         routes=routes(),
-        middleware=[Middleware(Guard, hosts=desk.settings.hosts)],
+        middleware=[Middleware(Guard, hosts=desk.settings.hosts), Middleware(GZipMiddleware, minimum_size=2000)],
         exception_handlers={Fault: _refused, HTTPException: _not_there},
         lifespan=lifespan,
     )

@@ -1,11 +1,14 @@
 """What keeps the pages alive: reads the bus a few times a second, and makes the frames of what is watched."""
 
 import asyncio
+import contextlib
 import logging
 import time
+from collections.abc import Callable
 
 from bridge.bus.contract import BusError, Declared
 from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Status
+from bridge.wire.refusal import Tally
 from estimator.client import Client
 from estimator.streams import Stream
 from estimator.web import topics
@@ -20,6 +23,8 @@ ROUND_S = 0.02
 HEAR_S = 0.2
 #: a topic nobody watches any more is kept for so long: a page is often left and come back to
 LINGER_S = 5.0
+#: what failed is begun anew after so long
+AGAIN_S = 2.0
 #: a round that is so late has lost its place: frames are left out, not made up for
 LATE_S = 1.0
 
@@ -69,6 +74,8 @@ class Broadcast:
         self._last_watched: dict[str, float] = {}
         self._heard: Heard | None = None
         self._hear_at = 0.0
+        #: topics that failed, by kind
+        self.failed = Tally()
 
     def connect(self, client: Client, control: Client) -> None:
         """A router is there for the first time; what is watched already begins anew."""
@@ -78,34 +85,51 @@ class Broadcast:
             self._end(topic)
 
     async def run(self) -> None:
-        """Until cancelled."""
+        """Until cancelled; whatever fails, the rest goes on."""
         while True:
             now = time.monotonic()
-            try:
-                self.step(now, time.time_ns())
-            except BusError as error:
-                log.warning("%s", error)
+            self.step(now, time.time_ns())
             await asyncio.sleep(max(0.001, ROUND_S - (time.monotonic() - now)))
 
     def step(self, now: float, now_ns: int) -> None:
         """One round."""
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
-            self._heard.hear(now)
+            self._guarded("what is heard", now, lambda heard=self._heard: heard.hear(now))  # type: ignore[misc] # done now
         for name in self._hub.wanted():
             self._last_watched[name] = now
-            if name not in self._topics:
-                self._topics[name] = topics.KINDS[name.partition("/")[0]](name, self._sources)
-                self._due[name] = now + self._topics[name].period_s
-            self._hub.greet(name, self._topics[name].whole(now, now_ns) if name in self._hub.newcomers else ())
-        for name, topic in list(self._topics.items()):
+            if name not in self._topics and now >= self._due.get(name, now):
+                self._guarded(name, now, lambda name=name: self._begin(name, now))  # type: ignore[misc] # done now
+            if name in self._topics and name in self._hub.newcomers:
+                whole = self._topics[name].whole
+                self._guarded(name, now, lambda n=name, of=whole: self._hub.greet(n, of(now, now_ns)))  # type: ignore[misc] # done now
+        for name in list(self._topics):
             if now - self._last_watched[name] > LINGER_S:
                 self._end(name)
             elif now >= self._due[name]:
-                late = now - self._due[name] > LATE_S
-                self._due[name] = (now if late else self._due[name]) + topic.period_s
-                for frame in topic.frames(now, now_ns):
-                    self._hub.publish(name, frame)
+                self._guarded(name, now, lambda name=name: self._tell(name, now, now_ns))  # type: ignore[misc] # done now
+
+    def _begin(self, name: str, now: float) -> None:
+        self._topics[name] = topics.KINDS[name.partition("/")[0]](name, self._sources)
+        self._due[name] = now + self._topics[name].period_s
+
+    def _tell(self, name: str, now: float, now_ns: int) -> None:
+        topic, due = self._topics[name], self._due[name]
+        self._due[name] = (now if now - due > LATE_S else due) + topic.period_s
+        for frame in topic.frames(now, now_ns):
+            self._hub.publish(name, frame)
+
+    def _guarded(self, name: str, now: float, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # of whatever kind: a topic that fails is begun anew, and is no other's
+            if self.failed.add(name.partition("/")[0]) == 1:
+                log.exception("%s failed and begins anew (more of this kind are only counted)", name)
+            else:
+                log.debug("%s failed again: %s", name, error)
+            if name in self._topics:
+                self._end(name)
+            self._due[name] = now + AGAIN_S
 
     def close(self) -> None:
         """Stop listening."""
@@ -115,5 +139,7 @@ class Broadcast:
             self._heard.close()
 
     def _end(self, name: str) -> None:
-        self._topics.pop(name).close()
-        self._due.pop(name)
+        self._due.pop(name, None)
+        self._last_watched.pop(name, None)
+        with contextlib.suppress(BusError):
+            self._topics.pop(name).close()

@@ -48,6 +48,7 @@ class Server:
                 server_header=False,
                 access_log=False,
                 log_config=None,
+                log_level="warning",
                 timeout_graceful_shutdown=2,
             )
         )

@@ -78,7 +78,7 @@ class Traces:
         time = columns[0]
         found = Points(*_thinned(columns, 2 + 2 * round((time[-1] - time[0]) * POINTS_HZ / 2)))
         self._kept.append(found)
-        while self._kept[-1].time_s[-1] - self._kept[0].time_s[0] > KEPT_S:
+        while len(self._kept) > 1 and time[-1] - self._kept[0].time_s[0] > KEPT_S:
             self._kept.popleft()
         return found
 

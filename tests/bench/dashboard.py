@@ -1,6 +1,6 @@
-"""The dashboard of a busy ward: its share of a core, redraws a second in Chromium, fifty viewers, one that never reads. `make bench`.
+"""The dashboard of a busy ward: its share of a core, redraws a second in Chromium, fifty viewers. `make bench`.
 
-Router, dashboard and a ward that talks are processes of their own; `python -m tests.bench.dashboard [--seconds 10] [--viewers 50]`.
+Router, dashboard and a ward that talks are processes of their own; so are Chromium and the viewers, one of which never reads.
 """
 
 import argparse

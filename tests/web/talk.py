@@ -1,6 +1,7 @@
 """A ward that says what a test wants it to say, in real messages over the bus in memory."""
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -23,6 +24,7 @@ from estimator.session import DeviceSession
 from tests.estimator.stream import info
 
 WARD = "w"
+Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatch
 
 
 def said(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
@@ -40,7 +42,7 @@ class Talk:
     """Publishers of a bridge and an estimator, who are alive as long as it is open."""
 
     def __init__(self, broker: MemoryBroker) -> None:
-        self._bus = MemoryBus(broker)
+        self._bus, self._lock = MemoryBus(broker), threading.Lock()
         self._publishers: dict[str, Publisher] = {}
         self._alive = [
             self._bus.declare_alive(keys.build(WARD, f"alive/{kind}", **{kind: "one"}))
@@ -50,12 +52,32 @@ class Talk:
         self.answer: Callable[[str, str], CommandReply] = lambda verb, device: CommandReply(
             "", accepted=True, message=f"{verb} it is"
         )
-        self._lock = threading.Lock()
         self._bus.answer(keys.pattern(WARD, "rpc"), self._on_command)
+        self._latest: dict[str, Status] = {}
+        self._hush = threading.Event()
+        self._thread = threading.Thread(target=self._again, daemon=True)
+        self._thread.start()
 
-    def __call__(self, *messages: Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatch) -> None:
+    def __call__(self, *messages: Message) -> None:
         """Say these."""
         for message in messages:
+            if isinstance(message, Status):
+                self._latest[message.device] = message
+            self._put(message)
+
+    def hush(self) -> None:
+        """Nothing is said again."""
+        self._hush.set()
+        self._thread.join()
+
+    def _again(self) -> None:
+        """Statuses are said again and again, as an estimator does."""
+        while not self._hush.wait(0.9):
+            for status in self._latest.copy().values():
+                self._put(replace(status, time_ns=time.time_ns()))
+
+    def _put(self, message: Message) -> None:
+        with self._lock:
             what, encode = _KINDS[type(message)]
             ids = {"bridge": "bridge"} if what in ("info", "raw") else {}
             key = keys.build(WARD, what, **ids, device=message.device)

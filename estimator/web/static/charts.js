@@ -4,6 +4,11 @@
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const charts = new Set();
 
+export function hour(seconds, step = 1) {
+  const parts = { hour: "2-digit", minute: "2-digit", hour12: false, ...(step < 60 ? { second: "2-digit" } : {}) };
+  return new Date(seconds * 1000).toLocaleTimeString([], parts);
+}
+
 function width(place) {
   return Math.max(200, place.clientWidth);
 }
@@ -18,11 +23,11 @@ export function chart(place, { label, title, height = 130, series, bands = [], b
   made.draw = () => {
     made.plot?.destroy();
     const axis = { stroke: () => css("dim"), grid: { stroke: () => css("line"), width: 1 }, ticks: { show: false }, font: "13px system-ui, sans-serif" };
-    const values = clock ? undefined : (u, ticks) => ticks.map((tick) => `${tick} s`);
+    const values = (u, ticks, _axis, _space, step) => ticks.map((tick) => (clock ? hour(tick, step) : `${tick} s`.replace("-", "−")));
     made.plot = new uPlot({
       width: width(figure), height, pxAlign: false, cursor: { show: false }, legend: { show: false },
       scales: { x: { time: clock }, y: range ? { range } : {} },
-      axes: [{ ...axis, ...(values ? { values } : {}), ...(times ? {} : { values: (u, ticks) => ticks.map(() => "") }), size: times ? 28 : 6 }, { ...axis, label: title, labelFont: "600 13px system-ui, sans-serif", labelSize: 20, size: 58 }],
+      axes: [{ ...axis, values, ...(times ? {} : { values: (u, ticks) => ticks.map(() => "") }), size: times ? 28 : 6 }, { ...axis, label: title, labelFont: "600 13px system-ui, sans-serif", labelSize: 20, size: 58 }],
       series: [{}, ...series.map((one) => ({ label: one.label, stroke: one.colour ? () => css(one.colour) : undefined, dash: one.dash, width: one.width ?? 1.5,
         points: { show: false }, spanGaps: false }))],
       bands: bands.map(([high, low, colour]) => ({ series: [high, low], fill: () => `color-mix(in srgb, ${css(colour)} 22%, transparent)` })),

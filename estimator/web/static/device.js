@@ -1,6 +1,6 @@
 // The page of one device: words once a second, rates as they come.
 
-import { chart, post, stripe } from "./charts.js";
+import { chart, hour, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
 import { say, watch } from "./live.js";
 
@@ -23,7 +23,7 @@ watch(`device/${id}`, (now) => {
   rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? " in use" : ""), c.verdict, c.who, c.method, c.scale.join(", "), c.bias.join(", "), c.turns, c.reason], (c) => c.in_use);
   for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => [line.when, line.what, line.words]);
   facts(now.facts);
-});
+}, { must: true });
 let told = page.querySelector('[data-f="state"]').textContent;
 
 const shown = {};
@@ -109,9 +109,10 @@ const headings = chart($("headings"), {
 
 function heading(now) {
   const { points } = now;
+  headings.figure.hidden = points.length < 2;
   headings.set([points.map((p) => p[0]), points.map((p) => p[1]), points.map((p) => p[2]), points.map(() => 0)]);
   if (!now.since) return;
-  const since = new Date(now.since * 1000).toLocaleTimeString();
+  const since = hour(now.since);
   const words = `Since ${since}, when it last came to rest or when this page was opened: by its raw rates alone its heading would now be ${now.apart.toFixed(1)}° away; the bias leaves the corrected one unsure by ${now.std.toFixed(2)}°. It has turned by ${now.turned.toFixed(1)}° meanwhile.`;
   say($("heading"), words);
   headings.figure.setAttribute("aria-label", words);

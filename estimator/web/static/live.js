@@ -1,13 +1,14 @@
 // One websocket a page. watch(topic, take) asks for a topic; take gets what a JSON frame says, or a DataView of a binary one.
-// Frames that stop coming are never silent: the banner says so, and the page turns pale.
+// A topic that is vital must come every second: when it stops, the banner says so, and the page turns pale.
 
 const LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
-const takers = new Map();
+const takers = new Map(), vital = new Set();
 const banner = document.getElementById("lost");
 let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true;
 
-export function watch(topic, take) {
+export function watch(topic, take, { must = false } = {}) {
   takers.set(topic, take);
+  if (must) vital.add(topic);
   ask();
 }
 
@@ -35,9 +36,9 @@ function connect() {
 }
 
 function take(data) {
-  heard = performance.now();
   if (typeof data === "string") {
     const frame = JSON.parse(data);
+    if (vital.has(frame.topic)) heard = performance.now();
     takers.get(frame.topic)?.(frame.is);
     return;
   }

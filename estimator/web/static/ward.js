@@ -47,7 +47,7 @@ watch("ward", (now) => {
   for (const [id, tile] of tiles) if (!there.has(id)) { seen.unobserve(tile.element); tile.element.remove(); tiles.delete(id); }
   head(now);
   arrange();
-});
+}, { must: true });
 
 watch("rates", (data) => {
   performance.mark("rates"); // counted by tests/bench/dashboard.py
