@@ -104,6 +104,11 @@ class WardView:
         )
 
 
+def charge_it(percent: float) -> str:
+    """What to say of a battery that is low."""
+    return f"its battery is at {percent:.0f} %: charge it"
+
+
 def counted(rows: Iterable[Row]) -> str:
     """How many are in which state, in words."""
     found = Counter(row.state for row in rows)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from bridge.wire.messages import State
 from estimator.gyro import AXES
-from estimator.ward_view import SILENT, TRACKING, UNKNOWN, URGENCY, Row
+from estimator.ward_view import SILENT, TRACKING, UNKNOWN, URGENCY, Row, charge_it
 from estimator.web import words
 from estimator.web.known import Known, Story
 
@@ -102,14 +102,17 @@ def tile(row: Row, story: Story, now_ns: int) -> Tile:
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
     calibrating = status is not None and status.state in _CALIBRATING
+    tone = "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
+    notices = [charge_it(row.battery_percent)] if row.low_battery and row.battery_percent is not None else []
+    notices += [f"{name}: {said}" for name, said in row.notices.items()]
     return Tile(
         id=row.device,
         number=story.number,
         state=row.state,
-        tone=TONES[row.state],
-        needs=TONES[row.state] in NEEDS or row.low_battery,
+        tone=tone,
+        needs=tone in NEEDS,
         reason=row.reason,
-        notices="; ".join(f"{name}: {said}" for name, said in row.notices.items()),
+        notices="; ".join(notices),
         quality=row.quality,
         bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=words.ago(calibrated_ns, now_ns) if calibrated_ns else "not since it started" if status else "",

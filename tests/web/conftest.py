@@ -10,17 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from argon2 import PasswordHasher
 from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request, sync_playwright
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.demo.ward import free_port
-from estimator.web.passwords import hashed
 from estimator.web.serve import Server
 from estimator.web.settings import Dashboard, Person
 from tests.web.talk import WARD, Talk
 
 PASSWORD = "correct horse battery"
-PEOPLE = (Person(name="nurse", password=hashed(PASSWORD)),)
+# A hash of little effort: the tests are not about how long one takes.
+PEOPLE = (Person(name="nurse", password=PasswordHasher(time_cost=1, memory_cost=64).hash(PASSWORD)),)
 OUT = Path(__file__).parents[2] / "out" / "screenshots"
 
 

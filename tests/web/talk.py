@@ -85,6 +85,11 @@ class Talk:
                 self._publishers[key] = self._bus.publisher(key, cache=64)
             self._publishers[key].put(encode(message))
 
+    def close(self) -> None:
+        """Nobody answers any more."""
+        self.hush()
+        self._bus.close()
+
     def die(self) -> None:
         """Bridge and estimator are gone."""
         for token in self._alive:
