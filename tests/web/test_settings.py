@@ -1,6 +1,7 @@
 """[dashboard] of a ward's file, and the verb that makes hashes."""
 
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -69,3 +70,10 @@ def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.Ca
     captured = capsys.readouterr()
     name, _, secret = captured.err.strip().rpartition(" ")[2].partition(".")
     assert Passwords(ward(captured.out, tmp_path).dashboard.people).right(name, secret)
+
+
+def test_the_guide_is_taken_as_it_stands(tmp_path: Path) -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "dashboard.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n\[dashboard\]\n(.*?)```", guide, re.DOTALL)
+    settings = ward(block, tmp_path).dashboard
+    assert (settings.behind_proxy, settings.people[0].name) == (True, "nurse")

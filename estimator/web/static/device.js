@@ -125,8 +125,25 @@ function happenings(u) {
   for (const [from, to] of trail.rests) stripe(u, from, to, "well", 0.16);
   for (const [at, kind] of trail.marks) post(u, at, kind === "calibrated" ? "well" : kind === "note" ? "busy" : "ask");
 }
+// How unsure it once was is not to hide what it is now: intervals far wider than the present one run out of the picture.
+function around(u) {
+  const [, value, high] = u.data;
+  let last = value.length - 1;
+  while (last >= 0 && value[last] === null) last--;
+  if (last < 0) return [-1, 1];
+  const most = Math.max(6 * (high[last] - value[last]), 0.002);
+  let low = Infinity, top = -Infinity;
+  for (let i = 0; i <= last; i++) {
+    if (value[i] === null || high[i] - value[i] > 20 * most) continue;
+    const room = Math.min(high[i] - value[i], most);
+    low = Math.min(low, value[i] - room);
+    top = Math.max(top, value[i] + room);
+  }
+  return [low - 0.08 * (top - low), top + 0.08 * (top - low)];
+}
+
 const biases = AXES.map((axis) => chart($("biases"), {
-  label: `bias about ${axis}`, title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings,
+  label: `bias about ${axis}`, title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
   series: [{ label: "bias", colour: axis, width: 2 }, { label: "+2σ", colour: axis, width: 0 }, { label: "−2σ", colour: axis, width: 0 }],
   bands: [[2, 3, axis]],
 }));
