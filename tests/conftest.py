@@ -46,7 +46,7 @@ def effort() -> Effort:
     return made
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # while it is open, no other event loop can run in this thread
 def browser() -> "Iterator[Browser]":
     """Debian's Chromium; without it the test is skipped, saying so, but under CI=true it fails."""
     found = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -3,7 +3,10 @@
 import asyncio
 import contextlib
 import logging
+import signal
+import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import uvicorn
@@ -35,12 +38,10 @@ class Server:
         self._ward = ward
         self._broadcast = Broadcast(hub, topics.Sources(known))
         self.app = application(self.desk, self._broadcast)
-        host, port = listening(settings.listen)
-        self.uvicorn = uvicorn.Server(
+        self._address = listening(settings.listen)
+        self.uvicorn = _Uvicorn(
             uvicorn.Config(
                 self.app,
-                host=host,
-                port=port,
                 ws="websockets-sansio",
                 ws_max_size=8192,
                 ws_per_message_deflate=False,  # what is encoded once is not to be squeezed for each viewer
@@ -53,11 +54,36 @@ class Server:
             )
         )
 
+    async def serve(self) -> None:
+        """Until `stop`; raises OSError where it cannot listen."""
+        host, port = self._address
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            listener = socket.create_server((host, port), family=family, backlog=128)
+        except OSError as error:
+            raise OSError(f"dashboard: cannot listen on {host}:{port}: {error}; --listen takes another") from error
+        with listener:
+            await self.uvicorn.serve([listener])
+
+    def stop(self) -> None:
+        """End; asked again, at once."""
+        self.uvicorn.force_exit = self.uvicorn.should_exit
+        self.uvicorn.should_exit = True
+
     def connect(self, data: Bus, control: Bus) -> None:
         """A router was found. Called in the event loop."""
         commands = Client(ward=self._ward, bus=control)
         self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
         self.desk.control = commands
+
+
+class _Uvicorn(uvicorn.Server):
+    """Signals are ours to obey: it would let them end the process before the bus is closed."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave them as they are."""
+        yield
 
 
 def run(ward: Ward) -> int:
@@ -70,14 +96,15 @@ def run(ward: Ward) -> int:
             settings.listen,
         )
     server = Server(ward.ward, settings, store)
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_serve(server, ward))
-    return 0 if server.uvicorn.started else 1
+    asyncio.run(_serve(server, ward))
+    return 0
 
 
 async def _serve(server: Server, ward: Ward) -> None:
     stop = threading.Event()
     loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, server.stop)
     buses: list[Bus] = []
 
     def find() -> None:
@@ -91,7 +118,7 @@ async def _serve(server: Server, ward: Ward) -> None:
     finding.start()
     log.info("the dashboard of ward %s is at http://%s", ward.ward, ward.dashboard.listen)
     try:
-        await server.uvicorn.serve()
+        await server.serve()
     finally:
         stop.set()
         finding.join(5.0)

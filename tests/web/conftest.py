@@ -43,9 +43,8 @@ def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None) -> Si
 
     async def serve() -> None:
         server.connect(*buses)
-        await server.uvicorn.serve()
+        await server.serve()
 
-    server.uvicorn.install_signal_handlers = lambda: None  # type: ignore[attr-defined]
     thread = threading.Thread(target=lambda: asyncio.run(serve()), daemon=True)
     thread.start()
     while not server.uvicorn.started:
@@ -54,7 +53,7 @@ def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None) -> Si
 
     def stop() -> None:
         talk.hush()
-        server.uvicorn.should_exit = True
+        server.stop()
         thread.join(10)
 
     return Site(f"http://127.0.0.1:{port}", talk, server, buses, stop)

@@ -2,6 +2,7 @@
 
 import io
 import re
+import socket
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,10 @@ def test_the_guide_is_taken_as_it_stands(tmp_path: Path) -> None:
     (block,) = re.findall(r"```toml\n\[dashboard\]\n(.*?)```", guide, re.DOTALL)
     settings = ward(block, tmp_path).dashboard
     assert (settings.behind_proxy, settings.people[0].name) == (True, "nurse")
+
+
+def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["dashboard", "--listen", listen, "--connect", "tcp/127.0.0.1:1"]) == 1
+    assert f"cannot listen on {listen}" in capsys.readouterr().err
