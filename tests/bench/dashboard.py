@@ -139,13 +139,14 @@ def crowd(url: str, viewers: int, seconds: float) -> None:
     print(f"{min(counts) / seconds:.1f} {max(counts) / seconds:.1f}")
 
 
+# A screen so high that every tile is seen, and drawn.
 def redraws(url: str, path: str, mark: str, seconds: float) -> tuple[float, float]:
     """Redraws a second in Chromium, and kilobytes loaded."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1920, "height": 1200})
+        page = browser.new_page(viewport={"width": 1920, "height": 4000})
         sizes: list[int] = []
         page.on("response", lambda response: sizes.append(len(response.body())))
         page.goto(url + path)
