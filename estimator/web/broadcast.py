@@ -17,8 +17,8 @@ from estimator.web.topics import Sources, Topic
 
 log = logging.getLogger(__name__)
 
-#: how often it looks round: the finest distance of two frames
-ROUND_S = 0.02
+#: how long it sleeps when nothing is due: who comes waits no longer
+ROUND_S, LEAST_S = 0.05, 0.002
 #: how often what is said of devices is read
 HEAR_S = 0.2
 #: a topic nobody watches any more is kept for so long: a page is often left and come back to
@@ -87,9 +87,10 @@ class Broadcast:
     async def run(self) -> None:
         """Until cancelled; whatever fails, the rest goes on."""
         while True:
+            self.step(time.monotonic(), time.time_ns())
             now = time.monotonic()
-            self.step(now, time.time_ns())
-            await asyncio.sleep(max(0.001, ROUND_S - (time.monotonic() - now)))
+            due = min((self._due[name] for name in self._topics), default=now + ROUND_S)
+            await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
 
     def step(self, now: float, now_ns: int) -> None:
         """One round."""
