@@ -57,6 +57,7 @@ bench: setup-dev
 	$(BIN)/python -m tests.bench.subscribing
 	$(BIN)/python -m tests.bench.stalls
 	$(BIN)/python -m tests.bench.watching
+	$(BIN)/python -m tests.bench.dashboard
 
 # The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.
 bench-bridge: setup-dev

@@ -1,6 +1,6 @@
 """What a ward's file says. One file serves the bridge and the estimator; each types its own tables.
 
-The estimator's root is a subclass of `Root` that gives `estimator` a type of its own; here any table passes.
+The estimator's root is a subclass of `Root` that gives `estimator` and `dashboard` types of their own; here any table passes.
 """
 
 import re
@@ -143,6 +143,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bridge: Bridge | None = None
     recorder: Recorder = Recorder()
     estimator: Any = None
+    dashboard: Any = None
 
     def __post_init__(self) -> None:
         check(self.ward, "ward")

@@ -23,7 +23,7 @@ from bridge.recording import RecordingError
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator import cli_correct, cli_doctor, cli_offline, cli_store, cli_tracking
+from estimator import cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
 EPILOG = """examples:
@@ -139,6 +139,7 @@ def build() -> argparse.ArgumentParser:
     )
     verb.add_argument("file", type=Path, help="the ward's TOML file, such as configs/demo.toml")
     cli_doctor.add_doctor(verbs)
+    cli_dashboard.add_dashboard(verbs)
     cli_offline.add_study(verbs)
     return parser
 

@@ -12,12 +12,12 @@ import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self, TypeVar
 
-from bridge.bus.contract import Bus, BusError, Subscription
+from bridge.bus.contract import Bus, BusError, Declared, Subscription
 from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, Command, CommandReply, DeviceInfo, Status
+from bridge.wire.messages import BiasRevision, Calibration, Command, CommandReply, DeviceInfo, Note, SampleBatch, Status
 from bridge.wire.refusal import Refusal
 from estimator.door import Door
 from estimator.once import WAIT_S, Miss, OnceKnobs
@@ -74,6 +74,11 @@ class Client:
         subscription = self._subscribe("revision", device, history=history, queue=queue)
         return Stream(subscription, Door("revision", codec.decode_revision), idle_s)
 
+    def raw(self, device: Devices = None, *, history: bool = True, queue: int = QUEUE) -> Stream[SampleBatch]:
+        """What devices say, as their bridges publish it; with history the last seconds come first."""
+        subscription = self._subscribe("raw", device, history=history, queue=queue)
+        return Stream(subscription, Door("sample", codec.decode_samples))
+
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
         """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
         return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device)}
@@ -108,6 +113,23 @@ class Client:
     def follow_infos(self, device: str | None = None) -> Stream[DeviceInfo]:
         """Device infos as they come, of every bridge that lists a device; the latest known comes first."""
         return Stream(self._subscribe("info", device), Door("info", codec.decode_info))
+
+    def follow_calibrations(self, device: Devices = None) -> Stream[Calibration]:
+        """Calibrations as they come, accepted or not; the last few come first."""
+        return Stream(self._subscribe("calibration", device), Door("calibration", codec.decode_calibration))
+
+    def follow_notes(self, device: Devices = None) -> Stream[Note]:
+        """Notes as they are taken down; the last few come first."""
+        return Stream(self._subscribe("note", device), Door("note", codec.decode_note))
+
+    def watch_alive(self, what: str, on_change: Callable[[str, bool], None]) -> Declared:
+        """Tell of every `bridge` or `estimator` there is, on_change(id, alive), and of each change; on a thread of the bus."""
+
+        def tell(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+            if name := _id(key, what):
+                on_change(name, alive)
+
+        return self._bus.watch_alive(keys.pattern(self.ward, f"alive/{what}"), tell)
 
     def calibrations(self, device: str | None = None, wait_s: float = 0.5) -> list[Calibration]:
         """Calibrations the estimator has published lately, accepted or not."""

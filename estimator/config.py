@@ -8,6 +8,7 @@ from bridge import config
 from bridge.toml_file import ConfigError, nearest
 from estimator.batch.names import BY_HAND, DEFAULT
 from estimator.noise_model import GENERIC, load_model
+from estimator.web.settings import Dashboard
 
 
 class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -56,6 +57,7 @@ class Ward(config.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole ward file with every table typed."""
 
     estimator: Estimator | None = None
+    dashboard: Dashboard = Dashboard()
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -11,9 +11,8 @@ from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
 from estimator.service.law import EVENT
 from estimator.service.sources import ELSEWHERE
+from estimator.ward_view import LOW_BATTERY_PERCENT, charge_it
 
-#: a battery that needs to be charged
-LOW_PERCENT = 15.0
 _MOST = 3  # reasons
 _URGENT = (
     State.UNKNOWN,
@@ -158,10 +157,10 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
     if (
         info is not None
         and not isnan(info.battery_percent)
-        and info.battery_percent < LOW_PERCENT
+        and info.battery_percent < LOW_BATTERY_PERCENT
         and not info.charging
     ):
-        return Need(name, status.state, f"its battery is at {info.battery_percent:.0f} %: charge it")
+        return Need(name, status.state, charge_it(info.battery_percent))
     return None
 
 

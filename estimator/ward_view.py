@@ -74,7 +74,7 @@ class WardView:
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
         names = self._statuses.keys() | self._infos.keys()
-        return sorted((self._row(name, now) for name in names), key=lambda row: row.order)
+        return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
 
     def _info(self, name: str, owner: str) -> DeviceInfo | None:
         """Of the bridges that list a device the one whose samples are taken has the word, or else one that hears it."""
@@ -82,7 +82,8 @@ class WardView:
         infos = [known[owner]] if owner in known else sorted(known.values(), key=lambda info: info.boot != 0)
         return infos[-1] if infos else None
 
-    def _row(self, name: str, now: float) -> Row:
+    def row(self, name: str, now: float) -> Row:
+        """One device."""
         status, heard = self._statuses.get(name, (None, now))
         info = self._info(name, status.bridge if status is not None else "")
         about: dict[str, Any] = {}
@@ -113,6 +114,11 @@ class WardView:
         )
 
 
+def charge_it(percent: float) -> str:
+    """What to say of a battery that is low."""
+    return f"its battery is at {percent:.0f} %: charge it"
+
+
 def counted(rows: Iterable[Row]) -> str:
     """How many are in which state, in words."""
     found = Counter(row.state for row in rows)
@@ -131,3 +137,11 @@ def chosen(rows: Iterable[Row], only: Iterable[str]) -> list[Row]:
     words = [word.lower() for word in only]
     states = {word.replace("-", " ").replace("_", " ") for word in words}
     return [row for row in rows if not words or row.state in states or any(fnmatchcase(row.device, w) for w in words)]
+
+
+def age(seconds: float) -> str:
+    """How long, in the largest unit of which there are two."""
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"

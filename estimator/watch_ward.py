@@ -14,7 +14,7 @@ from bridge.wire.messages import DeviceInfo, Status
 from estimator.client import Client
 from estimator.screen import STYLES
 from estimator.streams import Stream
-from estimator.ward_view import TRACKING, WORDS, Row, WardView, chosen, counted, head_line
+from estimator.ward_view import TRACKING, WORDS, Row, WardView, age, chosen, counted, head_line
 
 _REDRAW_S = 1.0
 _FIRST_S = 1.5  # every device is heard of once a second
@@ -139,17 +139,10 @@ def _cells(row: Row) -> tuple[str, ...]:
         row.quality,
         f"{row.rate_hz:.1f}" if row.rate_hz else "",
         f"{row.gaps}" if row.quality else "",
-        "" if row.evidence_age_s is None else _age(row.evidence_age_s),
+        "" if row.evidence_age_s is None else age(row.evidence_age_s),
         battery,
         "; ".join([*first, *then]),
     )
-
-
-def _age(seconds: float) -> str:
-    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def _listen(view: WardView, statuses: Stream[Status], infos: Stream[DeviceInfo], for_s: float) -> None:

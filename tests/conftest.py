@@ -2,10 +2,16 @@
 
 import os
 import secrets
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # A machine that is busy is no fault of the code.
 settings.register_profile("unhurried", deadline=None)
@@ -38,3 +44,20 @@ def effort() -> Effort:
     made = Effort()
     print(f"seed {made.seed}")  # noqa: T201
     return made
+
+
+@pytest.fixture(scope="module")  # while it is open, no other event loop can run in this thread
+def browser() -> "Iterator[Browser]":
+    """Debian's Chromium; without it the test is skipped, saying so, but under CI=true it fails."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        why = "there is no chromium here; `apt-get install chromium` brings it"
+        if os.environ.get("CI") == "true":
+            pytest.fail(why)
+        pytest.skip(why)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield launched
+        launched.close()

@@ -30,11 +30,14 @@ def run(console: Console, picture: Path, seed: int) -> bool:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda got, _: sys.exit(128 + got))
     folder = Path(tempfile.mkdtemp(prefix="truerate-demo-"))
-    console.print(f"Starting router, bridge and estimator as processes; their logs are in {folder}", soft_wrap=True)
+    console.print(
+        f"Starting router, bridge, estimator and dashboard as processes; their logs are in {folder}", soft_wrap=True
+    )
     # A device waits for the bridge, so that its very first sample is counted too.
     devices = {name: demo_device(name, seed + n, spec=DeviceSpec(wait_for_host=True)) for n, name in enumerate(NAMES)}
     with Ward(folder, NAMES) as ward:
-        ward.start("router", "estimator", "bridge")
+        ward.start("router", "estimator", "bridge", "dashboard")
+        console.print(f"Look at it in a browser: http://{ward.page}", soft_wrap=True)
         ward.wait_for_router()
         subscribers = [Subscriber(ward.endpoint, WARD, keep=number == 0) for number in range(SUBSCRIBERS)]
         watcher = Watcher(ward.endpoint, WARD)

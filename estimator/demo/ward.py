@@ -29,6 +29,9 @@ id = "bridge-1"
 id = "estimator-1"
 store = "{folder}/truerate.sqlite3"
 method = "{method}"
+
+[dashboard]
+listen = "{page}"
 """
 _DEVICE = """
 [[bridge.devices]]
@@ -48,23 +51,27 @@ class Ward:
     def __init__(self, folder: Path, names: tuple[str, ...], method: str = DEFAULT) -> None:
         self.folder = folder
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.page = f"127.0.0.1:{free_port()}"
         self.config = folder / "ward.toml"
         self.ports: dict[str, PtyPort] = {}
         self._places = {name: folder / "ports" / name for name in names}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         devices = "".join(_DEVICE.format(id=name, port=place) for name, place in self._places.items())
         self.config.write_text(
-            _CONFIG.format(ward=WARD, endpoint=self.endpoint, devices=devices, folder=folder, method=method),
+            _CONFIG.format(
+                ward=WARD, endpoint=self.endpoint, devices=devices, folder=folder, method=method, page=self.page
+            ),
             encoding="utf-8",
         )
         self._arguments = {
             "router": ("router", "--config", str(self.config)),
             "estimator": ("estimator", "serve", str(self.config)),
             "bridge": ("bridge", "run", str(self.config)),
+            "dashboard": ("dashboard", "--config", str(self.config)),
         }
 
     def start(self, *names: str) -> None:
-        """Start processes by name: `router`, `estimator`, `bridge`; in any order, each waits for what it needs."""
+        """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, each waits for what it needs."""
         for name in names:
             with (self.folder / f"{name}.log").open("ab") as log:
                 self._processes[name] = subprocess.Popen(

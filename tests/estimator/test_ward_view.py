@@ -16,7 +16,7 @@ from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator import watch_ward
 from estimator.client import Client
 from estimator.session import DeviceSession
-from estimator.ward_view import SILENT_S, WardView, chosen, head_line
+from estimator.ward_view import SILENT_S, WardView, age, chosen, head_line
 from tests.estimator.stream import info
 
 WARD = "w"
@@ -174,7 +174,7 @@ def test_reasons_are_cut_last() -> None:
     ("seconds", "said"), [(1.0, "1 s"), (119.0, "119 s"), (600.0, "10 min"), (10_000.0, "3 h"), (4e5, "5 d")]
 )
 def test_ages_are_short(seconds: float, said: str) -> None:
-    assert watch_ward._age(seconds) == said
+    assert age(seconds) == said
 
 
 @pytest.fixture

@@ -1,0 +1,207 @@
+"""What programs are answered: the types are the contract, in SI, and the OpenAPI document is made of them. Pure."""
+
+from datetime import UTC, datetime
+from math import isfinite
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from bridge.wire.keys import boot_id
+from bridge.wire.messages import Calibration
+from estimator import calibration_file
+from estimator.gyro import AXES
+from estimator.ward_view import TRACKING, Row, chosen
+from estimator.web.known import Known, Story
+from estimator.web.tiles import tile, troubles
+
+Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
+
+
+class Device(Struct, frozen=True):
+    """A device: null is not known; `gaps` and `missing_samples` since the estimator knows it."""
+
+    id: str
+    state: str
+    needs_person: bool
+    reason: str
+    notices: dict[str, str]
+    quality: str | None
+    boot: str | None
+    bias_rad_s: Vector | None
+    bias_std_rad_s: Vector | None
+    scale: Vector | None
+    calibration: str | None
+    calibrated: str | None
+    progress: float | None
+    axes_done: list[str]
+    evidence_age_s: float | None
+    temperature_c: float | None
+    rate_hz: float | None
+    told_rate_hz: float | None
+    gaps: int
+    missing_samples: int
+    battery_percent: float | None
+    charging: bool
+    bridge: str | None
+    model: str | None
+    firmware: str | None
+    samples_in: int
+    samples_out: int
+    dropped: dict[str, int]
+    events: dict[str, int]
+
+
+class Devices(Struct, frozen=True):
+    """A ward, those that need a person first. `troubles` are of the ward itself."""
+
+    ward: str
+    connected: bool
+    tracking: int
+    of: int
+    troubles: list[str]
+    devices: list[Device]
+
+
+class Turn(Struct, frozen=True):
+    """One turn about an axis."""
+
+    axis: str
+    angle_deg: float
+    closure_error_deg: float
+    duration_s: float
+
+
+class OneCalibration(Struct, frozen=True):
+    """corrected = matrix (reading - bias). As a file it is what `truerate correct --calibration` takes."""
+
+    device: str
+    boot: str
+    time: str
+    who: str
+    in_use: bool
+    format: str
+    version: int
+    id: str
+    method: str
+    verdict: str
+    reason: str
+    matrix: Matrix | None
+    bias_rad_s: Vector | None
+    parameters: list[str]
+    covariance: list[list[float]] | None
+    noise_std_rad_s: Vector | None
+    turns: list[Turn]
+    model: str
+    firmware: str
+    gyro_range_rad_s: float
+    rate_hz: float
+    temperature_c: float | None
+
+
+class Calibrations(Struct, frozen=True):
+    """Of one device, the latest first, accepted or not."""
+
+    device: str
+    calibrations: list[OneCalibration]
+
+
+class Words(Struct, frozen=True, forbid_unknown_fields=True):
+    """What is asked with a command: the reason, or the text of a note; one line."""
+
+    words: Annotated[str, Meta(max_length=500)] = ""
+
+
+class Reply(Struct, frozen=True):
+    """What the estimator answered, in words."""
+
+    accepted: bool
+    message: str
+
+
+class ErrorWords(Struct, frozen=True):
+    """A short name for programs, and words for people."""
+
+    code: str
+    message: str
+
+
+class Error(Struct, frozen=True):
+    """Why not."""
+
+    error: ErrorWords
+
+
+def devices(known: Known, rows: list[Row], only: list[str], now_ns: int) -> Devices:
+    """Those of the rows that are chosen; head count and troubles are of the whole ward."""
+    return Devices(
+        ward=known.ward,
+        connected=known.connected,
+        tracking=sum(row.state == TRACKING for row in rows),
+        of=len(rows),
+        troubles=troubles(known),
+        devices=[device(row, known.stories[row.device], now_ns) for row in chosen(rows, only)],
+    )
+
+
+def device(row: Row, story: Story, now_ns: int) -> Device:
+    """One device."""
+    status, info = story.status, story.info
+    return Device(
+        id=row.device,
+        state=row.state,
+        needs_person=tile(row, story, now_ns).needs,
+        reason=row.reason,
+        notices=row.notices,
+        quality=row.quality or None,
+        boot=boot_id(story.boot) if story.boot else None,
+        bias_rad_s=list(status.bias) if status else None,
+        bias_std_rad_s=list(status.bias_std) if status else None,
+        scale=list(status.scale) if status else None,
+        calibration=(status.calibration or None) if status else None,
+        calibrated=iso(status.calibrated_time_ns) if status and status.calibrated_time_ns else None,
+        progress=status.progress if status else None,
+        axes_done=[AXES[axis] for axis in status.axes_done] if status else [],
+        evidence_age_s=row.evidence_age_s,
+        temperature_c=_number(status.temperature_c) if status else None,
+        rate_hz=((info.measured_rate_hz if info else 0.0) or row.rate_hz) or None,
+        told_rate_hz=(info.rate_hz or None) if info else None,
+        gaps=row.gaps,
+        missing_samples=row.missing_samples,
+        battery_percent=row.battery_percent,
+        charging=row.charging,
+        bridge=info.bridge if info else None,
+        model=info.model if info else None,
+        firmware=info.firmware if info else None,
+        samples_in=status.samples_in if status else 0,
+        samples_out=status.samples_out if status else 0,
+        dropped=status.dropped if status else {},
+        events=status.events if status else {},
+    )
+
+
+def calibrations(name: str, story: Story) -> Calibrations:
+    """All that are known."""
+    in_use = story.status.calibration if story.status else ""
+    return Calibrations(name, [_calibration(c, in_use) for c in reversed(story.calibrations.values())])
+
+
+def _calibration(c: Calibration, in_use: str) -> OneCalibration:
+    about = {
+        "device": c.device,
+        "boot": boot_id(c.boot),
+        "time": iso(c.time_ns),
+        "who": c.who,
+        "in_use": c.id == in_use,
+    }
+    return msgspec.convert({**calibration_file.as_json(c), **about}, OneCalibration)
+
+
+def iso(time_ns: int) -> str:
+    """As ISO 8601, UTC."""
+    return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+
+
+def _number(value: float) -> float | None:
+    return value if isfinite(value) else None

@@ -1,0 +1,116 @@
+"""The OpenAPI 3.1 document of /api/v1, made of the types that are answered."""
+
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+import msgspec
+
+from bridge.wire.keys import ID
+from estimator.web.api.answers import Calibrations, Device, Devices, Error, Reply, Words
+
+_REF = "#/components/schemas/{name}"
+_DEVICE = {
+    "name": "device",
+    "in": "path",
+    "required": True,
+    "description": "its id, as `truerate devices` shows it",
+    "schema": {"type": "string", "pattern": "^" + ID.pattern.removesuffix(r"\Z") + "$"},
+}
+_COMMANDS = {
+    "recalibrate": "Ask for three new turns; the old calibration stays in use until they are taken. `words` is the reason.",
+    "cancel": "Stop a calibration under way; the old one stays.",
+    "note": "Mark this moment of a device with `words`: kept, and in every recording of the ward.",
+}
+
+
+@cache
+def document() -> dict[str, Any]:
+    """All of it."""
+    _, schemas = msgspec.json.schema_components((Devices, Device, Calibrations, Reply, Words, Error), ref_template=_REF)
+    of_one = {400: "no id of a device", 404: "no such device was heard of"}
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "truerate",
+            "version": version("truerate"),
+            "description": "The devices of a ward. Everybody may look; commands need a name and a secret. "
+            "Rates are rad/s, times ISO 8601 in UTC; null is not known.",
+            "license": {"name": "MIT", "identifier": "MIT"},
+        },
+        "paths": {
+            "/api/v1/devices": {
+                "get": _get(
+                    "listDevices",
+                    "All devices, those that need a person first",
+                    Devices,
+                    [_ONLY],
+                    {400: "no such parameter"},
+                )
+            },
+            "/api/v1/devices/{device}": {"get": _get("getDevice", "One device", Device, [_DEVICE], of_one)},
+            "/api/v1/devices/{device}/calibrations": {
+                "get": _get("listCalibrations", "Its calibrations, the latest first", Calibrations, [_DEVICE], of_one)
+            },
+            **{f"/api/v1/devices/{{device}}/{verb}": {"post": _post(verb, words)} for verb, words in _COMMANDS.items()},
+        },
+        "components": {
+            "schemas": schemas,
+            "securitySchemes": {
+                "secret": {
+                    "type": "http",
+                    "scheme": "bearer",
+                    "description": "`name.secret`: `truerate dashboard password --name script --token` makes one",
+                }
+            },
+        },
+    }
+
+
+_ONLY = {
+    "name": "only",
+    "in": "query",
+    "description": "in this state (`degraded` …), or with this id (* and ? stand for anything); may be given again",
+    "schema": {"type": "array", "items": {"type": "string"}},
+}
+
+
+def _get(name: str, words: str, kind: type, parameters: list[dict[str, Any]], errors: dict[int, str]) -> dict[str, Any]:
+    return {
+        "operationId": name,
+        "summary": words,
+        "parameters": parameters,
+        "responses": _responses(words, kind, errors),
+    }
+
+
+def _post(verb: str, words: str) -> dict[str, Any]:
+    errors = {
+        400: "not understood",
+        401: "nobody, or a wrong secret",
+        403: "not of this session",
+        404: "no such device was heard of",
+        409: "the estimator does not do it, and says why",
+        413: "too long",
+        415: "not JSON",
+        429: "too many wrong secrets; see Retry-After",
+        503: "no estimator answers",
+    }
+    return {
+        "operationId": verb,
+        "summary": words,
+        "parameters": [_DEVICE],
+        "requestBody": {"content": {"application/json": {"schema": {"$ref": _REF.format(name="Words")}}}},
+        "security": [{"secret": []}],
+        "responses": _responses("Done, in the estimator's words", Reply, errors),
+    }
+
+
+def _responses(words: str, kind: type, errors: dict[int, str]) -> dict[str, Any]:
+    def one(description: str, name: str) -> dict[str, Any]:
+        return {
+            "description": description,
+            "content": {"application/json": {"schema": {"$ref": _REF.format(name=name)}}},
+        }
+
+    return {"200": one(words, kind.__name__), **{str(code): one(said, "Error") for code, said in errors.items()}}

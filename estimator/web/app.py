@@ -1,0 +1,82 @@
+"""The dashboard as an ASGI application: its parts, its guard, and what is answered when something is refused."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from http import HTTPStatus
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Mount
+from starlette.staticfiles import StaticFiles
+
+from estimator.web import device_pages, live, pages
+from estimator.web.api import places
+from estimator.web.broadcast import Broadcast
+from estimator.web.desk import Desk
+from estimator.web.fault import Fault
+from estimator.web.guard import Guard
+
+STATIC = Path(__file__).parent / "static"
+
+
+def routes() -> list[BaseRoute]:
+    """Every place there is. A part is a module with `routes()`; a new one is named here."""
+    parts = (pages, device_pages, places, live)
+    return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
+
+
+def application(desk: Desk, broadcast: Broadcast) -> Starlette:
+    """One dashboard, which broadcasts for as long as it runs."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        running = asyncio.create_task(broadcast.run())
+        try:
+            yield
+        finally:
+            running.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await running
+            desk.hub.close()
+            broadcast.close()
+
+    app = Starlette(
+        routes=routes(),
+        middleware=[Middleware(Guard, hosts=desk.settings.hosts), Middleware(GZipMiddleware, minimum_size=2000)],
+        exception_handlers={Fault: _refused, HTTPException: _not_there},
+        lifespan=lifespan,
+    )
+    app.state.desk = desk
+    return app
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Fault)
+    return _answer(request, error)
+
+
+async def _not_there(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    status = HTTPStatus(error.status_code)
+    words = {
+        HTTPStatus.NOT_FOUND: "There is nothing here.",
+        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.method} is not possible here.",
+    }
+    fault = Fault(
+        status, status.phrase.lower().replace(" ", "_"), words.get(status, error.detail), dict(error.headers or {})
+    )
+    return _answer(request, fault)
+
+
+def _answer(request: Request, fault: Fault) -> Response:
+    if request.url.path.startswith(places.ROOT):
+        return places.refused(fault)
+    response = pages.show(request, "fault.html", {"fault": fault}, fault.status)
+    response.headers.update(fault.headers)
+    return response

@@ -1,0 +1,146 @@
+"""What keeps the pages alive: reads the bus a few times a second, and makes the frames of what is watched."""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+
+from bridge.bus.contract import BusError, Declared
+from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Status
+from bridge.wire.refusal import Tally
+from estimator.client import Client
+from estimator.streams import Stream
+from estimator.web import topics
+from estimator.web.hub import Hub
+from estimator.web.topics import Sources, Topic
+
+log = logging.getLogger(__name__)
+
+#: how long it sleeps when nothing is due: who comes waits no longer
+ROUND_S, LEAST_S = 0.05, 0.002
+#: how often what is said of devices is read
+HEAR_S = 0.2
+#: a topic nobody watches any more is kept for so long: a page is often left and come back to
+LINGER_S = 5.0
+#: what failed is begun anew after so long
+AGAIN_S = 2.0
+#: a round that is so late has lost its place: frames are left out, not made up for
+LATE_S = 1.0
+
+
+class Heard:
+    """What is said of all devices, whether or not anybody looks."""
+
+    def __init__(self, sources: Sources, client: Client, control: Client) -> None:
+        known = sources.known
+        self._known, self._client = known, client
+        self._statuses: Stream[Status] = client.follow()
+        self._infos: Stream[DeviceInfo] = client.follow_infos()
+        self._calibrations: Stream[Calibration] = client.follow_calibrations()
+        self._notes: Stream[Note] = client.follow_notes()
+        self._revisions: Stream[BiasRevision] = client.revisions()
+        self._watches: list[Declared] = [
+            control.watch_alive(what, there.__setitem__) for what, there in known.alive.items()
+        ]
+
+    def hear(self, now: float) -> None:
+        """Take what has come."""
+        self._known.connected = self._client.connected
+        for info in self._infos.drain():
+            self._known.take_info(info)
+        for status in self._statuses.drain():
+            self._known.take_status(status, now)
+        for calibration in self._calibrations.drain():
+            self._known.take_calibration(calibration)
+        for note in self._notes.drain():
+            self._known.take_note(note)
+        for revision in self._revisions.drain():
+            self._known.take_revision(revision)
+
+    def close(self) -> None:
+        """Stop listening."""
+        for thing in (*self._watches, self._statuses, self._infos, self._calibrations, self._notes, self._revisions):
+            thing.close()
+
+
+class Broadcast:
+    """The topics that are watched. Everything of it runs in the event loop."""
+
+    def __init__(self, hub: Hub, sources: Sources) -> None:
+        self._hub, self._sources = hub, sources
+        self._topics: dict[str, Topic] = {}
+        self._due: dict[str, float] = {}
+        self._last_watched: dict[str, float] = {}
+        self._heard: Heard | None = None
+        self._hear_at = 0.0
+        #: topics that failed, by kind
+        self.failed = Tally()
+
+    def connect(self, client: Client, control: Client) -> None:
+        """A router is there for the first time; what is watched already begins anew."""
+        self._sources.client = client
+        self._heard = Heard(self._sources, client, control)
+        for topic in list(self._topics):
+            self._end(topic)
+
+    async def run(self) -> None:
+        """Until cancelled; whatever fails, the rest goes on."""
+        while True:
+            self.step(time.monotonic(), time.time_ns())
+            now = time.monotonic()
+            due = min((self._due[name] for name in self._topics), default=now + ROUND_S)
+            await asyncio.sleep(max(LEAST_S, min(due - now, ROUND_S)))
+
+    def step(self, now: float, now_ns: int) -> None:
+        """One round."""
+        if self._heard is not None and now >= self._hear_at:
+            self._hear_at = now + HEAR_S
+            self._guarded("what is heard", now, lambda heard=self._heard: heard.hear(now))  # type: ignore[misc] # done now
+        for name in self._hub.wanted():
+            self._last_watched[name] = now
+            if name not in self._topics and now >= self._due.get(name, now):
+                self._guarded(name, now, lambda name=name: self._begin(name, now))  # type: ignore[misc] # done now
+            if name in self._topics and name in self._hub.newcomers:
+                whole = self._topics[name].whole
+                self._guarded(name, now, lambda n=name, of=whole: self._hub.greet(n, of(now, now_ns)))  # type: ignore[misc] # done now
+        for name in list(self._topics):
+            if now - self._last_watched[name] > LINGER_S:
+                self._end(name)
+            elif now >= self._due[name]:
+                self._guarded(name, now, lambda name=name: self._tell(name, now, now_ns))  # type: ignore[misc] # done now
+
+    def _begin(self, name: str, now: float) -> None:
+        self._topics[name] = topics.KINDS[name.partition("/")[0]](name, self._sources)
+        self._due[name] = now + self._topics[name].period_s
+
+    def _tell(self, name: str, now: float, now_ns: int) -> None:
+        topic, due = self._topics[name], self._due[name]
+        self._due[name] = (now if now - due > LATE_S else due) + topic.period_s
+        for frame in topic.frames(now, now_ns):
+            self._hub.publish(name, frame)
+
+    def _guarded(self, name: str, now: float, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # of whatever kind: a topic that fails is begun anew, and is no other's
+            if self.failed.add(name.partition("/")[0]) == 1:
+                log.exception("%s failed and begins anew (more of this kind are only counted)", name)
+            else:
+                log.debug("%s failed again: %s", name, error)
+            if name in self._topics:
+                self._end(name)
+            self._due[name] = now + AGAIN_S
+
+    def close(self) -> None:
+        """Stop listening."""
+        for name in list(self._topics):
+            self._end(name)
+        if self._heard is not None:
+            self._heard.close()
+
+    def _end(self, name: str) -> None:
+        self._due.pop(name, None)
+        self._last_watched.pop(name, None)
+        with contextlib.suppress(BusError):
+            self._topics.pop(name).close()

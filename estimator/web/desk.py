@@ -1,0 +1,142 @@
+"""What every page works with: what is known of the ward, who is logged in, and the way to the estimator."""
+
+import asyncio
+import logging
+import secrets
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from pathlib import Path
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection, Request
+
+from bridge.bus.contract import BusError
+from bridge.wire.checks import MAX_SENTENCE
+from bridge.wire.messages import CommandReply
+from estimator import history
+from estimator.client import Client
+from estimator.service.store import Store, StoreError
+from estimator.web.attempts import Attempts
+from estimator.web.fault import Fault
+from estimator.web.hub import Hub
+from estimator.web.known import Known, Story
+from estimator.web.passwords import Passwords
+from estimator.web.sessions import Session, Sessions
+from estimator.web.settings import Dashboard
+
+log = logging.getLogger(__name__)
+
+COOKIE = "truerate"
+#: how long what a store said of a device is taken for all there is
+PAST_S = 30.0
+#: how a program says who it is; no browser asks a person because of it
+CHALLENGE = {"WWW-Authenticate": 'Bearer realm="truerate"'}
+VERBS = ("recalibrate", "cancel", "note")
+
+
+class Desk:
+    """One dashboard."""
+
+    def __init__(self, known: Known, hub: Hub, settings: Dashboard, store: Path | None = None) -> None:
+        self.known, self.hub, self.settings = known, hub, settings
+        self.sessions = Sessions(settings.session_hours * 3600)
+        #: for commands, in a session of the bus of its own; None while no router was ever there
+        self.control: Client | None = None
+        self._attempts, self._passwords = Attempts(), Passwords(settings.people)
+        self._one_at_a_time = asyncio.Lock()
+        self._store = store
+        self._past_at: dict[str, float] = {}
+
+    @classmethod
+    def of(cls, connection: HTTPConnection) -> "Desk":
+        """The desk that a request came to."""
+        desk = connection.app.state.desk
+        assert isinstance(desk, cls)
+        return desk
+
+    # ---- who asks -------------------------------------------------------------------------------------------------
+
+    def session(self, connection: HTTPConnection) -> Session | None:
+        """Who is logged in, by the cookie."""
+        return self.sessions.find(connection.cookies.get(COOKIE), time.monotonic())
+
+    def checked(self, connection: HTTPConnection, csrf: str) -> Session:
+        """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
+        session = self.session(connection)
+        if session is None:
+            raise Fault(HTTPStatus.UNAUTHORIZED, "log_in", "Log in to do this.", CHALLENGE)
+        if not secrets.compare_digest(session.csrf.encode(), csrf.encode("utf-8", "replace")):
+            raise Fault(HTTPStatus.FORBIDDEN, "stale_page", "This page is not of your session any more; load it again.")
+        return session
+
+    async def let_in(self, request: Request, name: str, password: str) -> None:
+        """Return if it is the right password; else Fault, as for too many tries."""
+        address = request.client.host if request.client else ""
+        async with self._one_at_a_time:
+            wait_s = self._attempts.wait_s(address, time.monotonic())
+            if wait_s > 0:
+                raise Fault(
+                    HTTPStatus.TOO_MANY_REQUESTS,
+                    "too_many_tries",
+                    f"Too many wrong passwords came from there; wait {wait_s:.0f} seconds.",
+                    {"Retry-After": f"{wait_s:.0f}"},
+                )
+            if not await run_in_threadpool(self._passwords.right, name, password):
+                self._attempts.failed(address, time.monotonic())
+                log.warning("a wrong name or password from %s", address)
+                raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.", CHALLENGE)
+            self._attempts.succeeded(address)
+
+    # ---- devices --------------------------------------------------------------------------------------------------
+
+    def story(self, device: str) -> Story:
+        """Of a device that was heard of; else Fault."""
+        story = self.known.stories.get(device)
+        if story is None:
+            there = ", ".join(sorted(self.known.stories)[:20]) or "none"
+            message = f"no device {device[:64]} was heard; there are: {there}"
+            raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", message)
+        return story
+
+    async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
+        """What the estimator answers to a command; Fault when nobody answers."""
+        self.story(device)
+        if len(words) > MAX_SENTENCE or not words.isprintable():
+            raise Fault(
+                HTTPStatus.BAD_REQUEST,
+                "bad_text",
+                f"The text must be one line of at most {MAX_SENTENCE} printable characters.",
+            )
+        if verb == "note" and not words.strip():
+            raise Fault(HTTPStatus.BAD_REQUEST, "bad_text", "A note needs a text.")
+        if self.control is None:
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_router", "The ward's router is not there.")
+        commands: dict[str, Callable[[str, str, str], CommandReply]] = {
+            "recalibrate": self.control.recalibrate,
+            "cancel": self.control.cancel,
+            "note": self.control.note,
+        }
+        try:
+            return await run_in_threadpool(commands[verb], device, who, words)
+        except BusError as error:
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer", f"No estimator answers: {error}.") from error
+
+    async def remember(self, device: str) -> None:
+        """Add what the store has of a device, where the store is at hand."""
+        now = time.monotonic()
+        if self._store is None or now - self._past_at.get(device, -PAST_S) < PAST_S or not self._store.is_file():
+            return
+        self._past_at[device] = now
+        try:
+            self.known.take_past(await run_in_threadpool(_past, self._store, device))
+        except (StoreError, OSError) as error:
+            log.warning("the store %s cannot be read: %s", self._store, error)
+
+
+def _past(path: Path, device: str) -> history.History:
+    store = Store.reading(path)
+    try:
+        return history.read(store, device)
+    finally:
+        store.close()

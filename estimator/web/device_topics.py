@@ -1,0 +1,129 @@
+"""The topics of a device's page: all of it in words, its rates raw and corrected, how its bias went, and the heading it lost."""
+
+from collections.abc import Iterable
+from math import degrees
+
+import numpy as np
+
+from bridge.wire.messages import SampleBatch
+from estimator.streams import Corrected, Stream
+from estimator.web import topics
+from estimator.web.device_page import device_page
+from estimator.web.heading import Heading
+from estimator.web.hub import Frame
+from estimator.web.topics import Sources
+from estimator.web.traces import Points, Traces
+from estimator.web.trail import Trail
+from estimator.web.ward_topics import RATES_S
+
+#: points of heading are told so often
+_HEADING_S = 1.0
+
+
+@topics.kind("device", of_a_device=True)
+class DeviceTopic:
+    """The device in words, whole every second; nothing while it was never heard of."""
+
+    period_s = 1.0
+
+    def __init__(self, topic: str, sources: Sources) -> None:
+        self._topic, self._known = topic, sources.known
+        self._device = topic.partition("/")[2]
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
+        """The page as it is."""
+        if self._device in self._known.stories:
+            yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns))
+
+    frames = whole
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+@topics.kind("trace", of_a_device=True)
+class TraceTopic:
+    """Rates raw and corrected, point by point, in binary frames; once a second, as text, what the heading has lost by now."""
+
+    period_s = RATES_S
+
+    def __init__(self, topic: str, sources: Sources) -> None:
+        self._topic, self._device = topic, topic.partition("/")[2]
+        self._known, self._traces, self._heading = sources.known, Traces(), Heading()
+        self._raw: Stream[SampleBatch] | None = None
+        self._corrected: Corrected | None = None
+        self._told_at = 0.0
+        if sources.client is not None:
+            self._raw, self._corrected = sources.client.raw(self._device), sources.client.corrected(self._device)
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
+        """The last seconds."""
+        if (kept := self._traces.kept()) is not None:
+            yield self._frame(kept)
+        yield self._headings()
+
+    def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
+        """What has come since."""
+        if self._raw is None or self._corrected is None:
+            return
+        story = self._known.stories.get(self._device)
+        if story is not None and story.trail.rests:
+            self._heading.restart(story.trail.rests[-1][0] / 1e9)
+        pairs = self._traces.take(now, self._raw.drain(), self._corrected.drain())
+        for pair in pairs:
+            self._heading.add(pair)
+        if (points := self._traces.points(pairs)) is not None:
+            yield self._frame(points)
+        if now - self._told_at >= _HEADING_S:
+            self._told_at = now
+            yield self._headings()
+
+    def close(self) -> None:
+        """Stop listening."""
+        for stream in (self._raw, self._corrected):
+            if stream is not None:
+                stream.close()
+
+    def _frame(self, points: Points) -> bytes:
+        """float64 (n,) host time in s, then float32 (n, 3) raw, corrected, and std, °/s; n is as many as there is room for."""
+        rates = np.degrees(np.concatenate([points.raw, points.corrected, points.std])).astype("<f4")
+        return topics.binary(self._topic, points.time_s.astype("<f8").tobytes() + rates.tobytes())
+
+    def _headings(self) -> str:
+        """Since when, how far raw and corrected are apart, and each second of it: time, apart, σ of the corrected; degrees."""
+        heading = self._heading
+        points = [(round(t, 2), round(degrees(a), 3), round(degrees(s), 3)) for t, a, s in heading.points]
+        about = {"since": heading.since_s, "apart": degrees(heading.apart), "std": degrees(heading.std)}
+        return topics.text(self._topic, {**about, "turned": degrees(heading.turned), "points": points})
+
+
+@topics.kind("trail", of_a_device=True)
+class TrailTopic:
+    """How bias and temperature went, with rests and marks; whole every few seconds."""
+
+    period_s = 5.0
+
+    def __init__(self, topic: str, sources: Sources) -> None:
+        self._topic, self._known, self._device = topic, sources.known, topic.partition("/")[2]
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
+        """The points in a binary frame, rests and marks as text."""
+        story = self._known.stories.get(self._device)
+        if story is None or not len(story.trail):
+            return
+        trail: Trail = story.trail
+        yield topics.text(
+            self._topic,
+            {
+                "rests": [(begin / 1e9, end / 1e9) for begin, end in trail.rests],
+                "marks": [(mark.time_ns / 1e9, mark.kind, mark.words) for mark in trail.marks],
+            },
+        )
+        columns = trail.points.copy()
+        columns[:, :6] = np.degrees(columns[:, :6])
+        yield topics.binary(self._topic, (trail.times_ns / 1e9).tobytes() + columns.astype("<f4").tobytes())
+
+    frames = whole
+
+    def close(self) -> None:
+        """Nothing is held."""

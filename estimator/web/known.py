@@ -1,0 +1,153 @@
+"""All that was heard of a ward and its devices: one place that every page and topic reads. Pure: time is an argument."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, Status, Verdict
+from bridge.wire.refusal import Tally
+from estimator import glance
+from estimator.glance import Glance
+from estimator.history import History
+from estimator.ward_view import Row, WardView
+from estimator.web.trail import Mark, Trail
+
+#: so many devices are remembered; further ones are counted
+DEVICES = 2000
+CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
+_CAUSES = {
+    BootCause.UNKNOWN: "",
+    BootCause.POWER_UP: "it was switched on",
+    BootCause.PORT_OPENED: "its port was opened",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """A boot that was seen or that the store has; time_ns of the first that was heard of it."""
+
+    boot: int
+    time_ns: int
+    cause: str
+    what: str
+
+
+@dataclass(slots=True)
+class Story:
+    """One device. Calibrations and boots by id, oldest first."""
+
+    number: int
+    status: Status | None = None
+    info: DeviceInfo | None = None
+    trail: Trail = field(default_factory=Trail)
+    calibrations: dict[str, Calibration] = field(default_factory=dict)
+    notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
+    boots: dict[int, Boot] = field(default_factory=dict)
+
+    @property
+    def boot(self) -> int:
+        """The present one; 0 when it has not been heard."""
+        return self.status.boot if self.status else self.info.boot if self.info else 0
+
+    def take_calibration(self, calibration: Calibration) -> None:
+        """One that was made, accepted or not; one that is known already changes nothing."""
+        if calibration.id in self.calibrations:
+            return
+        self.calibrations[calibration.id] = calibration
+        self.calibrations = dict(sorted(self.calibrations.items(), key=lambda item: item[1].time_ns)[-CALIBRATIONS:])
+        accepted = calibration.verdict is Verdict.ACCEPTED
+        self.trail.mark(Mark(calibration.time_ns, "calibrated" if accepted else "refused", calibration.reason))
+
+    def take_note(self, note: Note) -> None:
+        """What somebody wrote of it; the same again changes nothing."""
+        if note not in self.notes:
+            self.notes.append(note)
+            self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
+
+    def take_boot(self, boot: Boot) -> None:
+        """A boot; of one that is known already the earlier time is kept."""
+        known = self.boots.get(boot.boot)
+        if known is None or boot.time_ns < known.time_ns:
+            self.boots[boot.boot] = boot
+            self.boots = dict(sorted(self.boots.items(), key=lambda item: item[1].time_ns)[-BOOTS:])
+
+
+class Known:
+    """A ward."""
+
+    def __init__(self, ward: str) -> None:
+        self.ward = ward
+        self.connected = False
+        self.left_out = Tally()
+        self.stories: dict[str, Story] = {}
+        #: ids of what is alive now, by `bridge` and `estimator`; written by a thread of the bus
+        self.alive: dict[str, dict[str, bool]] = {"bridge": {}, "estimator": {}}
+        self._view = WardView()
+
+    def story(self, device: str) -> Story | None:
+        """Of a device that was heard of; None of one that is one too many."""
+        if device not in self.stories:
+            if len(self.stories) >= DEVICES:
+                self.left_out.add("devices")
+                return None
+            self.stories[device] = Story(len(self.stories))
+        return self.stories[device]
+
+    def take_status(self, status: Status, now: float) -> None:
+        """The estimator's word on a device, heard at `now` seconds."""
+        if (story := self.story(status.device)) is not None:
+            story.status = status
+            story.trail.take(status)
+            self._view.take_status(status, now)
+
+    def take_info(self, info: DeviceInfo) -> None:
+        """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
+        if (story := self.story(info.device)) is None:
+            return
+        if info.boot or story.info is None or story.info.bridge == info.bridge:
+            story.info = info
+        if info.boot and info.boot not in story.boots:
+            what = f"{info.model} {info.firmware}".strip()
+            story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
+        self._view.take_info(info)
+
+    def take_calibration(self, calibration: Calibration) -> None:
+        """A calibration as it was published."""
+        if (story := self.story(calibration.device)) is not None:
+            story.take_calibration(calibration)
+
+    def take_note(self, note: Note) -> None:
+        """A note as it was published."""
+        if (story := self.story(note.device)) is not None:
+            story.take_note(note)
+
+    def take_revision(self, revision: BiasRevision) -> None:
+        """What the bias of the past was."""
+        if (story := self.story(revision.device)) is not None:
+            story.trail.revise(revision)
+
+    def take_past(self, past: History) -> None:
+        """What a store has of a device."""
+        if (story := self.story(past.device)) is None:
+            return
+        for calibration in past.calibrations:
+            story.take_calibration(calibration)
+        for row in past.boots:
+            cause = _CAUSES.get(BootCause[row["cause"]], "") if row["cause"] in BootCause.__members__ else ""
+            story.take_boot(
+                Boot(int(row["boot"], 16), row["time_ns"], cause, f"{row['model']} {row['firmware']}".strip())
+            )
+
+    def rows(self, now: float) -> list[Row]:
+        """Every device, those that need a person first."""
+        return self._view.rows(now)
+
+    def row(self, device: str, now: float) -> Row:
+        """One that was heard of."""
+        return self._view.row(device, now)
+
+    def glance(self) -> Glance:
+        """The ward at one look."""
+        statuses = {name: story.status for name, story in self.stories.items() if story.status}
+        infos = {name: story.info for name, story in self.stories.items() if story.info}
+        alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
+        return glance.glance(self.ward, statuses, infos, alive["bridge"], alive["estimator"])

@@ -1,0 +1,93 @@
+"""The pages of a ward and of a device, as the server writes them; live.js keeps them true."""
+
+import time
+from collections.abc import Mapping
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import BaseRoute, Route
+from starlette.templating import Jinja2Templates
+
+from estimator.web.desk import COOKIE, Desk
+from estimator.web.fault import Fault
+from estimator.web.form import fields
+from estimator.web.tiles import ward_page
+from estimator.web.ward_topics import SPARKS, SPARKS_S
+
+TEMPLATES = Jinja2Templates(Path(__file__).parent / "templates")
+TEMPLATES.env.trim_blocks = TEMPLATES.env.lstrip_blocks = True
+
+
+def routes() -> list[BaseRoute]:
+    """Their places."""
+    return [
+        Route("/", ward, name="ward"),
+        Route("/login", login_form, name="login"),
+        Route("/login", login, methods=["POST"]),
+        Route("/logout", logout, methods=["POST"], name="logout"),
+    ]
+
+
+def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
+    """A page, with what every page needs: the ward, who is logged in, and what is to be said to them once."""
+    desk = Desk.of(request)
+    session = desk.session(request)
+    frame = {
+        "ward": desk.known.ward,
+        "session": session,
+        "said": session.take_said() if session else None,
+        "can_log_in": bool(desk.settings.people),
+    }
+    return TEMPLATES.TemplateResponse(request, template, {**frame, **values}, status_code=status)
+
+
+async def ward(request: Request) -> Response:
+    """The whole ward."""
+    page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns())
+    return show(request, "ward.html", {"page": page, "sparks": SPARKS, "sparks_s": SPARKS_S})
+
+
+async def login_form(request: Request) -> Response:
+    """Ask who it is."""
+    return show(request, "login.html", {"to": _own(request.query_params.get("to", "/")), "name": "", "wrong": ""})
+
+
+async def login(request: Request) -> Response:
+    """A name and a password."""
+    desk = Desk.of(request)
+    given = await fields(request)
+    name, to = given.get("name", "").strip(), _own(given.get("to", "/"))
+    try:
+        await desk.let_in(request, name, given.get("password", ""))
+    except Fault as fault:
+        page = show(request, "login.html", {"to": to, "name": name[:64], "wrong": fault.message}, fault.status)
+        page.headers.update(fault.headers)
+        return page
+    response = RedirectResponse(to, HTTPStatus.SEE_OTHER)
+    response.set_cookie(
+        COOKIE,
+        desk.sessions.begin(name, time.monotonic()),
+        max_age=round(desk.settings.session_hours * 3600),
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return response
+
+
+async def logout(request: Request) -> Response:
+    """End the session."""
+    desk = Desk.of(request)
+    desk.checked(request, (await fields(request)).get("csrf", ""))
+    desk.sessions.end(request.cookies.get(COOKIE, ""))
+    response = RedirectResponse("/", HTTPStatus.SEE_OTHER)
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    return response
+
+
+def _own(path: str) -> str:
+    """A path of ours to go on to; never another site."""
+    return path if path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable() else "/"

@@ -1,0 +1,126 @@
+"""`truerate dashboard`: a router waited for, an application served, signals obeyed."""
+
+import asyncio
+import contextlib
+import logging
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import uvicorn
+
+from bridge.bus.contract import Bus
+from bridge.config import listening
+from bridge.process import connected
+from estimator.client import Client
+from estimator.config import Ward
+from estimator.web import device_topics, topics, ward_topics
+from estimator.web.app import application
+from estimator.web.broadcast import Broadcast
+from estimator.web.desk import Desk
+from estimator.web.hub import Hub
+from estimator.web.known import Known
+from estimator.web.settings import Dashboard
+
+__all__ = ["Server", "device_topics", "run", "ward_topics"]
+
+log = logging.getLogger(__name__)
+
+
+class Server:
+    """A dashboard of one ward; `connect` may come at any time after."""
+
+    def __init__(self, ward: str, settings: Dashboard, store: Path | None = None) -> None:
+        known, hub = Known(ward), Hub()
+        self.desk = Desk(known, hub, settings, store)
+        self._ward = ward
+        self._broadcast = Broadcast(hub, topics.Sources(known))
+        self.app = application(self.desk, self._broadcast)
+        self._address = listening(settings.listen)
+        self.uvicorn = _Uvicorn(
+            uvicorn.Config(
+                self.app,
+                ws="websockets-sansio",
+                ws_max_size=8192,
+                ws_per_message_deflate=False,  # what is encoded once is not to be squeezed for each viewer
+                proxy_headers=settings.behind_proxy,
+                server_header=False,
+                access_log=False,
+                log_config=None,
+                log_level="warning",
+                timeout_graceful_shutdown=2,
+            )
+        )
+
+    async def serve(self) -> None:
+        """Until `stop`; raises OSError where it cannot listen."""
+        host, port = self._address
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            listener = socket.create_server((host, port), family=family, backlog=128)
+        except OSError as error:
+            raise OSError(f"dashboard: cannot listen on {host}:{port}: {error}; --listen takes another") from error
+        with listener:
+            await self.uvicorn.serve([listener])
+
+    def stop(self) -> None:
+        """End; asked again, at once."""
+        self.uvicorn.force_exit = self.uvicorn.should_exit
+        self.uvicorn.should_exit = True
+
+    def connect(self, data: Bus, control: Bus) -> None:
+        """A router was found. Called in the event loop."""
+        commands = Client(ward=self._ward, bus=control)
+        self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
+        self.desk.control = commands
+
+
+class _Uvicorn(uvicorn.Server):
+    """Signals are ours to obey: it would let them end the process before the bus is closed."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave them as they are."""
+        yield
+
+
+def run(ward: Ward) -> int:
+    """Serve until SIGINT or SIGTERM; a missing router is waited for, and said on every page meanwhile. The exit code."""
+    settings = ward.dashboard
+    store = Path(ward.estimator.store) if ward.estimator else None
+    if settings.people and not settings.local and not settings.behind_proxy:
+        log.warning(
+            "%s is reached over the network without TLS: passwords can be read on the way; see docs/dashboard.md",
+            settings.listen,
+        )
+    server = Server(ward.ward, settings, store)
+    asyncio.run(_serve(server, ward))
+    return 0
+
+
+async def _serve(server: Server, ward: Ward) -> None:
+    stop = threading.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, server.stop)
+    buses: list[Bus] = []
+
+    def find() -> None:
+        data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
+        buses.extend(bus for bus in (data, control) if bus is not None)
+        if data is not None and control is not None:
+            with contextlib.suppress(RuntimeError):  # the loop is closed: it is over
+                loop.call_soon_threadsafe(server.connect, data, control)
+
+    finding = threading.Thread(target=find, name="find a router", daemon=True)
+    finding.start()
+    log.info("the dashboard of ward %s is at http://%s", ward.ward, ward.dashboard.listen)
+    try:
+        await server.serve()
+    finally:
+        stop.set()
+        finding.join(5.0)
+        for bus in buses:
+            bus.close()

@@ -1,0 +1,58 @@
+"""Who is logged in: kept in memory, so that a restart logs everybody out. Pure: time is an argument."""
+
+import secrets
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from hashlib import sha256
+
+#: so many at a time; of more the oldest ends
+SESSIONS = 500
+
+
+@dataclass(slots=True)
+class Session:
+    """One person in one browser. `csrf` is in every form of theirs; `said` waits to be shown once, with whether it is good."""
+
+    name: str
+    until: float
+    csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    said: tuple[bool, str] | None = None
+
+    def take_said(self) -> tuple[bool, str] | None:
+        """What is to be shown, once."""
+        said, self.said = self.said, None
+        return said
+
+
+class Sessions:
+    """By cookie; the cookies themselves are not kept, only their hashes."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length_s = length_s
+        self._sessions: OrderedDict[bytes, Session] = OrderedDict()
+
+    def begin(self, name: str, now: float) -> str:
+        """The cookie of a new one."""
+        cookie = secrets.token_urlsafe(32)
+        self._sessions[_hashed(cookie)] = Session(name, now + self._length_s)
+        while len(self._sessions) > SESSIONS:
+            self._sessions.popitem(last=False)
+        return cookie
+
+    def find(self, cookie: str | None, now: float) -> Session | None:
+        """Whose cookie it is; None when nobody's, or no more."""
+        if not cookie:
+            return None
+        session = self._sessions.get(_hashed(cookie))
+        if session is not None and now >= session.until:
+            self.end(cookie)
+            return None
+        return session
+
+    def end(self, cookie: str) -> None:
+        """The cookie is worth nothing any more."""
+        self._sessions.pop(_hashed(cookie), None)
+
+
+def _hashed(cookie: str) -> bytes:
+    return sha256(cookie.encode("utf-8", "replace")).digest()

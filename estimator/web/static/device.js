@@ -1,0 +1,161 @@
+// The page of one device: words once a second, rates as they come.
+
+import { chart, hour, post, stripe } from "./charts.js";
+import { fill, tone } from "./fields.js";
+import { say, watch } from "./live.js";
+
+const AXES = ["x", "y", "z"], WINDOW_S = 20;
+const page = document.querySelector(".device"), id = page.dataset.id;
+const $ = (name) => document.getElementById(name);
+let trail = { rests: [], marks: [] };
+
+// ---- words ----
+
+watch(`device/${id}`, (now) => {
+  fill(page, { ...now.tile, calibrating: now.progress < 1 });
+  tone(page, now.tile.tone);
+  $("progress").value = now.progress;
+  document.title = `${id}: ${now.tile.state} · ${now.ward}`;
+  $("troubles").replaceChildren(...now.troubles.map((words) => Object.assign(document.createElement("p"), { className: "banner bad", textContent: words })));
+  if ($("recalibrate")) $("recalibrate").disabled = !now.can_recalibrate;
+  if ($("cancel")) $("cancel").disabled = !now.can_cancel;
+  if (told !== now.tile.state) { if (told) say($("told"), `${id}: ${now.tile.state}. ${now.tile.reason}`); told = now.tile.state; }
+  rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? " in use" : ""), c.verdict, c.who, c.method, c.scale.join(", "), c.bias.join(", "), c.turns, c.reason], (c) => c.in_use);
+  for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => [line.when, line.what, line.words]);
+  facts(now.facts);
+}, { must: true });
+let told = page.querySelector('[data-f="state"]').textContent;
+
+const shown = {};
+function rows(name, lines, cells, used = () => false) {
+  const key = JSON.stringify(lines);
+  document.querySelector(`[data-none="${name}"]`).hidden = lines.length > 0;
+  $(name).hidden = lines.length === 0;
+  if (shown[name] === key) return;
+  shown[name] = key;
+  $(name).tBodies[0].replaceChildren(...lines.map((line) => {
+    const row = document.createElement("tr");
+    row.classList.toggle("in-use", used(line));
+    for (const words of cells(line)) row.insertCell().textContent = words;
+    return row;
+  }));
+}
+
+function facts(pairs) {
+  const place = $("facts");
+  if (place.children.length !== pairs.length || [...place.children].some((one, i) => one.firstElementChild.textContent !== pairs[i][0]))
+    place.replaceChildren(...pairs.map(([name]) => {
+      const pair = document.createElement("div");
+      pair.append(Object.assign(document.createElement("dt"), { textContent: name }), document.createElement("dd"));
+      return pair;
+    }));
+  pairs.forEach(([, value], i) => say(place.children[i].lastElementChild, value));
+}
+
+// ---- rates ----
+
+const rates = AXES.map((axis) => chart($("rates"), {
+  label: `rate about ${axis}, as read and corrected`, title: axis, height: axis === "z" ? 172 : 150, clock: false, times: axis === "z",
+  series: [{ label: "as read", colour: "raw", dash: [3, 3], width: 2 }, { label: "corrected", colour: axis }],
+}));
+const columns = { time: [], raw: [[], [], []], corrected: [[], [], []] };
+let newest = 0;
+
+const pause = $("pause");
+pause.addEventListener("click", () => {
+  const on = pause.getAttribute("aria-pressed") !== "true";
+  pause.setAttribute("aria-pressed", String(on));
+});
+
+watch(`trace/${id}`, (data) => {
+  if (!(data instanceof ArrayBuffer)) { heading(data); return; }
+  const n = data.byteLength / 44, time = new Float64Array(data, 0, n), rest = new Float32Array(data, 8 * n);
+  for (let i = 0; i < n; i++) {
+    if (time[i] <= newest) continue;
+    newest = time[i];
+    columns.time.push(time[i]);
+    for (let axis = 0; axis < 3; axis++) {
+      columns.raw[axis].push(number(rest[3 * i + axis]));
+      columns.corrected[axis].push(number(rest[3 * (n + i) + axis]));
+    }
+  }
+  let old = 0;
+  while (old < columns.time.length && columns.time[old] < newest - WINDOW_S) old++;
+  for (const column of [columns.time, ...columns.raw, ...columns.corrected]) column.splice(0, old);
+  due = true;
+});
+
+let due = false;
+function frame() {
+  if (due && pause.getAttribute("aria-pressed") !== "true") {
+    due = false;
+    if ($("rates").hidden) { $("rates").hidden = false; $("waiting").hidden = true; dispatchEvent(new Event("resize")); }
+    performance.mark("trace"); // counted by tests/bench/dashboard.py
+    const ago = columns.time.map((time) => time - newest);
+    rates.forEach((one, axis) => one.set([ago, columns.raw[axis], columns.corrected[axis]]));
+  }
+  requestAnimationFrame(frame);
+}
+requestAnimationFrame(frame);
+
+const number = (value) => (Number.isNaN(value) ? null : value);
+
+// ---- heading ----
+
+const headings = chart($("headings"), {
+  label: "how far the heading by raw rates is from that by corrected rates", title: "°", height: 150,
+  series: [{ label: "raw, away from corrected", colour: "raw", width: 2.5, dash: [3, 3] }, { label: "corrected, 1 σ", colour: "z" }, { label: "0", colour: "z", width: 0 }],
+  bands: [[2, 3, "z"]], range: (u, low, high) => [0, Math.max(1, high * 1.05)],
+});
+
+function heading(now) {
+  const { points } = now;
+  headings.figure.hidden = points.length < 2;
+  headings.set([points.map((p) => p[0]), points.map((p) => p[1]), points.map((p) => p[2]), points.map(() => 0)]);
+  if (!now.since) return;
+  const since = hour(now.since);
+  const words = `Since ${since}, when it last came to rest or when this page was opened: by its raw rates alone its heading would now be ${now.apart.toFixed(1)}° away; the bias leaves the corrected one unsure by ${now.std.toFixed(2)}°. It has turned by ${now.turned.toFixed(1)}° meanwhile.`;
+  say($("heading"), words);
+  headings.figure.setAttribute("aria-label", words);
+}
+
+// ---- bias and temperature ----
+
+function happenings(u) {
+  for (const [from, to] of trail.rests) stripe(u, from, to, "well", 0.16);
+  for (const [at, kind] of trail.marks) post(u, at, kind === "calibrated" ? "well" : kind === "note" ? "busy" : "ask");
+}
+// How unsure it once was is not to hide what it is now: intervals far wider than the present one run out of the picture.
+function around(u) {
+  const [, value, high] = u.data;
+  let last = value.length - 1;
+  while (last >= 0 && value[last] === null) last--;
+  if (last < 0) return [-1, 1];
+  const most = Math.max(6 * (high[last] - value[last]), 0.002);
+  let low = Infinity, top = -Infinity;
+  for (let i = 0; i <= last; i++) {
+    if (value[i] === null || high[i] - value[i] > 20 * most) continue;
+    const room = Math.min(high[i] - value[i], most);
+    low = Math.min(low, value[i] - room);
+    top = Math.max(top, value[i] + room);
+  }
+  return [low - 0.08 * (top - low), top + 0.08 * (top - low)];
+}
+
+const biases = AXES.map((axis) => chart($("biases"), {
+  label: `bias about ${axis}`, title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
+  series: [{ label: "bias", colour: axis, width: 2 }, { label: "+2σ", colour: axis, width: 0 }, { label: "−2σ", colour: axis, width: 0 }],
+  bands: [[2, 3, axis]],
+}));
+const temperatures = chart($("temperatures"), {
+  label: "temperature", title: "°C", height: 120, behind: happenings, series: [{ label: "temperature", colour: "y", width: 2 }],
+  range: (u, low, high) => (low === null ? [0, 1] : [Math.min(low, high - 1) - 0.2, high + 0.2]),
+});
+
+watch(`trail/${id}`, (data) => {
+  if (!(data instanceof ArrayBuffer)) { trail = data; return; }
+  const n = data.byteLength / 36, time = Array.from(new Float64Array(data, 0, n)), rest = new Float32Array(data, 8 * n);
+  const column = (i, map = (v) => v) => time.map((_, row) => number(map(rest[7 * row + i], row)));
+  AXES.forEach((_, axis) => biases[axis].set([time, column(axis), column(axis, (v, row) => v + 2 * rest[7 * row + 3 + axis]), column(axis, (v, row) => v - 2 * rest[7 * row + 3 + axis])]));
+  temperatures.set([time, column(6)]);
+});

@@ -1,0 +1,68 @@
+// One websocket a page. watch(topic, take) asks for a topic; take gets what a JSON frame says, or a DataView of a binary one.
+// A topic that is vital must come every second: when it stops, the banner says so, and the page turns pale.
+
+const LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
+const takers = new Map(), vital = new Set();
+const banner = document.getElementById("lost");
+let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true;
+
+export function watch(topic, take, { must = false } = {}) {
+  takers.set(topic, take);
+  if (must) vital.add(topic);
+  ask();
+}
+
+export function unwatch(topic) {
+  takers.delete(topic);
+  ask();
+}
+
+function ask() {
+  if (socket?.readyState === WebSocket.OPEN)
+    socket.send(JSON.stringify({ watch: wanted ? [...takers.keys()] : [] }));
+}
+
+function connect() {
+  const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  opened.binaryType = "arraybuffer";
+  opened.onopen = () => { tries = 0; ask(); };
+  opened.onmessage = (event) => take(event.data);
+  opened.onclose = () => {
+    if (socket !== opened) return;
+    socket = null;
+    setTimeout(connect, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
+  };
+  socket = opened;
+}
+
+function take(data) {
+  if (typeof data === "string") {
+    const frame = JSON.parse(data);
+    if (vital.has(frame.topic)) heard = performance.now();
+    takers.get(frame.topic)?.(frame.is);
+    return;
+  }
+  const bytes = new Uint8Array(data), length = bytes[0];
+  const topic = new TextDecoder().decode(bytes.subarray(1, 1 + length)), begin = (length + 8) & ~7;
+  takers.get(topic)?.(data.slice(begin));
+}
+
+function look() {
+  const now = performance.now(), silent = wanted && now - heard > LATE_MS;
+  if (!silent) lost = heard;
+  document.body.classList.toggle("old", silent);
+  banner.hidden = !silent;
+  if (silent) say(banner, `The dashboard has not answered for ${Math.round((now - lost) / 1000)} seconds: what is shown is old.`);
+}
+
+export function say(element, words) {
+  if (element.textContent !== words) element.textContent = words;
+}
+
+document.addEventListener("visibilitychange", () => {
+  wanted = !document.hidden;
+  heard = performance.now();
+  ask();
+});
+setInterval(look, 500);
+connect();

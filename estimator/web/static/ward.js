@@ -1,0 +1,189 @@
+// The ward page: tiles kept true, those that need a person first, or as the reader has chosen.
+
+import { fill, shape, tone } from "./fields.js";
+import { say, watch } from "./live.js";
+import { Strip, spark } from "./pictures.js";
+
+const list = document.getElementById("tiles"), template = document.getElementById("tile");
+const find = document.getElementById("find"), order = document.getElementById("order"), pause = document.getElementById("pause");
+const tiles = new Map(); // id -> { element, strip, spark, seen, number }
+const only = new Set();
+let page = null;
+
+const seen = new IntersectionObserver((entries) => {
+  for (const entry of entries) {
+    const tile = tiles.get(entry.target.dataset.id);
+    if (!tile) continue;
+    tile.seen = entry.isIntersecting;
+    if (tile.seen) tile.strip.size();
+  }
+}, { rootMargin: "50px" });
+
+function adopt(element, id) {
+  element.dataset.id = id;
+  const tile = { element, strip: new Strip(element.querySelector(".strip")), spark: element.querySelector(".spark"), seen: false };
+  tiles.set(id, tile);
+  seen.observe(element);
+  return tile;
+}
+
+for (const element of list.children) adopt(element, element.dataset.id);
+
+watch("ward", (now) => {
+  page = now;
+  tell(now);
+  for (const fields of now.tiles) {
+    const tile = tiles.get(fields.id) ?? adopt(template.content.firstElementChild.cloneNode(true), fields.id);
+    const element = tile.element;
+    tile.number = fields.number;
+    if (!element.isConnected) list.append(element);
+    element.querySelector("h2 a").setAttribute("href", `/devices/${encodeURIComponent(fields.id)}`);
+    fill(element, fields);
+    tone(element, fields.tone);
+    element.toggleAttribute("data-needs", fields.needs);
+    element.querySelector(".battery").classList.toggle("low", fields.battery_low);
+  }
+  const there = new Set(now.tiles.map((fields) => fields.id));
+  for (const [id, tile] of tiles) if (!there.has(id)) { seen.unobserve(tile.element); tile.element.remove(); tiles.delete(id); }
+  head(now);
+  arrange();
+}, { must: true });
+
+const MOST_WAITING = 60; // frames while nothing is drawn, as of a page behind others
+let waiting = [];
+watch("rates", (data) => {
+  if (waiting.push(new Float32Array(data, 8)) > MOST_WAITING) waiting.shift();
+});
+
+function draw() {
+  const frames = waiting;
+  waiting = [];
+  if (frames.length && pause.getAttribute("aria-pressed") !== "true") {
+    performance.mark("rates"); // counted by tests/bench/dashboard.py
+    for (const rates of frames)
+      for (const tile of tiles.values()) {
+        const at = 2 * tile.number;
+        if (tile.seen && at + 1 < rates.length) tile.strip.draw(rates[at], rates[at + 1]);
+      }
+  }
+  requestAnimationFrame(draw);
+}
+requestAnimationFrame(draw);
+
+const points = 40;
+watch("bias", (data) => {
+  const seconds = new Float64Array(data, 0, 1)[0], rows = new Float32Array(data, 8);
+  const words = `bias, ${seconds < 100 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`}`;
+  for (const tile of tiles.values()) {
+    const at = tile.number * points * 6;
+    say(tile.element.querySelector(".span"), words);
+    if (tile.number !== undefined && at + points * 6 <= rows.length) spark(tile.spark, rows.subarray(at, at + points * 6), points);
+  }
+});
+
+function head(now) {
+  const needs = now.tiles.filter((fields) => fields.needs).length;
+  say(document.querySelector('[data-f="count"]'), `${now.tracking} of ${now.of}`);
+  say(document.querySelector('[data-f="needs"]'), String(needs));
+  document.title = `${now.tracking} of ${now.of} tracking · ${now.ward}`;
+  const troubles = document.getElementById("troubles");
+  if (troubles.textContent !== now.troubles.join("")) {
+    troubles.replaceChildren(...now.troubles.map((words) => {
+      const line = document.createElement("p");
+      line.className = "banner bad";
+      line.textContent = words;
+      return line;
+    }));
+  }
+  document.getElementById("none").hidden = now.of > 0;
+  chips(now.counts);
+  share(now.counts, now.of);
+}
+
+function chips(counts) {
+  const place = document.getElementById("counts");
+  const states = counts.map(([state]) => state);
+  for (const chip of [...place.children]) if (!states.includes(chip.dataset.only)) { only.delete(chip.dataset.only); chip.remove(); }
+  counts.forEach(([state, name, n], i) => {
+    let chip = [...place.children].find((one) => one.dataset.only === state);
+    if (!chip) {
+      chip = document.createElement("button");
+      chip.type = "button";
+      chip.className = "chip";
+      chip.dataset.only = state;
+      chip.dataset.tone = name;
+      chip.setAttribute("aria-pressed", "false");
+      const word = document.createElement("span");
+      word.textContent = state;
+      chip.append(shape(name), word, " ", document.createElement("b"));
+    }
+    if (place.children[i] !== chip) place.insertBefore(chip, place.children[i] ?? null);
+    say(chip.querySelector("b"), String(n));
+  });
+}
+
+function share(counts, of) {
+  const picture = document.querySelector(".share");
+  let x = 0;
+  const parts = [...counts].reverse().map(([, name, n]) => {
+    const part = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+    part.dataset.tone = name;
+    part.setAttribute("x", x / of);
+    part.setAttribute("width", n / of);
+    part.setAttribute("height", 1);
+    x += n;
+    return part;
+  });
+  picture.replaceChildren(...parts);
+}
+
+// ---- what is shown, in which order ----
+
+const EMPTIEST = new Set(["calibrated_ns", "battery_percent"]);
+
+function arrange() {
+  if (!page) return;
+  const word = find.value.trim().toLowerCase(), by = order.value;
+  const rows = [...page.tiles];
+  if (by === "id") rows.sort((a, b) => a.id.localeCompare(b.id));
+  else if (by) {
+    const worst = EMPTIEST.has(by) ? Infinity : -Infinity, sign = EMPTIEST.has(by) ? 1 : -1;
+    rows.sort((a, b) => sign * ((a[by] ?? worst) - (b[by] ?? worst)) || 0);
+  }
+  let after = null;
+  for (const fields of rows) {
+    const element = tiles.get(fields.id).element;
+    const hide = (word && !fields.id.includes(word)) || (only.size > 0 && !only.has(fields.state) && !(only.has("needs") && fields.needs));
+    if (element.hidden !== hide) element.hidden = hide;
+    const place = after ? after.nextElementSibling : list.firstElementChild;
+    if (place !== element && !element.contains(document.activeElement)) list.insertBefore(element, place);
+    after = element;
+  }
+}
+
+document.querySelector(".choose").addEventListener("click", (event) => {
+  const chip = event.target.closest("[data-only]");
+  if (!chip) return;
+  const on = chip.getAttribute("aria-pressed") !== "true";
+  chip.setAttribute("aria-pressed", String(on));
+  only[on ? "add" : "delete"](chip.dataset.only);
+  arrange();
+});
+document.querySelector(".choose").addEventListener("submit", (event) => event.preventDefault());
+find.addEventListener("input", arrange);
+order.addEventListener("change", arrange);
+pause.addEventListener("click", () => pause.setAttribute("aria-pressed", String(pause.getAttribute("aria-pressed") !== "true")));
+if (matchMedia("(prefers-reduced-motion: reduce)").matches) pause.click();
+addEventListener("resize", () => tiles.forEach((tile) => tile.strip.size()));
+
+// ---- what is told to those who cannot see it ----
+
+let states = null;
+function tell(now) {
+  const said = new Map(now.tiles.map((fields) => [fields.id, fields.state]));
+  if (states) {
+    const news = now.tiles.filter((fields) => states.get(fields.id) !== fields.state).map((fields) => `${fields.id}: ${fields.state}`);
+    if (news.length) say(document.getElementById("told"), news.slice(0, 5).join(". "));
+  }
+  states = said;
+}

@@ -1,0 +1,75 @@
+"""What can be watched: `ward`, `rates`, `bias`, `device/<id>`, `trace/<id>`. A topic is made when somebody watches it first.
+
+A text frame is JSON with its topic in `topic`. A binary frame begins with the topic's name: its length as one byte, the
+name, zeros up to a multiple of eight bytes; numbers are little-endian.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgspec
+
+from bridge.wire.keys import ID
+from estimator.client import Client
+from estimator.web.hub import Frame
+from estimator.web.known import Known
+
+
+@dataclass(slots=True)
+class Sources:
+    """What a topic is made of; client is None while no router was ever there."""
+
+    known: Known
+    client: Client | None = None
+
+
+class Topic(Protocol):
+    """One thing that is watched; all its methods are called from the event loop and must be quick."""
+
+    #: how often `frames` is asked
+    period_s: float
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
+        """What a newcomer needs before the first frame."""
+
+    def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
+        """What is new, for everybody."""
+
+    def close(self) -> None:
+        """Nobody watches any more."""
+
+
+Make = Callable[[str, Sources], Topic]
+#: by the first part of the name, what makes a topic of the whole name; `/<id>` follows where a device is meant
+KINDS: dict[str, Make] = {}
+OF_A_DEVICE: set[str] = set()
+
+
+def kind(name: str, *, of_a_device: bool = False) -> Callable[[Make], Make]:
+    """Make a kind of topic known under the first part of its name."""
+
+    def add(make: Make) -> Make:
+        KINDS[name] = make
+        if of_a_device:
+            OF_A_DEVICE.add(name)
+        return make
+
+    return add
+
+
+def exists(topic: str) -> bool:
+    """Whether there is such a topic."""
+    name, slash, device = topic.partition("/")
+    return name in KINDS and (bool(ID.match(device)) if name in OF_A_DEVICE else not slash)
+
+
+def text(topic: str, content: Any) -> str:
+    """A JSON frame."""
+    return msgspec.json.encode({"topic": topic, "is": content}).decode()
+
+
+def binary(topic: str, content: bytes) -> bytes:
+    """A binary frame."""
+    head = bytes([len(topic)]) + topic.encode()
+    return head + bytes(-len(head) % 8) + content

@@ -1,0 +1,122 @@
+"""Raw and corrected rates of one device side by side, thinned to what a picture can show. Pure."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.wire.messages import CorrectedBatch, Floats, SampleBatch
+
+#: points a second; of more samples the least and the most of each stretch are kept
+POINTS_HZ = 104.0
+#: readings whose corrected rates have not come are shown alone after so long
+ALONE_S = 1.0
+#: seconds of points that a newcomer is given
+KEPT_S = 20.0
+_WAITING = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """n points: host time (n,) s; raw, corrected and its std (n, 3) rad/s, NaN where there is none."""
+
+    time_s: Floats
+    raw: Floats
+    corrected: Floats
+    std: Floats
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """n samples of one boot, read and corrected: device and host time (n,) s, rates (n, 3) rad/s."""
+
+    boot: int
+    device_s: Floats
+    time_s: Floats
+    raw: Floats
+    corrected: Floats
+    std: Floats
+    bias_std: Floats
+
+
+class Traces:
+    """Batches in, points out."""
+
+    def __init__(self) -> None:
+        self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
+        self._corrected: deque[CorrectedBatch] = deque(maxlen=_WAITING)
+        self._kept: deque[Points] = deque()
+
+    def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
+        """What belongs together of what has come by `now`, in order of the readings; one batch may be answered in parts."""
+        self._raw += [(now, batch) for batch in raw]
+        self._corrected += corrected
+        found = []
+        while self._raw:
+            came, batch = self._raw[0]
+            answers = [one for one in self._corrected if one.boot == batch.boot and one.sequence < _end(batch)]
+            if now - came < ALONE_S and not any(
+                _end(one) >= _end(batch) for one in self._corrected if one.boot == batch.boot
+            ):
+                break
+            self._raw.popleft()
+            found.append(_pair(batch, answers))
+            while self._corrected and self._corrected[0].boot == batch.boot and _end(self._corrected[0]) <= _end(batch):
+                self._corrected.popleft()
+        return found
+
+    def points(self, pairs: list[Pair]) -> Points | None:
+        """A frame of them; None when there is nothing new."""
+        if not pairs:
+            return None
+        columns = [
+            np.concatenate([getattr(pair, name) for pair in pairs]) for name in ("time_s", "raw", "corrected", "std")
+        ]
+        time = columns[0]
+        found = Points(*_thinned(columns, 2 + 2 * round((time[-1] - time[0]) * POINTS_HZ / 2)))
+        self._kept.append(found)
+        while len(self._kept) > 1 and time[-1] - self._kept[0].time_s[0] > KEPT_S:
+            self._kept.popleft()
+        return found
+
+    def kept(self) -> Points | None:
+        """The last seconds."""
+        if not self._kept:
+            return None
+        columns = [np.concatenate([getattr(one, name) for one in self._kept]) for name in Points.__slots__]
+        return Points(*columns)
+
+
+def _end(batch: SampleBatch | CorrectedBatch) -> int:
+    return batch.sequence + len(batch)
+
+
+def _pair(batch: SampleBatch, answers: list[CorrectedBatch]) -> Pair:
+    corrected, std, bias_std = np.full((len(batch), 3), np.nan), np.full((len(batch), 3), np.nan), np.full(3, np.nan)
+    for answer in answers:
+        begin, end = max(answer.sequence, batch.sequence), min(_end(answer), _end(batch))
+        if begin < end:
+            to, of = (
+                slice(begin - batch.sequence, end - batch.sequence),
+                slice(begin - answer.sequence, end - answer.sequence),
+            )
+            corrected[to], std[to], bias_std = answer.rate[of], answer.rate_std[of], answer.bias_std.astype(float)
+    raw = batch.gyro.astype(float)
+    return Pair(batch.boot, batch.device_time, batch.sample_time_ns / 1e9, raw, corrected, std, bias_std)
+
+
+def _thinned(columns: list[Floats], points: int) -> list[Floats]:
+    """At most so many points: of each stretch first the least, then the most of every column; times as they are."""
+    time, *values = columns
+    if len(time) <= points:
+        return columns
+    edges = np.linspace(0, len(time), points // 2 + 1).astype(int)
+    first, last = edges[:-1], edges[1:] - 1
+    found: list[Floats] = [np.stack([time[first], time[last]], axis=1).ravel()]
+    for column in values:
+        least, most = np.fmin.reduceat(column, first), np.fmax.reduceat(column, first)
+        found.append(np.stack([least, most], axis=1).reshape(-1, 3))
+    return found

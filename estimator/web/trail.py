@@ -1,0 +1,120 @@
+"""What was said of one device over time: bias and its uncertainty, temperature, rests, what happened. Pure, of bounded size."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire.messages import BiasRevision, Floats, Status
+from estimator.ward_view import NEVER_S
+
+#: points kept; when there are so many, every other one of the older half is left out
+POINTS = 720
+#: rests that are so near to each other are one; evidence not older than this is a rest that goes on
+REST_S = 3.0
+RESTS, MARKS = 120, 120
+#: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
+_REFUSED = ": "
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that happened: `kind` is boot, calibrated, refused, note or state."""
+
+    time_ns: int
+    kind: str
+    words: str
+
+
+class Trail:
+    """One device. Columns of `points`: bias x, y, z and its std x, y, z in rad/s, °C."""
+
+    def __init__(self) -> None:
+        self._times = np.zeros(POINTS, np.int64)
+        self._rows = np.zeros((POINTS, 7))
+        self._n = 0
+        self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
+        self.marks: deque[Mark] = deque(maxlen=MARKS)
+        self._events: dict[str, int] | None = None
+        self._boot = 0
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """(n,) host time of each point, rising."""
+        return self._times[: self._n]
+
+    @property
+    def points(self) -> Floats:
+        """(n, 7); NaN is not known."""
+        return self._rows[: self._n]
+
+    @property
+    def last_rest_ns(self) -> int:
+        """When evidence last came; 0 when it never did."""
+        return self.rests[-1][1] if self.rests else 0
+
+    def take(self, status: Status) -> None:
+        """A status, said once a second and at every change; one that is not newer than the last is left out."""
+        if self._n and status.time_ns <= self._times[self._n - 1]:
+            return
+        self._happenings(status)
+        if self._n == POINTS:
+            self._thin()
+        self._times[self._n] = status.time_ns
+        self._rows[self._n] = (*status.bias, *status.bias_std, status.temperature_c)
+        self._n += 1
+        if status.evidence_age_s < NEVER_S:
+            self._rest(status.time_ns - round(status.evidence_age_s * 1e9))
+
+    def mark(self, mark: Mark) -> None:
+        """Something happened; what was told already is not told again."""
+        if mark not in self.marks:
+            self.marks.append(mark)
+
+    def revise(self, revision: BiasRevision) -> None:
+        """The bias of the past, as it is known now."""
+        times = self.times_ns
+        inside = (times >= revision.times_ns[0]) & (times <= revision.times_ns[-1])
+        for axis in range(3):
+            for column, values in ((axis, revision.bias), (3 + axis, revision.bias_std)):
+                known = np.interp(times[inside], revision.times_ns, values[:, axis].astype(float))
+                self._rows[: self._n][inside, column] = known
+
+    def spread(self, n: int, begin_ns: int, end_ns: int) -> Floats:
+        """(n, 7) points at even distances of a stretch of time, each the last before it; NaN where there is none."""
+        at = np.linspace(begin_ns, end_ns, n).astype(np.int64)
+        found = np.full((n, 7), np.nan)
+        index = np.searchsorted(self.times_ns, at, side="right") - 1
+        step = (end_ns - begin_ns) / max(1, n - 1)
+        known = (index >= 0) & (at - self._times[np.maximum(index, 0)] < max(3 * step, 5e9)) if self._n else index >= 0
+        found[known] = self._rows[index[known]]
+        return found
+
+    def _rest(self, at_ns: int) -> None:
+        if self.rests and at_ns <= self.rests[-1][1] + REST_S * 1e9:
+            begin, end = self.rests[-1]
+            self.rests[-1] = begin, max(end, at_ns)
+        else:
+            self.rests.append((at_ns, at_ns))
+
+    def _happenings(self, status: Status) -> None:
+        if self._boot and status.boot != self._boot:
+            self.mark(Mark(status.time_ns, "boot", "it has started anew"))
+        new = self._boot != status.boot
+        self._boot = status.boot
+        before, self._events = self._events, status.events
+        if before is None or new:
+            return
+        for name, count in status.events.items():
+            if _REFUSED in name and count > before.get(name, 0):
+                self.mark(Mark(status.time_ns, "refused", name))
+
+    def _thin(self) -> None:
+        half = POINTS // 2
+        kept = np.concatenate([np.arange(0, half, 2), np.arange(half, POINTS)])
+        self._times[: len(kept)], self._rows[: len(kept)] = self._times[kept], self._rows[kept]
+        self._n = len(kept)

@@ -1,0 +1,112 @@
+"""A dashboard of a ward in memory; a real one on a port of its own, and Chromium before it."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from argon2 import PasswordHasher
+from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from estimator.demo.ward import free_port
+from estimator.web.serve import Server
+from estimator.web.settings import Dashboard, Person
+from tests.web.talk import WARD, Talk
+
+PASSWORD = "correct horse battery"
+# A hash of little effort: the tests are not about how long one takes.
+PEOPLE = (Person(name="nurse", password=PasswordHasher(time_cost=1, memory_cost=64).hash(PASSWORD)),)
+OUT = Path(__file__).parents[2] / "out" / "screenshots"
+
+
+@dataclass(slots=True)
+class Site:
+    """A dashboard that runs: its address, the ward that talks to it, and the bus it hears by."""
+
+    url: str
+    talk: Talk
+    server: Server
+    buses: tuple[MemoryBus, MemoryBus]
+    stop: Callable[[], None]
+
+
+def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None) -> Site:
+    """A dashboard in a thread, connected; ended by `stop`."""
+    broker, port = MemoryBroker(), free_port()
+    talk = Talk(broker)
+    server = Server(WARD, Dashboard(listen=f"127.0.0.1:{port}", people=people), store)
+    buses = MemoryBus(broker), MemoryBus(broker)
+
+    async def serve() -> None:
+        server.connect(*buses)
+        await server.serve()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()), daemon=True)
+    thread.start()
+    while not server.uvicorn.started:
+        time.sleep(0.01)
+        assert thread.is_alive(), "the dashboard did not start"
+
+    def stop() -> None:
+        talk.hush()
+        server.stop()
+        thread.join(10)
+
+    return Site(f"http://127.0.0.1:{port}", talk, server, buses, stop)
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    """One of its own for each test."""
+    made = served()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def page(browser: Browser, site: Site) -> Iterator[Page]:
+    """A page of 1280 by 900 whose errors, requests elsewhere and broken policies fail the test."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, base_url=site.url)
+    made = context.new_page()
+    wrong: list[str] = []
+
+    def elsewhere(request: Request) -> None:
+        if not request.url.startswith(site.url):
+            wrong.append(f"asked {request.url}")
+
+    def told(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            wrong.append(message.text)
+
+    def asked(dialog: Dialog) -> None:
+        wrong.append(f"a dialog: {dialog.message}")
+        dialog.dismiss()
+
+    made.on("pageerror", lambda error: wrong.append(str(error)))
+    made.on("console", told)
+    made.on("dialog", asked)
+    made.on("request", elsewhere)
+    yield made
+    context.close()
+    unexpected = [words for words in wrong if "Failed to load resource" not in words and "WebSocket" not in words]
+    assert unexpected == []
+
+
+@pytest.fixture
+def shot(page: Page) -> Callable[[str], None]:
+    """Keep a picture of the page as it is, by day and by night, wide and narrow."""
+
+    def keep(name: str) -> None:
+        OUT.mkdir(parents=True, exist_ok=True)
+        for scheme in ("light", "dark"):
+            for width, height in ((1280, 900), (320, 740)):
+                page.emulate_media(color_scheme=scheme)
+                page.set_viewport_size({"width": width, "height": height})
+                page.screenshot(path=OUT / f"{name}-{scheme}-{width}.png", full_page=width == 320)
+        page.set_viewport_size({"width": 1280, "height": 900})
+
+    return keep

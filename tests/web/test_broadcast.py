@@ -1,0 +1,165 @@
+"""One broadcast for all: frames made once, slow viewers alone with their loss, failures of one topic no other's."""
+
+import asyncio
+import json
+import logging
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire.messages import Note
+from estimator.client import Client
+from estimator.web import topics
+from estimator.web.broadcast import AGAIN_S, LINGER_S, Broadcast
+from estimator.web.hub import WAITING, Frame, Hub, Viewer
+from estimator.web.known import Known
+from estimator.web.topics import Sources
+from estimator.web.ward_topics import SPARKS
+from tests.web.talk import WARD, Talk, said
+from tests.web.test_views import NOW, S, corrected, raw
+
+
+def taken(viewer: Viewer) -> list[Frame]:
+    """All that waits for a viewer."""
+
+    async def take() -> list[Frame]:
+        found: list[Frame] = []
+        while any(viewer._waiting.values()):
+            frame = await viewer.next()
+            assert frame is not None
+            found.append(frame)
+        return found
+
+    return asyncio.run(take())
+
+
+class Counted:
+    """A topic that counts how often its frames are made, and fails when told."""
+
+    period_s = 1.0
+    made = begun = ended = 0
+    fails = False
+
+    def __init__(self, topic: str, sources: Sources) -> None:
+        type(self).begun += 1
+
+    def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
+        yield "whole"
+
+    def frames(self, now: float, now_ns: int) -> Iterable[Frame]:
+        if self.fails:
+            raise RuntimeError("on purpose")
+        type(self).made += 1
+        yield f"frame {self.made}"
+
+    def close(self) -> None:
+        type(self).ended += 1
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> type[Counted]:
+    fresh = type("Fresh", (Counted,), {})
+    monkeypatch.setitem(topics.KINDS, "counted", fresh)
+    return fresh
+
+
+def test_a_frame_is_made_once_for_all_and_a_slow_one_loses_its_own(counted: type[Counted]) -> None:
+    hub = Hub()
+    broadcast = Broadcast(hub, Sources(Known(WARD)))
+    viewers = [hub.add() for _ in range(50)]
+    for viewer in viewers:
+        hub.watch(viewer, ["counted"])
+    quick, slow = viewers[0], viewers[1]
+    seen = []
+    for second in range(10):
+        broadcast.step(float(second), 0)
+        seen += taken(quick)
+    assert seen == ["whole", *(f"frame {i}" for i in range(1, 10))]
+    assert counted.made == 9
+    assert (quick.dropped, slow.dropped) == (0, 10 - WAITING)
+    assert taken(slow) == [f"frame {i}" for i in range(6, 10)]
+
+
+def test_a_topic_ends_when_nobody_looks_for_a_while(counted: type[Counted]) -> None:
+    hub = Hub()
+    broadcast = Broadcast(hub, Sources(Known(WARD)))
+    viewer = hub.add()
+    hub.watch(viewer, ["counted"])
+    broadcast.step(0.0, 0)
+    hub.remove(viewer)
+    broadcast.step(LINGER_S - 1, 0)
+    assert (counted.begun, counted.ended) == (1, 0)
+    broadcast.step(LINGER_S + 1, 0)
+    assert counted.ended == 1
+    assert not broadcast._topics
+
+
+def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
+    counted: type[Counted], caplog: pytest.LogCaptureFixture
+) -> None:
+    hub = Hub()
+    broadcast = Broadcast(hub, Sources(Known(WARD)))
+    viewer = hub.add()
+    hub.watch(viewer, ["counted", "ward"])
+    broadcast.step(0.0, 0)
+    counted.fails = True
+    with caplog.at_level(logging.ERROR):
+        broadcast.step(1.0, 0)
+    assert "counted failed" in caplog.text
+    counted.fails = False
+    taken(viewer)
+    broadcast.step(1.0 + AGAIN_S, 0)
+    assert counted.begun == 2
+    assert any('"topic":"ward"' in str(frame) for frame in taken(viewer))
+
+
+def test_a_router_that_is_found_later(counted: type[Counted]) -> None:
+    hub, sources = Hub(), Sources(Known(WARD))
+    broadcast = Broadcast(hub, sources)
+    broadcast.step(0.0, 0)
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    talk(said("chest", time_ns=1))
+    broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
+    broadcast.step(1.0, 0)
+    assert list(sources.known.stories) == ["chest"]
+    assert sources.known.connected
+    talk.close()
+    broadcast.close()
+
+
+def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
+    broker, hub, sources = MemoryBroker(), Hub(), Sources(Known(WARD))
+    talk, broadcast = Talk(broker), Broadcast(hub, sources)
+    broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
+    talk(said("chest", boot=1, time_ns=S, bias=(0.1, 0.2, 0.3)), Note("chest", 1, S, "nurse", "sat up"))
+    viewer = hub.add()
+    hub.watch(viewer, ["rates", "bias", "device/chest", "trace/chest", "trail/chest"])
+    broadcast.step(0.0, 2 * S)
+    talk(raw("chest", 0.5), corrected("chest", -1.0))
+    broadcast.step(0.1, 2 * S)
+    text, binary = {}, {}
+    for frame in taken(viewer):
+        if isinstance(frame, str):
+            content = json.loads(frame)
+            text[content["topic"]] = content["is"]
+        else:
+            name = frame[1 : 1 + frame[0]].decode()
+            binary[name] = frame[(len(name) + 8) // 8 * 8 :]
+    assert text["device/chest"]["notes"][0]["words"] == "sat up"
+    assert np.frombuffer(binary["rates"], "<f4")[2:].tolist() == pytest.approx([np.degrees(1.0)] * 2)
+    n = len(binary["trace/chest"]) // 44
+    trace = np.frombuffer(binary["trace/chest"], "<f4", offset=8 * n).reshape(3, n, 3)
+    assert trace[0, :, 0].tolist() == pytest.approx([np.degrees(0.5)] * n)
+    assert trace[1, :, 0].tolist() == pytest.approx([np.degrees(-1.0)] * n)
+    assert np.frombuffer(binary["trace/chest"], "<f8", n)[0] == pytest.approx(NOW / S)
+    points = len(binary["trail/chest"]) // 36
+    trail = np.frombuffer(binary["trail/chest"], "<f4", offset=8 * points).reshape(points, 7)
+    assert trail[0, :3].tolist() == pytest.approx(np.degrees([0.1, 0.2, 0.3]).tolist())
+    bias = np.frombuffer(binary["bias"], "<f4", offset=8).reshape(1, SPARKS, 6)
+    assert bias[0, -1, :3].tolist() == pytest.approx(np.degrees([0.1, 0.2, 0.3]).tolist())
+    assert text["trail/chest"]["marks"][0][1:] == ["note", "nurse: sat up"]
+    talk.close()
+    broadcast.close()

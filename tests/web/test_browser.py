@@ -1,0 +1,263 @@
+"""The pages in a real browser, as a person uses them; pictures of every state are left in out/screenshots."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.conftest import PASSWORD, Site
+from tests.web.talk import about, said
+
+pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
+
+AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")
+NASTY = "<img src=x onerror=alert(1)><script>alert(2)</script>"
+Shot = Callable[[str], None]
+
+
+def now_ns() -> int:
+    return time.time_ns()
+
+
+def ward(site: Site, n: int = 20) -> list[str]:
+    """n devices that track, told of now."""
+    names = [f"bed-{i // 3 + 1:02d}-{('chest', 'wrist', 'ankle')[i % 3]}" for i in range(n)]
+    for name in names:
+        site.talk(about(name, boot=5, time_ns=now_ns(), battery_percent=82.0), tracking(name))
+    heard(site, n)
+    return names
+
+
+def heard(site: Site, n: int) -> None:
+    """Until the dashboard has heard of so many devices."""
+    while sum(story.status is not None for story in site.server.desk.known.stories.values()) < n:
+        time.sleep(0.02)
+
+
+def tracking(name: str, **changes: Any) -> Status:
+    plain = said(name, boot=5, time_ns=now_ns(), calibrated_time_ns=now_ns() - 7200 * 10**9, temperature_c=31.2)
+    return replace(plain, reason="calibrated: three turns closed to 0.12°", **changes)
+
+
+def rates(site: Site, name: str, seconds: float = 2.0) -> None:
+    """Readings with a bias and their corrected rates, of the last seconds."""
+    n, hz = round(104 * seconds), 104.0
+    time_s = np.arange(n) / hz
+    ticks, flags = (time_s * 1e6).astype(np.uint64), np.zeros(n, np.uint32)
+    rate = np.stack([np.sin(3 * time_s), np.cos(2 * time_s), 0.2 * np.sin(9 * time_s)], axis=1).astype(np.float32)
+    raw = SampleBatch(
+        name, 5, 0, now_ns(), now_ns(), 1e-6, 1.0, ticks, rate * 0.9 + np.float32(0.05), None, None, flags
+    )
+    std = np.full(3, 0.001, np.float32)
+    of = CorrectedBatch(
+        name, 5, 0, raw.start_time_ns, 1e-6, 1.0, ticks, rate, flags, Quality.GOOD, std, std, std, std, "c", std
+    )
+    for begin in range(0, n, 52):
+        site.talk(raw.after(begin) if begin else raw, of.after(begin) if begin else of)
+
+
+def log_in(page: Page, to: str = "/", password: str = PASSWORD) -> None:
+    page.goto(f"/login?to={to}")
+    page.get_by_label("Name").fill("nurse")
+    page.get_by_label("Password").fill(password)
+    page.get_by_role("button", name="Log in").click()
+
+
+def serious(page: Page) -> list[str]:
+    """What axe finds that is serious or critical, by day and by night, wide and narrow."""
+    found = []
+    for scheme in ("light", "dark"):
+        for width in (1280, 320):
+            page.emulate_media(color_scheme=scheme)
+            page.set_viewport_size({"width": width, "height": 900})
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"the page is wider than {width}"
+            page.evaluate(AXE)
+            results = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")
+            found += [
+                f"{scheme} {width}: {one['id']}: {[node['html'] for node in one['nodes']][:3]}"
+                for one in results["violations"]
+                if one["impact"] in ("serious", "critical")
+            ]
+    page.set_viewport_size({"width": 1280, "height": 900})
+    return found
+
+
+def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
+    names = ward(site)
+    site.talk(
+        said(names[7], State.LOST, boot=5, time_ns=now_ns()), said(names[4], State.DEGRADED, boot=5, time_ns=now_ns())
+    )
+    site.talk(replace(said(names[7], State.LOST, boot=5, time_ns=now_ns()), reason="no samples for 12 s"))
+    site.talk(about(names[2], boot=5, time_ns=now_ns(), battery_percent=9.0))
+    page.goto("/")
+    expect(page.get_by_role("heading", level=1)).to_have_text("18 of 20 tracking")
+    first = page.locator(".tile").first
+    expect(first.locator("h2")).to_have_text(names[7])
+    expect(first.locator(".state")).to_contain_text("lost")
+    expect(first.locator(".reason")).to_have_text("no samples for 12 s")
+    assert [page.locator(".tile h2").nth(i).inner_text() for i in (1, 2)] == [names[2], names[4]]
+    rates(site, names[0])
+    page.wait_for_timeout(1500)
+    shot("ward")
+    assert serious(page) == []
+    # Filters, search and order.
+    page.get_by_role("button", name="need a person 3").click()
+    expect(page.locator(".tile:visible")).to_have_count(3)
+    page.get_by_role("button", name="need a person 3").click()
+    page.get_by_label("Find").fill("chest")
+    expect(page.locator(".tile:visible")).to_have_count(7)
+    page.get_by_label("Find").fill("")
+    page.get_by_label("Order").select_option("id")
+    expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
+
+
+def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> None:
+    names = ward(site, 6)
+    page.goto("/")
+    expect(page.get_by_role("heading", level=1)).to_have_text("6 of 6 tracking")
+    # It starts again: said on its tile, and to those who cannot see it.
+    boot = about(names[3], boot=6, boot_cause=BootCause.POWER_UP, time_ns=now_ns(), battery_percent=80.0)
+    waiting = said(names[3], State.AWAITING_STILL, boot=6, time_ns=now_ns(), progress=0.0)
+    site.talk(boot, replace(waiting, reason="hold the device still for 3 seconds"))
+    expect(page.locator(".tile").first.locator(".rebooted")).to_contain_text("it must be calibrated again")
+    expect(page.locator("#told")).to_contain_text(f"{names[3]}: awaiting still")
+    shot("ward-rebooted")
+    # Nothing more is said of them: after a few seconds that is what they are.
+    site.talk.hush()
+    expect(page.locator(".tile .state").first).to_contain_text("silent", timeout=10_000)
+    # Bridge and estimator die, then the router, then the dashboard itself.
+    site.talk.die()
+    expect(page.locator("#troubles")).to_contain_text("No estimator is alive")
+    shot("ward-dead")
+    assert serious(page) == []
+    for bus in site.buses:
+        bus.detach()
+    expect(page.locator("#troubles")).to_contain_text("router is not there")
+    shot("ward-without-router")
+    site.stop()
+    expect(page.locator("#lost")).to_contain_text("what is shown is old", timeout=10_000)
+    shot("ward-without-dashboard")
+    assert serious(page) == []
+
+
+def test_a_ward_where_nothing_is_heard(page: Page, shot: Shot) -> None:
+    page.goto("/")
+    expect(page.locator("#none")).to_contain_text("No device is heard")
+    shot("ward-empty")
+    assert serious(page) == []
+
+
+def test_a_device(page: Page, site: Site, shot: Shot) -> None:
+    ward(site, 3)
+    name = "bed-01-chest"
+    site.talk(
+        replace(CALIBRATION, device=name, boot=5, time_ns=now_ns() - 60 * 10**9, who="nurse"),
+        Note(name, 5, now_ns(), "nurse", "sat up"),
+        tracking(name, evidence_age_s=0.5, calibration=CALIBRATION.id),
+    )
+    page.goto(f"/devices/{name}")
+    expect(page.get_by_role("heading", level=1)).to_have_text(name)
+    expect(page.locator("#notes")).to_contain_text("sat up")
+    expect(page.locator("#calibrations")).to_contain_text("in use")
+    for _ in range(3):
+        page.wait_for_timeout(1100)
+        site.talk(tracking(name, evidence_age_s=0.5))
+    rates(site, name, 4.0)
+    expect(page.locator("#heading")).to_contain_text("by its raw rates alone")
+    drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
+      canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
+    assert page.evaluate(drawn)
+    shot("device")
+    assert serious(page) == []
+    expect(page.get_by_role("link", name="Log in to recalibrate")).to_be_visible()
+
+
+def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
+    ward(site, 2)
+    log_in(page, "/devices/bed-01-chest", "wrong password")
+    expect(page.get_by_role("alert").filter(has_text="wrong")).to_have_text("The name or the password is wrong.")
+    shot("login-wrong")
+    assert serious(page) == []
+    log_in(page, "/devices/bed-01-chest")
+    expect(page.locator(".person")).to_contain_text("nurse")
+    page.get_by_role("button", name="Recalibrate").click()
+    expect(page.get_by_role("status").filter(has_text="recalibrate")).to_have_text("bed-01-chest: recalibrate it is")
+    page.get_by_role("textbox", name="Note").fill("sat up & <b>ate</b>")
+    page.get_by_role("button", name="Write it down").click()
+    expect(page.get_by_role("status").filter(has_text="note")).to_have_text("bed-01-chest: note it is")
+    assert site.talk.asked == [
+        ("bed-01-chest", "recalibrate", "nurse", ""),
+        ("bed-01-chest", "note", "nurse", "sat up & <b>ate</b>"),
+    ]
+    shot("device-logged-in")
+    assert serious(page) == []
+    page.get_by_role("button", name="Log out").click()
+    expect(page.get_by_role("link", name="Log in")).to_be_visible()
+
+
+def test_cancel_leaves_everything_usable(page: Page, site: Site) -> None:
+    name = "bed-01-chest"
+    site.talk(about(name, boot=5), said(name, State.TURNING, boot=5, time_ns=now_ns(), progress=0.4, axes_done=(1,)))
+    heard(site, 1)
+    log_in(page, f"/devices/{name}")
+    expect(page.locator(".turns")).to_have_text("·y·")
+    site.talk.answer = lambda verb, device: CommandReply(
+        "", accepted=False, message=f"{device} is tracking: no calibration is under way"
+    )
+    page.get_by_role("button", name="Cancel the calibration").click()
+    expect(page.get_by_role("status").filter(has_text="under way")).to_have_class("banner bad")
+    site.talk(said(name, boot=5, time_ns=now_ns()))
+    expect(page.get_by_role("button", name="Cancel the calibration")).to_be_disabled()
+    expect(page.get_by_role("button", name="Recalibrate")).to_be_enabled()
+
+
+def test_words_of_strangers_are_words(page: Page, site: Site, shot: Shot) -> None:
+    name = "bed-01-chest"
+    nasty = about(
+        name, boot=5, model=NASTY[:60], firmware="'\"><svg/onload=alert(3)>", trouble=NASTY, notices={"led<b>": NASTY}
+    )
+    for _ in range(2):
+        site.talk(
+            nasty,
+            replace(said(name, State.DEGRADED, boot=5, time_ns=now_ns()), reason=NASTY, events={NASTY[:50] + ": x": 3}),
+            Note(name, 5, now_ns(), "<i>", NASTY),
+            replace(CALIBRATION, device=name, boot=5, time_ns=now_ns(), who="<u>", reason=NASTY),
+        )
+        heard(site, 1)
+        page.goto("/")
+        expect(page.locator(".reason")).to_contain_text(NASTY)
+        page.wait_for_timeout(1200)
+        expect(page.locator(".notices")).to_contain_text(NASTY)
+        page.goto(f"/devices/{name}")
+        for place in ("#notes", "#calibrations", "#events"):
+            expect(page.locator(place)).to_contain_text(NASTY[:40])
+        page.wait_for_timeout(1200)
+        expect(page.locator("#facts")).to_contain_text(NASTY[:60])
+    assert page.locator("main img, main script, main i, main u").count() == 0
+    shot("strangers")
+
+
+def test_pages_are_light_and_stay_at_home(page: Page, site: Site) -> None:
+    ward(site, 60)
+    sizes: dict[str, int] = {}
+    page.on("response", lambda answer: sizes.__setitem__(answer.url, len(answer.body())))
+    for path in ("/", "/devices/bed-01-chest", "/login"):
+        sizes.clear()
+        page.goto(path)
+        page.wait_for_load_state("networkidle")
+        assert sum(sizes.values()) <= 150_000, sizes
+        assert all(url.startswith(site.url) for url in sizes)
+
+
+def test_a_page_that_is_not_there(page: Page, shot: Shot) -> None:
+    page.goto("/devices/nobody")
+    expect(page.locator(".reason")).to_have_text("no device nobody was heard; there are: none")
+    shot("fault")
+    assert serious(page) == []

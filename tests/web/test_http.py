@@ -1,0 +1,227 @@
+"""What is answered over HTTP: to pages, to programs, and to those who may not."""
+
+import json
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire.messages import CommandReply, Status
+from estimator import calibration_file
+from estimator.web.attempts import FREE
+from estimator.web.serve import Server
+from estimator.web.settings import Dashboard
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.conftest import PASSWORD, PEOPLE
+from tests.web.talk import WARD, Talk, about, said
+
+BEARER = {"Authorization": f"Bearer nurse.{PASSWORD}"}
+URL = "http://127.0.0.1:8090"
+LIVE = "ws://127.0.0.1:8090/live"
+
+
+class Asking:
+    """A dashboard that is asked in this process, and the ward it hears."""
+
+    def __init__(self, **settings: object) -> None:
+        broker = MemoryBroker()
+        self.talk = Talk(broker)
+        self.server = Server(WARD, Dashboard(people=PEOPLE, **settings))  # type: ignore[arg-type]
+        self.server.connect(MemoryBus(broker), MemoryBus(broker))
+        self.client = TestClient(self.server.app, base_url=URL, follow_redirects=False)
+
+    def hear(self, *said: object) -> None:
+        """Say it, and wait until it has been heard."""
+        self.talk(*said)  # type: ignore[arg-type]
+        names = {one.device for one in said if isinstance(one, Status)}
+        stories = self.server.desk.known.stories
+        while not all(name in stories and stories[name].status is not None for name in names):
+            time.sleep(0.02)
+
+    def log_in(self) -> str:
+        """The CSRF token of a session of the client's."""
+        answer = self.client.post("/login", data={"name": "nurse", "password": PASSWORD, "to": "/"})
+        assert answer.status_code == 303
+        found = re.search(r'name="csrf" value="([^"]+)"', self.client.get("/").text)
+        assert found is not None
+        return found[1]
+
+
+@pytest.fixture
+def asking() -> Iterator[Asking]:
+    made = Asking()
+    with made.client:
+        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns(), calibration=CALIBRATION.id))
+        yield made
+    made.talk.hush()
+
+
+def error(answer: object) -> tuple[int, str]:
+    return answer.status_code, answer.json()["error"]["code"]  # type: ignore[attr-defined]
+
+
+def test_every_answer_binds_the_browser(asking: Asking) -> None:
+    for path in ("/", "/login", "/nothing", "/api/v1/devices", "/static/ward.css"):
+        headers = asking.client.get(path).headers
+        assert headers["content-security-policy"].startswith("default-src 'self';")
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+    assert asking.client.get("/").headers["cache-control"] == "no-store"
+    page = asking.client.get("/").text + asking.client.get("/devices/chest").text
+    assert not re.search(r"<script(?![^>]*src=)[^>]*>|\sstyle=|\son\w+=", page)
+
+
+def test_foreign_hosts_and_origins_are_refused(asking: Asking) -> None:
+    client = asking.client
+    assert client.get("/", headers={"Host": "evil.example"}).status_code == 400
+    assert client.get("/", headers={"Host": "localhost:1"}).status_code == 200
+    assert client.get("/", headers={"Host": "[::1]:8090"}).status_code == 200
+    login = {"name": "nurse", "password": PASSWORD}
+    assert client.post("/login", data=login, headers={"Origin": "http://evil.example"}).status_code == 403
+    assert client.post("/login", data=login, headers={"Origin": "null"}).status_code == 403
+    assert client.post("/login", data=login, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403
+    assert client.post("/login", data=login, headers={"Origin": URL}).status_code == 303
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect(LIVE, headers={"Origin": "http://evil.example"}),
+    ):
+        pass
+
+
+def test_a_host_that_is_named_is_taken() -> None:
+    asking = Asking(hosts=("ward-3.example",))
+    assert asking.client.get("/", headers={"Host": "ward-3.example"}).status_code == 200
+    asking.talk.hush()
+
+
+def test_a_session_is_needed_and_its_own_page(asking: Asking) -> None:
+    path = "/devices/chest/recalibrate"
+    assert asking.client.post(path, data={"csrf": ""}).status_code == 401
+    csrf = asking.log_in()
+    assert asking.client.post(path, data={"csrf": "wrong"}).status_code == 403
+    assert asking.client.post(path, data={}).status_code == 403
+    assert asking.talk.asked == []
+    assert asking.client.post(path, data={"csrf": csrf, "words": "new battery"}).headers["location"] == "/devices/chest"
+    assert asking.talk.asked == [("chest", "recalibrate", "nurse", "new battery")]
+    assert "chest: recalibrate it is" in asking.client.get("/devices/chest").text
+    assert "recalibrate it is" not in asking.client.get("/devices/chest").text
+    assert asking.client.post("/logout", data={"csrf": csrf}).status_code == 303
+    assert asking.client.post(path, data={"csrf": csrf}).status_code == 401
+
+
+def test_the_cookie_is_for_the_server_alone(asking: Asking) -> None:
+    answer = asking.client.post("/login", data={"name": "nurse", "password": PASSWORD, "to": "//evil.example"})
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert "secure" not in cookie  # without TLS no browser would send it back
+    assert answer.headers["location"] == "/"
+    again = asking.client.post(URL.replace("http", "https") + "/login", data={"name": "nurse", "password": PASSWORD})
+    assert "secure" in again.headers["set-cookie"].lower()
+
+
+def test_passwords_cannot_be_tried_for_ever(asking: Asking) -> None:
+    for name in ["nurse", "nobody", "nurse", "x" * 5000, "nurse"][:FREE]:
+        answer = asking.client.post("/login", data={"name": name, "password": "wrong"})
+        assert answer.status_code == 401
+        assert "The name or the password is wrong." in answer.text
+    late = asking.client.post("/login", data={"name": "nurse", "password": PASSWORD})
+    assert late.status_code == 429
+    assert 0 < int(late.headers["retry-after"]) <= 30
+    assert error(asking.client.post("/api/v1/devices/chest/cancel", headers=BEARER)) == (429, "too_many_tries")
+
+
+def test_programs_get_what_people_see(asking: Asking) -> None:
+    asking.hear(replace(CALIBRATION, device="chest", boot=5), said("wrist", boot=6, time_ns=time.time_ns()))
+    found = asking.client.get("/api/v1/devices").json()
+    assert (found["ward"], found["of"], found["tracking"], found["connected"]) == (WARD, 2, 2, True)
+    assert [device["id"] for device in found["devices"]] == ["chest", "wrist"]
+    only = asking.client.get("/api/v1/devices", params={"only": ["wr*", "lost"]}).json()
+    assert ([device["id"] for device in only["devices"]], only["of"]) == (["wrist"], 2)
+    assert asking.client.get("/api/v1/devices/chest").json() == next(d for d in found["devices"] if d["id"] == "chest")
+
+
+def test_a_calibration_is_a_file_that_can_be_used(asking: Asking, tmp_path: Path) -> None:
+    asking.talk(replace(CALIBRATION, device="chest", boot=5))
+    while not (found := asking.client.get("/api/v1/devices/chest/calibrations").json()["calibrations"]):
+        time.sleep(0.02)
+    assert found[0]["in_use"]
+    (tmp_path / "chest.json").write_text(json.dumps(found[0]))
+    loaded = calibration_file.load(tmp_path / "chest.json")
+    assert loaded.matrix == pytest.approx(CALIBRATION.matrix)
+
+
+def test_commands_of_programs(asking: Asking) -> None:
+    client, place = asking.client, "/api/v1/devices/chest/note"
+    done = client.post(place, headers=BEARER, json={"words": "sat up"})
+    assert (done.status_code, done.json()) == (200, {"accepted": True, "message": "note it is"})
+    assert asking.talk.asked == [("chest", "note", "nurse", "sat up")]
+    asking.talk.answer = lambda verb, device: CommandReply("", accepted=False, message="no calibration is under way")
+    refused = client.post("/api/v1/devices/chest/cancel", headers=BEARER)
+    assert refused.json() == {"error": {"code": "not_accepted", "message": "no calibration is under way"}}
+    assert refused.status_code == 409
+    csrf = asking.log_in()
+    assert client.post(place, headers={"X-CSRF-Token": csrf}, json={"words": "x"}).status_code == 409
+    assert error(client.post(place, json={"words": "x"})) == (403, "stale_page")
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "kind", "expected"),
+    [
+        ("CHEST/note", b'{"words":"x"}', "application/json", (400, "bad_id")),
+        ("nobody/note", b'{"words":"x"}', "application/json", (404, "unknown_device")),
+        ("chest/note", b'{"words":"x"}', "text/plain", (415, "not_json")),
+        ("chest/note", b'{"words":', "application/json", (400, "not_json")),
+        ("chest/note", b"\xff\xfe", "application/json", (400, "not_json")),
+        ("chest/note", b'{"words":3}', "application/json", (400, "bad_body")),
+        ("chest/note", b'{"word":"x"}', "application/json", (400, "bad_body")),
+        ("chest/note", b'{"words":"a\\nb"}', "application/json", (400, "bad_text")),
+        ("chest/note", b"", "application/json", (400, "bad_text")),
+        ("chest/note", b'"' + b"x" * 20_000, "application/json", (413, "too_large")),
+        ("chest/explode", b"", "application/json", (404, "not_found")),
+    ],
+)
+def test_wrong_input_gets_a_clear_answer(
+    asking: Asking, path: str, body: bytes, kind: str, expected: tuple[int, str]
+) -> None:
+    answer = asking.client.post(f"/api/v1/devices/{path}", content=body, headers={**BEARER, "Content-Type": kind})
+    assert error(answer) == expected
+    assert asking.talk.asked == []
+
+
+def test_nobody_answers(asking: Asking) -> None:
+    asking.talk.close()
+    assert error(asking.client.post("/api/v1/devices/chest/recalibrate", headers=BEARER)) == (503, "no_answer")
+
+
+def test_before_a_router_was_found() -> None:
+    server = Server(WARD, Dashboard(people=PEOPLE))
+    with TestClient(server.app, base_url=URL) as client:
+        assert "router is not there" in client.get("/").text
+        assert client.get("/api/v1/devices").json()["connected"] is False
+        assert error(client.post("/api/v1/devices/chest/cancel", headers=BEARER)) == (404, "unknown_device")
+
+
+def test_the_live_socket_gives_what_is_asked_and_nothing_else(asking: Asking) -> None:
+    with asking.client.websocket_connect(LIVE, headers={"Origin": URL}) as socket:
+        socket.send_text('{"watch": ["ward", "device/chest"]}')
+        topics = {socket.receive_json()["topic"] for _ in range(2)}
+        assert topics == {"ward", "device/chest"}
+    for wish in (
+        '{"watch": ["secrets"]}',
+        '{"watch": ["device/CHEST"]}',
+        '{"watch": ["ward/chest"]}',
+        "{",
+        '{"watch": 3}',
+    ):
+        with asking.client.websocket_connect(LIVE) as socket:
+            socket.send_text(wish)
+            with pytest.raises(WebSocketDisconnect) as gone:
+                socket.receive_text()
+            assert gone.value.code == 1007

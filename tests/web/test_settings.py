@@ -1,0 +1,87 @@
+"""[dashboard] of a ward's file, and the verb that makes hashes."""
+
+import io
+import re
+import socket
+from pathlib import Path
+
+import pytest
+
+from bridge.config import ConfigError, load
+from estimator.cli import main
+from estimator.config import Ward
+from estimator.web.passwords import Passwords
+
+HASH = "$argon2id$v=19$m=64,t=1,p=4$c2FsdHNhbHRzYWx0$aGFzaGhhc2hoYXNo"
+
+
+def ward(text: str, folder: Path) -> Ward:
+    file = folder / "ward.toml"
+    file.write_text(f'ward = "w"\n[dashboard]\n{text}', encoding="utf-8")
+    return load(file, Ward)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('listen = "nowhere"', "an address looks like '127.0.0.1:8090'"),
+        ('hosts = ["http://x"]', "is no name"),
+        ("session_hours = 0", "0.05 to 168"),
+        ('[[dashboard.people]]\nname = "Nurse"\npassword = "x"', "is not valid"),
+        ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "`truerate dashboard password` makes one"),
+        (2 * f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"\n', "two people are called 'nurse'"),
+        ("port = 3", "unknown key 'port'"),
+    ],
+)
+def test_what_is_wrong_is_said(text: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as error:
+        ward(text, tmp_path)
+    assert words in str(error.value)
+    assert "secret" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("listen", "local"), [("127.0.0.1:1", True), ("localhost:1", True), ("[::1]:1", True), ("0.0.0.0:1", False)]
+)
+def test_whether_only_this_machine_reaches_it(listen: str, local: bool, tmp_path: Path) -> None:
+    assert ward(f'listen = "{listen}"', tmp_path).dashboard.local is local
+
+
+def test_a_hash_is_made_that_lets_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("a long password\n"))
+    assert main(["dashboard", "password", "--name", "nurse"]) == 0
+    printed = capsys.readouterr().out
+    assert "a long password" not in printed
+    passwords = Passwords(ward(printed, tmp_path).dashboard.people)
+    assert passwords.right("nurse", "a long password")
+    assert not passwords.right("nurse", "another")
+    assert not passwords.right("nobody", "a long password")
+
+
+def test_a_short_password_is_refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("short\n"))
+    assert main(["dashboard", "password", "--name", "nurse"]) == 2
+    assert "10 are the least" in capsys.readouterr().err
+
+
+def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dashboard", "password", "--name", "script", "--token"]) == 0
+    captured = capsys.readouterr()
+    name, _, secret = captured.err.strip().rpartition(" ")[2].partition(".")
+    assert Passwords(ward(captured.out, tmp_path).dashboard.people).right(name, secret)
+
+
+def test_the_guide_is_taken_as_it_stands(tmp_path: Path) -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "dashboard.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```toml\n\[dashboard\]\n(.*?)```", guide, re.DOTALL)
+    settings = ward(block, tmp_path).dashboard
+    assert (settings.behind_proxy, settings.people[0].name) == (True, "nurse")
+
+
+def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["dashboard", "--listen", listen, "--connect", "tcp/127.0.0.1:1"]) == 1
+    assert f"cannot listen on {listen}" in capsys.readouterr().err

@@ -1,0 +1,229 @@
+"""The pure parts: what is made of messages, with time as an argument."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
+from estimator.ward_view import URGENCY
+from estimator.web.attempts import ADDRESSES, FORGET_S, FREE, Attempts
+from estimator.web.device_page import device_page
+from estimator.web.heading import Heading
+from estimator.web.known import DEVICES, Known
+from estimator.web.sessions import Sessions
+from estimator.web.strips import Strips
+from estimator.web.tiles import TONES, ward_page
+from estimator.web.traces import ALONE_S, Traces
+from estimator.web.trail import POINTS, Trail
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.talk import about, said
+
+S = 10**9
+NOW = 1_800_000_000 * S
+
+
+def known(*messages: object) -> Known:
+    made = Known("w")
+    made.connected = True
+    for message in messages:
+        (made.take_status(message, 100.0) if hasattr(message, "state") else made.take_info(message))  # type: ignore[arg-type]
+    return made
+
+
+# ---- tiles ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_state_has_a_tone() -> None:
+    assert set(TONES) == set(URGENCY)
+
+
+def test_a_low_battery_needs_a_person_and_says_so() -> None:
+    page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW)
+    assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
+    assert page.tiles[0].notices == "its battery is at 9 %: charge it"
+    assert (page.tracking, page.of, page.counts) == (2, 2, [("tracking", "well", 2)])
+
+
+def test_a_reboot_is_said_until_it_is_calibrated_again() -> None:
+    ward = known(about("a", boot=1, time_ns=NOW - 900 * S), said("a", boot=1, calibrated_time_ns=NOW))
+    ward.take_info(about("a", boot=2, time_ns=NOW - 5 * S, boot_cause=BootCause.PORT_OPENED))
+    ward.take_status(said("a", State.AWAITING_STILL, boot=2), 100.0)
+    (tile,) = ward_page(ward, 100.0, NOW).tiles
+    assert tile.rebooted == "started again 5 s ago, its port was opened: it must be calibrated again"
+    ward.take_status(said("a", State.DEGRADED, boot=2, calibrated_time_ns=NOW), 100.0)
+    assert ward_page(ward, 100.0, NOW).tiles[0].rebooted == ""
+
+
+def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
+    (tile,) = ward_page(known(said("a")), 110.0, NOW).tiles
+    assert (tile.state, tile.tone) == ("silent", "bad")
+    assert "10 s" in tile.reason
+
+
+def test_too_many_devices_are_said() -> None:
+    ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
+    assert len(ward.stories) == DEVICES
+    assert any("too many devices: 3" in words for words in ward_page(ward, 100.0, NOW).troubles)
+
+
+def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
+    ward = known(about("a", boot=5), said("a", boot=5, calibration=CALIBRATION.id))
+    ward.take_calibration(replace(CALIBRATION, device="a"))
+    ward.take_calibration(replace(CALIBRATION, device="a"))
+    (line,) = device_page(ward, "a", 100.0, NOW).calibrations
+    assert line.in_use
+    k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
+    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ± {1.96 * k_std:.4f}"
+
+
+# ---- what a trail keeps -----------------------------------------------------------------------------------------------
+
+
+def test_a_trail_is_bounded_and_keeps_the_ends() -> None:
+    trail = Trail()
+    for i in range(5 * POINTS):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S, bias=(float(i), 0.0, 0.0)))
+    assert POINTS / 2 < len(trail) <= POINTS
+    assert trail.points[0, 0] == 0.0
+    assert trail.points[-1, 0] == 5 * POINTS - 1
+    assert np.all(np.diff(trail.times_ns) > 0)
+    trail.take(said("a", boot=1, time_ns=NOW))
+    assert trail.points[-1, 0] == 5 * POINTS - 1
+
+
+def test_rests_are_told_by_the_age_of_evidence() -> None:
+    trail = Trail()
+    for i, age_s in enumerate([0.2, 0.2, 0.2, 1.2, 2.2, 3.2, 4.2, 5.2, 0.2, 0.2]):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S, evidence_age_s=age_s))
+    assert [(round((a - NOW) / S, 1), round((b - NOW) / S, 1)) for a, b in trail.rests] == [(-0.2, 1.8), (7.8, 8.8)]
+
+
+def test_boots_and_refused_evidence_are_marked() -> None:
+    trail = Trail()
+    trail.take(said("a", boot=1, time_ns=NOW, events={"zaru: it tilts": 1, "gaps": 1}))
+    trail.take(said("a", boot=1, time_ns=NOW + S, events={"zaru: it tilts": 2, "gaps": 5}))
+    trail.take(said("a", boot=2, time_ns=NOW + 2 * S, events={"zaru: it tilts": 9}))
+    assert [(mark.kind, mark.words) for mark in trail.marks] == [
+        ("refused", "zaru: it tilts"),
+        ("boot", "it has started anew"),
+    ]
+
+
+def test_a_revision_changes_the_past_it_covers() -> None:
+    trail = Trail()
+    for i in range(10):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S))
+    times = np.array([NOW + 2 * S, NOW + 4 * S])
+    bias, std = np.array([[1, 1, 1], [3, 3, 3]], np.float32), np.full((2, 3), 0.5, np.float32)
+    trail.revise(BiasRevision("a", 1, "", NOW, np.eye(3), np.array([1, 2], np.uint64), times, bias, std, "rest"))
+    assert trail.points[:, 0].tolist() == [0, 0, 1, 2, 3, 0, 0, 0, 0, 0]
+    assert trail.points[3, 3] == 0.5
+
+
+def test_a_spread_has_holes_where_nothing_was_said() -> None:
+    trail = Trail()
+    for i in [*range(10), *range(60, 70)]:
+        trail.take(said("a", boot=1, time_ns=NOW + i * S, bias=(float(i), 0.0, 0.0)))
+    found = trail.spread(70, NOW, NOW + 69 * S)[:, 0]
+    assert found[5] == 5
+    assert found[65] == 65
+    assert np.isnan(found[30])
+    assert np.isnan(Trail().spread(5, NOW, NOW + S)).all()
+
+
+# ---- rates ------------------------------------------------------------------------------------------------------------
+
+
+def corrected(device: str, rate: float, sequence: int = 0, n: int = 5, boot: int = 1) -> CorrectedBatch:
+    ticks, small = (np.arange(sequence, sequence + n) * 10_000).astype(np.uint64), np.full(3, 0.001, np.float32)
+    rates = np.tile(np.array([rate, 0, 0], np.float32), (n, 1))
+    flags = np.zeros(n, np.uint32)
+    at = NOW + sequence * 10_000_000
+    return CorrectedBatch(
+        device, boot, sequence, at, 1e-6, 1.0, ticks, rates, flags, Quality.GOOD, small, small, small, small, "c", small
+    )
+
+
+def raw(device: str, rate: float, sequence: int = 0, n: int = 5, boot: int = 1) -> SampleBatch:
+    of = corrected(device, rate, sequence, n, boot)
+    return SampleBatch(
+        device, boot, sequence, of.start_time_ns, of.start_time_ns, 1e-6, 1.0, of.ticks, of.rate, None, None, of.flags
+    )
+
+
+def test_strips_have_the_least_and_the_most_of_each_device() -> None:
+    batches = [corrected("a", 1.0), corrected("b", 2.0), corrected("a", 3.0), corrected("stranger", 9.0)]
+    found = Strips().take(batches, {"b": 0, "quiet": 1, "a": 2})
+    np.testing.assert_allclose(found[[0, 2]], np.degrees([[2, 2], [1, 3]]), rtol=1e-6)
+    assert np.isnan(found[1]).all()
+    assert Strips().take([], {}).shape == (0, 2)
+
+
+def test_raw_and_corrected_are_paired_sample_by_sample() -> None:
+    traces = Traces()
+    assert traces.take(0.0, [raw("a", 1.0)], []) == []
+    (pair,) = traces.take(0.1, [], [corrected("a", 2.0, 0, 2), corrected("a", 3.0, 2, 3)])
+    assert pair.raw[:, 0].tolist() == [1] * 5
+    assert pair.corrected[:, 0].tolist() == [2, 2, 3, 3, 3]
+    assert traces.take(0.2, [raw("a", 1.0, 5)], []) == []
+    (alone,) = traces.take(0.3 + ALONE_S, [], [])
+    assert np.isnan(alone.corrected).all()
+
+
+def test_many_samples_keep_their_extremes() -> None:
+    traces = Traces()
+    of, fine = raw("a", 0.0, 0, 4000), corrected("a", 0.0, 0, 4000)
+    of.gyro[1234, 1], fine.rate[2345, 2] = 7.0, -8.0
+    points = traces.points(traces.take(0.0, [replace(of, tick_period_s=1e-7)], [fine]))
+    assert points is not None
+    assert len(points) < 500
+    assert points.raw[:, 1].max() == 7.0
+    assert points.corrected[:, 2].min() == -8.0
+    kept = traces.kept()
+    assert kept is not None
+    assert len(kept) == len(points)
+
+
+def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
+    traces, heading = Traces(), Heading()
+    for i in range(200):
+        for pair in traces.take(0.0, [raw("a", np.radians(3.0), 5 * i)], [corrected("a", 0.0, 5 * i)]):
+            heading.add(pair)
+    assert np.degrees(heading.apart) == pytest.approx(3.0 * 10, abs=0.1)
+    assert heading.turned == pytest.approx(0.0, abs=1e-9)
+    assert heading.std == pytest.approx(0.001 * 9.99, rel=0.01)
+    assert heading.points[-1][1] <= heading.apart
+    heading.restart(NOW / S + 1)
+    heading.restart(NOW / S + 1)
+    assert heading.apart == 0.0
+
+
+# ---- who may ------------------------------------------------------------------------------------------------------------
+
+
+def test_tries_are_forgiven_and_forgotten() -> None:
+    attempts = Attempts()
+    for _ in range(FREE):
+        assert attempts.wait_s("a", 0.0) == 0.0
+        attempts.failed("a", 0.0)
+    assert attempts.wait_s("a", 0.0) == pytest.approx(FORGET_S)
+    assert attempts.wait_s("b", 0.0) == 0.0
+    assert attempts.wait_s("a", FORGET_S) == 0.0
+    attempts.succeeded("a")
+    assert attempts.wait_s("a", 0.0) == 0.0
+    for i in range(2 * ADDRESSES):
+        attempts.failed(str(i), 0.0)
+    assert len(attempts._until) == ADDRESSES
+
+
+def test_a_session_ends_by_itself() -> None:
+    sessions = Sessions(60.0)
+    cookie = sessions.begin("nurse", 0.0)
+    found = sessions.find(cookie, 59.0)
+    assert found is not None
+    assert found.name == "nurse"
+    assert sessions.find(cookie + "x", 0.0) is None
+    assert sessions.find(None, 0.0) is None
+    assert sessions.find(cookie, 60.0) is None
+    assert sessions.find(cookie, 0.0) is None
