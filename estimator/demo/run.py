@@ -124,7 +124,7 @@ def _summary(
 
 
 def _parameters(judgements: list[Judgement]) -> Columns:
-    spare = {"axis": 0, "k true": 2, "estimated": 1, "error": 0, "bias true": 2, "estimated °/s": 1, "error °/s": 0}
+    spare = {"axis": 0, "k true": 2, "k found": 1, "error": 0, "bias true": 2, "found °/s": 1, "error °/s": 0}
     shown = Columns(
         [Column("device"), *(Column(heading, number=True, spare=n) for heading, n in spare.items())],
         title="Truth and estimate at the end of each device's last boot",
