@@ -8,14 +8,18 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from bridge import cli_profiles, cli_scan, os_words
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
+from bridge.bus.routers import Routers
 from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
+from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
 from bridge.recording import load as load_recording
@@ -117,7 +121,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 
     router = _parser(verbs, "router", "run zenoh's router here", f"truerate router --listen {LOCAL}")
     router.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
-    router.add_argument("--config", type=Path, help="take the endpoints from this file")
+    router.add_argument(
+        "--config", type=Path, help="take the endpoints from this ward's file; or a file for zenohd, .json5"
+    )
     router.set_defaults(run=_guarded(_router))
 
 
@@ -155,7 +161,8 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError(f"{args.config}: it has no table [bridge]")
     if not root.bridge.devices:
         raise ConfigError(f"{args.config}: [bridge]: it has no [[bridge.devices]]")
-    return _serve(root.ward, root.bridge, root.bus.connect, patient=True)
+    routers = root.bus.routers_as(Role.BRIDGE, name=root.bridge.id)
+    return _serve(root.ward, root.bridge, routers, patient=True)
 
 
 def _replay(args: argparse.Namespace) -> int:
@@ -169,10 +176,11 @@ def _replay(args: argparse.Namespace) -> int:
     return _serve(ward, bridge, connect, patient=False)
 
 
-def _ward_of(args: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+def _ward_of(args: argparse.Namespace) -> tuple[str, Routers]:
     """The ward's name and its routers."""
     root = load(args.config, Root) if args.config else Root(ward=args.ward or "ward")
-    connect = check_endpoints(args.connect, "--connect") if args.connect else root.bus.connect
+    bus = replace(root.bus, connect=check_endpoints(args.connect, "--connect")) if args.connect else root.bus
+    connect = bus.routers
     return check(args.ward or root.ward, "--ward"), connect
 
 
@@ -230,7 +238,7 @@ def _replayed(args: argparse.Namespace) -> dict[str, object]:
     return {"driver": "replayed", "file": str(args.file), "speed": args.speed}
 
 
-def _serve(ward: str, bridge: Bridge, connect: tuple[str, ...], *, patient: bool) -> int:
+def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int:
     """Publish until stopped, or until every recording is over. Patient: wait for a router rather than give up."""
     with stopped_by_signal() as stop:
         bus = connected(connect, stop, patient=patient)
@@ -277,10 +285,16 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _router(args: argparse.Namespace) -> int:
-    listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
-    if args.listen:
-        listen = check_endpoints(args.listen, "--listen")
-    with stopped_by_signal() as stop, Router(listen, shed=keys.VIEWED):
-        _log.info("router: listening on %s", ", ".join(listen))
+    with stopped_by_signal() as stop, _listening_router(args) as router:
+        _log.info("router: listening on %s", ", ".join(router.listen))
         stop.wait()
     return _DONE
+
+
+def _listening_router(args: argparse.Namespace) -> Router:
+    if args.config and args.config.suffix in (".json5", ".json"):
+        if args.listen:
+            raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
+        return Router.of_file(args.config)
+    listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
+    return Router(check_endpoints(args.listen, "--listen") if args.listen else listen, shed=keys.VIEWED)

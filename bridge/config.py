@@ -9,8 +9,11 @@ from typing import Any, Final, Self
 
 from msgspec import Struct
 
+from bridge.bus.routers import Routers, secured
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
+from bridge.pki.identity import Identity, member_of
+from bridge.pki.member import Role
 from bridge.record.settings import Recorder
 from bridge.toml_file import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
@@ -59,12 +62,55 @@ def listening(address: str) -> tuple[str, int]:
 
 
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[bus]: the routers to connect to, as zenoh endpoints."""
+    """[bus]: the routers to connect to, as zenoh endpoints; and for `tls/...` who we are, as paths of PEM files."""
 
     connect: tuple[str, ...] = (LOCAL,)
+    #: the authority whose word counts; our certificate; its private key, which nobody else may read
+    ca: str = ""
+    certificate: str = ""
+    key: str = ""
 
     def __post_init__(self) -> None:
         check_endpoints(self.connect, "connect")
+        files = {"ca": self.ca, "certificate": self.certificate, "key": self.key}
+        missing = [name for name, path in files.items() if not path]
+        if 0 < len(missing) < len(files):
+            raise ValueError(f"{', '.join(missing)} missing: ca, certificate and key go together")
+        for endpoint in self.connect:
+            if secured(endpoint) and missing:
+                raise ValueError(f"connect: {endpoint!r} needs ca, certificate and key; `truerate pki` makes them")
+            if not secured(endpoint) and not missing:
+                raise ValueError(
+                    f"connect: {endpoint!r} shows nobody a certificate; one that does looks like 'tls/10.0.0.5:7447'"
+                )
+
+    @property
+    def identity(self) -> Identity | None:
+        """Who we are, where certificates are asked for."""
+        return Identity(self.ca, self.certificate, self.key) if self.key else None
+
+    @property
+    def routers(self) -> Routers:
+        """Where to go, and as whom."""
+        return Routers(self.connect, self.identity)
+
+    def routers_as(self, *roles: Role, name: str = "") -> Routers:
+        """The same for whoever has one of the roles, and the name where it matters.
+
+        Else ConfigError: a router would let anybody of the ward in, and silently give or take nothing.
+        """
+        if self.identity is not None:
+            try:
+                member = member_of(self.identity)
+            except ValueError as error:
+                raise ConfigError(f"[bus]: {error}") from None
+            if member.role not in roles or (name and member.name != name):
+                wanted = " or ".join(f"{role.value}:{name}" if name else role.value for role in roles)
+                raise ConfigError(
+                    f"[bus]: {self.certificate} is for {member.label}, and routers would refuse it this silently; here a"
+                    f" certificate for {wanted} is needed: truerate pki issue {wanted.split(' or ')[0]}{'' if name else ':NAME'}"
+                )
+        return self.routers
 
 
 class Router(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

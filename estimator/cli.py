@@ -8,21 +8,27 @@ import os
 import secrets
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from msgspec.structs import replace
 from rich.console import Console
 
-from bridge import captures, os_words
+from bridge import captures, cli_pki, os_words, together
 from bridge import cli as bridge_cli
+from bridge.bus import router_check
 from bridge.bus.contract import BusError
-from bridge.config import LOCAL, ConfigError, check_endpoints, load
+from bridge.bus.routers import Routers
+from bridge.config import LOCAL, Bus, ConfigError, check_endpoints, load
 from bridge.console import plain_console
+from bridge.pki.member import Role
 from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
+from bridge.wording import count
 from estimator import cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 
@@ -95,6 +101,7 @@ def build() -> argparse.ArgumentParser:
     verb.add_argument("--seed", type=int, default=None, help="the same seed gives the same devices (default: random)")
     bridge_cli.add_verbs(verbs)
     record_cli.add_verbs(verbs)
+    cli_pki.add_verbs(verbs)
     _add_estimator(verbs)
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
     _add_ward(verb)
@@ -137,7 +144,13 @@ def build() -> argparse.ArgumentParser:
     verb = add_verb(
         config, "check", _config_check, "is the file right? unknown keys are named with the nearest valid one"
     )
-    verb.add_argument("file", type=Path, help="the ward's TOML file, such as configs/demo.toml")
+    verb.add_argument(
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="the ward's TOML file, such as configs/demo.toml; with others of the ward and routers' .json5: do they go together?",
+    )
     cli_doctor.add_doctor(verbs)
     cli_dashboard.add_dashboard(verbs)
     cli_offline.add_study(verbs)
@@ -161,16 +174,19 @@ def _add_estimator(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("config", type=Path, help="the ward's TOML file, such as configs/demo.toml")
 
 
-def _ward_of(given: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+def _ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
+    """The ward's name and its routers, for who has one of the roles (default: who may look)."""
     from estimator.config import Ward  # noqa: PLC0415
 
     file = load(given.config, Ward) if given.config else None
     ward = check_id(given.ward or (file.ward if file else "ward"), "ward")
+    bus = file.bus if file else Bus()
     try:
-        given_endpoints = check_endpoints(tuple(given.connect), "--connect") if given.connect else None
+        if given.connect:
+            bus = replace(bus, connect=check_endpoints(tuple(given.connect), "--connect"))
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return ward, given_endpoints or (file.bus.connect if file else (LOCAL,))
+    return ward, bus.routers_as(*(roles or (Role.VIEWER, Role.COMMANDER, Role.RECORDER)))
 
 
 def _demo(given: argparse.Namespace) -> int:
@@ -223,7 +239,7 @@ def _watch(given: argparse.Namespace) -> int:
 def _command(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given)
+    ward, endpoints = _ward_of(given, Role.COMMANDER)
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
@@ -235,7 +251,7 @@ def _command(given: argparse.Namespace) -> int:
 def _note(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given)
+    ward, endpoints = _ward_of(given, Role.COMMANDER)
     device, text = check_id(given.device, "device"), given.text.strip()
     if not text:
         raise ConfigError(f'a note needs words, such as: truerate note {device} "sat up"')
@@ -250,14 +266,24 @@ def _note(given: argparse.Namespace) -> int:
 def _config_check(given: argparse.Namespace) -> None:
     from estimator.config import Ward  # noqa: PLC0415
 
-    ward = load(given.file, Ward)
-    if ward.bridge is not None and (missing := captures.unreadable(ward.bridge.devices)):
-        raise ConfigError("\n".join(f"{given.file}: {words}" for words in missing))
-    parts = [
-        f"{len(ward.bridge.devices)} devices" if ward.bridge else "no bridge",
-        f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
-    ]
-    print(f"{given.file}: right. Ward {ward.ward}: {', '.join(parts)}")
+    wards, routers, wrong = {}, [], list[str]()
+    for file in given.files:
+        if file.suffix in (".json5", ".json"):
+            routers.append(router_check.read(file))
+        else:
+            wards[file] = ward = load(file, Ward)
+            wrong += [f"{file}: {words}" for words in captures.unreadable(ward.bridge.devices if ward.bridge else ())]
+    wrong += together.faults(wards, routers, datetime.now(UTC))
+    if wrong:
+        raise ConfigError("\n".join(wrong))
+    for file, ward in wards.items():
+        parts = [
+            f"{len(ward.bridge.devices)} devices" if ward.bridge else "no bridge",
+            f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
+        ]
+        print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
+    for router in routers:
+        print(f"{router.path}: right. A router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")
 
 
 if __name__ == "__main__":

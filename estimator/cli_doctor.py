@@ -73,7 +73,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
             yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
-        reached = router(ward.bus.connect)
+        reached = router(ward.bus.routers)
         yield from reached
         if all(finding.level is Level.OK for finding in reached):
             yield from _running(ward)
@@ -81,7 +81,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
 
 def _running(ward: Ward) -> Iterable[Finding]:
     """What the ward itself says, where it runs."""
-    with Client(ward.bus.connect, ward=ward.ward) as client:
+    with Client(ward.bus.routers, ward=ward.ward) as client:
         statuses = client.statuses(0.5)
     clashes = rivals.found(statuses.values())
     for words in clashes:

@@ -3,11 +3,12 @@
 import atexit
 import errno
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Self
 
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
-from bridge.bus.zenoh_bus import close_session, open_session
+from bridge.bus.zenoh_bus import close_session, open_session, read_settings
 
 
 class Router:
@@ -18,16 +19,26 @@ class Router:
     that viewers read. Raises BusError when it cannot listen.
     """
 
-    def __init__(self, listen: Sequence[str], *, shed: Sequence[str] = ()) -> None:
+    def __init__(
+        self, listen: Sequence[str], *, shed: Sequence[str] = (), settings: zenoh_settings.Settings | None = None
+    ) -> None:
         if not listen:
             raise BusError("a router must listen somewhere, for example on tcp/127.0.0.1:7447")
         self.listen = tuple(listen)
         try:
-            self._session = open_session(zenoh_settings.router(listen, shed), f"cannot listen on {', '.join(listen)}")
+            self._session = open_session(
+                settings or zenoh_settings.router(listen, shed), f"cannot listen on {', '.join(listen)}"
+            )
         except BusError as error:
             raise BusError(f"{error}; {_advice(str(error))}") from error.__cause__
         self._closed = False
         atexit.register(self.close)
+
+    @classmethod
+    def of_file(cls, path: Path) -> Self:
+        """As a file for zenohd says, JSON5."""
+        settings = read_settings(str(path))
+        return cls(endpoints_of(settings["listen"]["endpoints"]), settings=settings)
 
     def close(self) -> None:
         """Stop routing and free the ports; a second close does nothing."""
@@ -41,6 +52,11 @@ class Router:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
+    """Zenoh takes one list, or one for each mode."""
+    return tuple(said.get("router", ())) if isinstance(said, dict) else tuple(said)
 
 
 def _advice(said: str) -> str:

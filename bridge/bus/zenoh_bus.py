@@ -22,6 +22,7 @@ from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
 from bridge.bus.keyexpr import check_key, check_pattern, matches
+from bridge.bus.routers import Routers
 
 _T_co = TypeVar("_T_co", covariant=True)
 _T = TypeVar("_T")
@@ -34,6 +35,10 @@ _JOIN_S = 1.0
 _MAX_KNOWN = 8192
 _RETRY_S = 0.1
 _PAST_S = 2.0
+_PARTS = (
+    *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
+    "access_control",
+)
 
 
 def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
@@ -48,6 +53,13 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
                 if time.monotonic() >= deadline:
                     raise
             time.sleep(_RETRY_S)
+
+
+def read_settings(path: str) -> zenoh_settings.Settings:
+    """A file of zenoh's own, JSON5, as zenoh understands it: with every default; BusError says what is wrong with it."""
+    with _as_bus_error(f"{path}: zenoh cannot read it"):
+        config = zenoh.Config.from_file(path)
+        return {part: json.loads(config.get_json(part)) for part in _PARTS}
 
 
 def close_session(session: zenoh.Session) -> None:
@@ -69,15 +81,22 @@ class ZenohBus:
     """A client of one or more routers; see contract.Bus. Reconnects by itself for as long as it lives.
 
     endpoints: where routers listen, for example `tcp/127.0.0.1:7447`; the first that answers is used, the others are
-    where to go when it is lost. Raises BusError when none answers within open_timeout_s.
+    where to go when it is lost; `Routers` says who we are, too. Raises BusError when none answers within open_timeout_s,
+    and at once where our certificate is of no use.
     """
 
     def __init__(self, endpoints: Sequence[str], *, open_timeout_s: float = 3.0) -> None:
+        routers = Routers.of(endpoints)
         self._where = ", ".join(endpoints)
         if not endpoints:
             raise BusError("no router to connect to; name one, for example tcp/127.0.0.1:7447")
+        if wrong := routers.faults():
+            raise BusError("; ".join(wrong))
         complaint = f"no router answered at {self._where} within {open_timeout_s:g} s; start one with `truerate router`"
-        self._session = open_session(zenoh_settings.client(endpoints), complaint, open_timeout_s)
+        if routers.identity is not None:
+            # zenoh does not say why; the router's own log does.
+            complaint += ", or see its log: it may refuse our certificate, or its own may be for another name than this"
+        self._session = open_session(zenoh_settings.client(endpoints, routers.identity), complaint, open_timeout_s)
         self._known: set[str] = set()
         self._plain: set[str] = set()
         self.declared: set[_Declared] = set()  # zenoh takes back what nobody holds

@@ -3,6 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bridge.pki.identity import Identity
+from bridge.wire.envelope import MAX_PAYLOAD
+from bridge.wire.keys import ROOT
+
 # A router disconnects a reader that takes nothing for this long; until then it may hold up whoever publishes to it.
 CUT_OFF_S = 0.2
 # Longer in clients, or they would leave a router that is only waiting for such a reader.
@@ -20,9 +24,9 @@ MAX_MESSAGE_BYTES = 1 << 20
 Settings = dict[str, Any]
 
 
-def client(endpoints: Sequence[str]) -> Settings:
+def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settings:
     """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
-    return _common(CLIENT_CUT_OFF_S, CLIENT_LEASE_S) | {
+    settings = _common(CLIENT_CUT_OFF_S, CLIENT_LEASE_S) | {
         "mode": "client",
         "connect": {
             "endpoints": list(endpoints),
@@ -33,6 +37,9 @@ def client(endpoints: Sequence[str]) -> Settings:
         },
         "listen": {"endpoints": []},
     }
+    if identity is not None:
+        settings["transport"]["link"]["tls"] = _tls(identity, "connect")
+    return settings
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
@@ -58,6 +65,44 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
             ]
         }
     return settings
+
+
+def secured_router(
+    listen: Sequence[str], shed: Sequence[str], identity: Identity, access_control: Settings, join: Sequence[str] = ()
+) -> Settings:
+    """A router that lets in who has a certificate, by TLS alone, and each only to what is said of it; see bridge.bus.access."""
+    settings = router(listen, shed)
+    link = settings["transport"]["link"]
+    link["protocols"] = ["tls"]
+    link["tls"] = _tls(identity, "listen") | _tls(identity, "connect")
+    settings["access_control"] = access_control
+    settings["low_pass_filter"] = [
+        {
+            "id": "size",
+            "flows": ["ingress"],
+            "messages": ["put", "delete", "query", "reply"],
+            # `**` does not match what begins with an @
+            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**"],
+            "size_limit": MAX_PAYLOAD,
+        }
+    ]
+    if join:
+        retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+        # Whoever is joined may start later, or be away for a night.
+        settings["connect"] = {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
+    return settings
+
+
+def _tls(identity: Identity, as_: str) -> Settings:
+    """Both sides show a certificate; one that has expired ends the connection that it opened."""
+    return {
+        "root_ca_certificate": identity.ca,
+        f"{as_}_certificate": identity.certificate,
+        f"{as_}_private_key": identity.key,
+        "enable_mtls": True,  # without it a client does not show its own
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
 
 
 def _common(cut_off_s: float, lease_s: float) -> Settings:

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.console import plain_console
+from bridge.pki.member import Role
 from bridge.progress import Bar
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
@@ -102,14 +105,14 @@ def _record(given: argparse.Namespace) -> int:
         said["devices"] = tuple(said["devices"])
     try:
         settings = options({**_table(root.recorder), **said}, Recorder)
-        endpoints = check_endpoints(given.connect, "--connect") if given.connect else root.bus.connect
+        bus = replace(root.bus, connect=check_endpoints(given.connect, "--connect")) if given.connect else root.bus
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     return record(
         check_id(given.ward or root.ward, "ward"),
-        endpoints,
+        bus.routers_as(Role.RECORDER),
         settings,
         plain_console(stderr=True),
         seconds=given.seconds,

@@ -9,6 +9,7 @@ from importlib import import_module
 from bridge.bus.contract import Bus, BusError, Declared
 from bridge.config import listening
 from bridge.health import Health
+from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
 from estimator.database import Database
@@ -34,7 +35,8 @@ def run(ward: Ward) -> None:
                 raise
         database = Database(ward.estimator.store, patient=True)
         stack.callback(database.close)
-        data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
+        routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
+        data, control = (connected(routers, stop, patient=True) for _ in range(2))
         if data is None or control is None:
             return
         stack.enter_context(data)
@@ -52,7 +54,7 @@ def run(ward: Ward) -> None:
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
     """Raise BusError where an estimator of our own id is there already; a router that cannot be asked is no news now."""
     try:
-        control = connected(ward.bus.connect, stop, patient=False)
+        control = connected(ward.bus.routers, stop, patient=False)
     except BusError:
         return
     if control is not None:

@@ -13,6 +13,7 @@ import uvicorn
 
 from bridge.bus.contract import Bus
 from bridge.config import listening
+from bridge.pki.member import Role
 from bridge.process import connected
 from estimator.client import Client
 from estimator.config import Ward
@@ -101,6 +102,7 @@ def run(ward: Ward) -> int:
 
 
 async def _serve(server: Server, ward: Ward) -> None:
+    routers = ward.bus.routers_as(Role.VIEWER, Role.COMMANDER)
     stop = threading.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -108,7 +110,7 @@ async def _serve(server: Server, ward: Ward) -> None:
     buses: list[Bus] = []
 
     def find() -> None:
-        data, control = (connected(ward.bus.connect, stop, patient=True) for _ in range(2))
+        data, control = (connected(routers, stop, patient=True) for _ in range(2))
         buses.extend(bus for bus in (data, control) if bus is not None)
         if data is not None and control is not None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: it is over

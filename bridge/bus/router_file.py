@@ -1,0 +1,68 @@
+"""A router's own file, JSON5, made: it serves zenohd and `truerate router` alike. Pure."""
+
+import json
+from collections.abc import Sequence
+
+from bridge.bus import zenoh_settings
+from bridge.bus.access import access_control
+from bridge.pki.identity import Identity
+from bridge.pki.member import Member
+from bridge.wire import keys
+
+# Over every part, why it is there.
+_WHY = {
+    "connect": "other routers, which this one joins",
+    "scouting": "nobody is looked for, and nobody is told that we are here",
+    "adminspace": "nobody sees or changes this router's settings over the network",
+    "transport": "quick to notice who is gone; who takes nothing for 200 ms is cut off; idle connections lock nobody out",
+    "timestamping": "with zenoh's own, a subscriber with history takes messages of two publishers that cross for old",
+    "qos": "what people look at: a slow viewer loses its own, and holds up nobody",
+    "low_pass_filter": "nothing larger than the largest message of the wire",
+    "access_control": "who may do what, by the common name of its certificate; everything else is denied, silently",
+}
+
+
+def rendered(settings: zenoh_settings.Settings, title: str) -> str:
+    """As JSON5, each part under a line that says why."""
+    parts = []
+    for part, value in settings.items():
+        why = f"  // {_WHY[part]}\n" if part in _WHY else ""
+        parts.append(f"{why}  {json.dumps(part)}: {_indented(value)}")
+    head = "".join(f"// {line}\n" for line in title.splitlines())
+    return f"{head}{{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def plain(listen: Sequence[str]) -> zenoh_settings.Settings:
+    """For one machine, which nobody else can reach."""
+    return zenoh_settings.router(listen, keys.VIEWED)
+
+
+def guarded(
+    wards: Sequence[str], listen: Sequence[str], identity: Identity, members: Sequence[Member], join: Sequence[str] = ()
+) -> zenoh_settings.Settings:
+    """For others to come: certificates on both sides, and rules for each member."""
+    return zenoh_settings.secured_router(
+        listen, keys.VIEWED, identity, access_control(list(wards), list(members)), join
+    )
+
+
+def _indented(value: object) -> str:
+    """Lists of words on one line, everything else by levels."""
+    return _laid_out(value, 1)
+
+
+def _laid_out(value: object, level: int) -> str:
+    inner, outer = "  " * (level + 1), "  " * level
+    if isinstance(value, dict) and value:
+        flat = json.dumps(value)
+        if len(flat) + 2 * level < 80 and not any(isinstance(item, dict | list) for item in value.values()):
+            return flat
+        rows = [f"{inner}{json.dumps(key)}: {_laid_out(item, level + 1)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(rows) + f"\n{outer}}}"
+    if isinstance(value, list) and value:
+        flat = json.dumps(value)
+        if len(flat) + 2 * level < 110 and not any(isinstance(item, dict) for item in value):
+            return flat
+        rows = [f"{inner}{_laid_out(item, level + 1)}" for item in value]
+        return "[\n" + ",\n".join(rows) + f"\n{outer}]"
+    return json.dumps(value)

@@ -1,0 +1,214 @@
+"""The verbs `truerate pki ...`: arguments in, exit code out. `show` says by it whether somebody has to act."""
+
+import argparse
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+
+from bridge.bus import router_file
+from bridge.columns import Column, Columns
+from bridge.config import check, check_endpoints
+from bridge.console import plain_console
+from bridge.pki.authority import DAYS
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.identity import Identity, faults
+from bridge.pki.member import Member, Role
+from bridge.pki.report import Row, rows
+
+Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
+
+ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
+commander (looks, and gives commands: a nurse station, a dashboard where somebody may), recorder, router.
+examples:
+  truerate pki init --ward ward-3
+  truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example
+  truerate pki issue bridge:bridge-1 estimator:estimator-1 commander:desk
+  truerate pki router router:router-1 --ward ward-3 --listen tls/10.0.0.5:7447 > router.json5
+  truerate pki show                                  exit code 1 within 14 days of an end
+docs/security.md goes through it, word by word."""
+
+
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `pki`; each verb of it sets `run(args) -> exit code`."""
+    pki = verbs.add_parser(
+        "pki",
+        help="certificates: who may be what on the bus",
+        epilog=ROLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    inner = pki.add_subparsers(metavar="VERB", required=True)
+    verb = _verb(inner, "init", _init, "make an authority, for a ward that has none")
+    verb.add_argument("--ward", default="ward", help="whose it is, for its name")
+    verb = _verb(inner, "issue", _issue, "make certificate and key for roles")
+    _who(verb, "+")
+    _days(verb)
+    verb.add_argument("--host", action="append", default=[], help="of a router: a name or address it is reached at")
+    verb = _verb(inner, "renew", _renew, "make certificates last longer; the keys stay")
+    _who(verb, "*")
+    verb.add_argument("--soon", action="store_true", help="all that end within 14 days")
+    _days(verb)
+    verb = _verb(inner, "revoke", _revoke, "never use a name again: its holder's key is lost or stolen")
+    _who(verb, 1)
+    verb.add_argument("--reason", default="", help="kept beside it")
+    _verb(inner, "revoke-list", _revoke_list, "the names that were revoked, when and why")
+    verb = _verb(inner, "show", _show, "who, in what role, until when; exit code 1 where somebody has to act")
+    verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    verb = _verb(inner, "check", _check, "look through files that were made elsewhere")
+    for name in ("ca", "certificate", "key"):
+        verb.add_argument(f"--{name}", required=True, metavar="FILE")
+    verb.add_argument("--role", choices=[role.value for role in Role], help="what they are to be used for")
+    verb = _verb(inner, "router", _router, "a router's file, for zenohd and `truerate router`: rules for all there are")
+    _who(verb, 1)
+    verb.add_argument("--ward", action="append", required=True, help="may be given again: a hospital's")
+    verb.add_argument("--listen", action="append", required=True, metavar="ENDPOINT", help="such as tls/10.0.0.5:7447")
+    verb.add_argument("--join", action="append", default=[], metavar="ENDPOINT", help="another router, a hospital's")
+    verb.add_argument("--member", action="append", default=[], metavar="ROLE:NAME", help="only these (default: all)")
+    verb.add_argument("--at", type=Path, metavar="DIR", help="where the files are on the router's machine")
+
+
+def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does: str) -> argparse.ArgumentParser:
+    verb = verbs.add_parser(
+        name,
+        help=does,
+        description=f"{does[0].upper()}{does[1:]}.",
+        epilog=ROLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    if name != "check":
+        verb.add_argument("--folder", type=Path, default=Path("pki"), help="where all is kept (default: pki)")
+    verb.set_defaults(run=_guarded, verb=run)
+    return verb
+
+
+def _who(verb: argparse.ArgumentParser, many: str | int) -> None:
+    verb.add_argument("who", nargs=many, metavar="ROLE:NAME")
+
+
+def _days(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--days", type=int, default=DAYS, help="how long it lasts (default: %(default)s)")
+
+
+def _guarded(given: argparse.Namespace) -> int:
+    try:
+        if getattr(given, "days", DAYS) < 1:
+            raise ValueError(f"--days is {given.days}; 1 or more is taken")
+        return int(given.verb(given))
+    except ValueError as error:
+        print(f"truerate: {error}", file=sys.stderr)
+        return 2
+
+
+def _members(given: argparse.Namespace) -> list[Member]:
+    members = [Member.parse(text) for text in dict.fromkeys(given.who)]
+    for member in members:
+        if member.generation > 1:
+            raise ValueError(f"{member.common_name}: say {member.label}; which generation of it counts is known here")
+    return members
+
+
+def _init(given: argparse.Namespace) -> int:
+    Folder(given.folder).make(f"truerate {check(given.ward, '--ward')}", utc_now())
+    print(
+        f"{given.folder}: an authority. Keep ca.key off the ward's machines, and back it up; ca.pem goes to all of them."
+    )
+    return 0
+
+
+def _issue(given: argparse.Namespace) -> int:
+    folder = Folder(given.folder)
+    for member in _members(given):
+        hosts = tuple(given.host) if member.role is Role.ROUTER else ()
+        _made(folder.issue(member, utc_now(), given.days, hosts))
+    print("The rules of routers do not know new names by themselves: write their files anew (truerate pki router).")
+    return 0
+
+
+def _renew(given: argparse.Namespace) -> int:
+    folder, now, members = Folder(given.folder), utc_now(), _members(given)
+    if given.soon:
+        members += [
+            Member(member.role, member.name)
+            for (member, _), row in zip(folder.members(), _rows(folder, now)[1:], strict=True)
+            if row.trouble
+        ]
+    if not members and not given.soon:
+        raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
+    for member in dict.fromkeys(members):
+        _made(folder.renew(member, now, given.days))
+    return 0
+
+
+def _made(files: Identity) -> None:
+    print(f"{files.certificate}  {files.key}")
+
+
+def _revoke(given: argparse.Namespace) -> int:
+    gone = Folder(given.folder).revoke(_members(given)[0], utc_now(), given.reason)
+    print(
+        f"{gone.common_name} is revoked. zenoh reads no list of revoked certificates: nothing has changed until the routers'"
+        " files are written anew (truerate pki router) and the routers started again.\n"
+        f"A new pair for its holder: truerate pki issue {gone.label}"
+    )
+    return 0
+
+
+def _revoke_list(given: argparse.Namespace) -> int:
+    for name, words in Folder(given.folder).revoked().items():
+        print(f"{name}  {words}")
+    return 0
+
+
+def _rows(folder: Folder, now: datetime) -> list[Row]:
+    return list(rows(folder.members(), folder.authority_until(), now))
+
+
+def _show(given: argparse.Namespace) -> int:
+    folder = Folder(given.folder)
+    found = _rows(folder, utc_now())
+    if given.json:
+        shown = [
+            {"role": r.role, "who": r.who, "until": r.until.isoformat(), "days": r.days, "trouble": r.trouble}
+            for r in found
+        ]
+        print(json.dumps({"certificates": shown, "revoked": folder.revoked()}))
+    else:
+        table = Columns(
+            [Column("role"), Column("who", least=12), Column("until"), Column("days"), Column("what to do", least=20)]
+        )
+        for row in found:
+            table.add(row.role, row.who, f"{row.until:%Y-%m-%d}", str(row.days), row.trouble)
+        plain_console().print(table)
+    return 1 if any(row.trouble for row in found) else 0
+
+
+def _check(given: argparse.Namespace) -> int:
+    roles = (Role(given.role),) if given.role else tuple(Role)
+    wrong = faults(Identity(given.ca, given.certificate, given.key), utc_now(), roles)
+    for words in wrong:
+        print(words, file=sys.stderr)
+    if not wrong:
+        print(f"{given.certificate}: right")
+    return 1 if wrong else 0
+
+
+def _router(given: argparse.Namespace) -> int:
+    folder = Folder(given.folder)
+    router = folder.current(_members(given)[0])
+    if router.role is not Role.ROUTER:
+        raise ValueError(f"{router.label} is no router")
+    wards = [check(ward, "--ward") for ward in given.ward]
+    listen, join = check_endpoints(given.listen, "--listen"), tuple(given.join)
+    if join:
+        check_endpoints(join, "--join")
+    known = [member for member, _ in folder.members() if member != router]
+    wanted = [folder.current(Member.parse(text)) for text in given.member] or known
+    if missing := [member.label for member in wanted if member not in known]:
+        raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")
+    files = (Folder(given.at.absolute()) if given.at else Folder(folder.path.absolute())).identity(router)
+    title = (
+        f"The router {router.name} of {', '.join(wards)}.\n"
+        "Written by `truerate pki router`: write it anew rather than change it."
+    )
+    print(router_file.rendered(router_file.guarded(wards, listen, files, wanted, join), title), end="")
+    return 0

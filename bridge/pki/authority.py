@@ -1,0 +1,148 @@
+"""A certificate authority for a ward that has none: X.509 on the `cryptography` package. Pure; PEM in, PEM out.
+
+Keys are ECDSA on P-256, in PKCS 8. A router's certificate may serve and, to join other routers, ask; all others may only
+ask, so that a stolen bridge cannot play the router.
+"""
+
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
+from cryptography.x509.oid import NameOID
+
+from bridge.pki.member import Member, Role
+
+DAYS, CA_DAYS = 90, 3650
+#: clocks of a ward's machines may differ by so much
+EARLIER = timedelta(minutes=5)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A certificate and its private key, PEM."""
+
+    certificate: bytes
+    key: bytes
+
+
+def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
+    """A new authority, which signs itself."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = _subject(name)
+    made = (
+        _begun(subject, subject, key.public_key(), now - EARLIER, now + timedelta(days=days))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_may(signs_certificates=True), critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    return Pair(made.public_bytes(serialization.Encoding.PEM), _pem(key))
+
+
+def issue(
+    authority: Pair,
+    member: Member,
+    begins: datetime,
+    ends: datetime,
+    *,
+    hosts: Sequence[str] = (),
+    key: bytes | None = None,
+    usages: Sequence[x509.ObjectIdentifier] = (),
+) -> Pair:
+    """A certificate for a member, of a new key or of `key`.
+
+    hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
+    role, unless told otherwise. Raises ValueError.
+    """
+    if member.role is Role.ROUTER and not hosts:
+        raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
+    ca = x509.load_pem_x509_certificate(authority.certificate)
+    signer = _private(authority.key)
+    if ends > ca.not_valid_after_utc:
+        raise ValueError(
+            f"the authority itself ends on {ca.not_valid_after_utc:%Y-%m-%d}; say fewer --days, or make a new one"
+        )
+    own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
+    public = own.public_key()
+    names = [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
+    usage = list(usages) or [Usage.CLIENT_AUTH, *([Usage.SERVER_AUTH] if member.role is Role.ROUTER else [])]
+    made = (
+        _begun(_subject(member.common_name), ca.subject, public, begins, ends)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_may(signs_certificates=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
+        .sign(signer, hashes.SHA256())
+    )
+    return Pair(made.public_bytes(serialization.Encoding.PEM), _pem(own))
+
+
+def hosts_of(certificate: x509.Certificate) -> list[str]:
+    """The names and addresses a router's certificate is for."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return []
+    return [
+        *names.get_values_for_type(x509.DNSName),
+        *(str(address) for address in names.get_values_for_type(x509.IPAddress)),
+    ]
+
+
+def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
+    key = serialization.load_pem_private_key(pem, None)
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise ValueError(f"a key of kind {type(key).__name__}, which truerate did not make: renew it where it was made")  # noqa: TRY004
+    return key
+
+
+def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    return key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+
+
+def _subject(name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+
+
+def _begun(
+    subject: x509.Name, issuer: x509.Name, public: ec.EllipticCurvePublicKey, begins: datetime, ends: datetime
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(public)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begins)
+        .not_valid_after(ends)
+    )
+
+
+def _may(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _host(text: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(text))
+    except ValueError:
+        return x509.DNSName(text)

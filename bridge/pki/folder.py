@@ -1,0 +1,127 @@
+"""The folder of an authority: its own pair, one pair a member, and the names that were revoked.
+
+A file is written beside, then renamed: whole or not at all. A renewal keeps the private key, so only one file changes and
+a pair never is of two. Private keys are 0600 from their first byte on.
+"""
+
+import os
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority
+from bridge.pki.identity import Identity, certificates, common_name
+from bridge.pki.member import Member
+
+_CA, _REVOKED = "ca", "revoked.txt"
+
+
+class Folder:
+    """Where `truerate pki` keeps what it makes. Every method raises ValueError, or OSError of the disk's."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def make(self, name: str, now: datetime) -> None:
+        """A new authority, in a folder that has none."""
+        if (self.path / f"{_CA}.key").exists():
+            raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
+        self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        pair = new_authority(name, now)
+        _write(self.path / f"{_CA}.key", pair.key, 0o600)
+        _write(self.path / f"{_CA}.pem", pair.certificate, 0o644)
+
+    def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
+        """A first pair for a role and a name, of the generation that is not revoked."""
+        member = self.current(member)
+        files = self.identity(member)
+        if Path(files.certificate).exists():
+            raise ValueError(
+                f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
+            )
+        pair = issue(self._authority(), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
+        _write(Path(files.key), pair.key, 0o600)
+        _write(Path(files.certificate), pair.certificate, 0o644)
+        return files
+
+    def renew(self, member: Member, now: datetime, days: int = DAYS) -> Identity:
+        """The same name, the same key, the same hosts; from now on."""
+        member = self.current(member)
+        files = self.identity(member)
+        if not Path(files.certificate).exists():
+            raise ValueError(
+                f"{files.certificate}: there is none to renew; `truerate pki issue {member.label}` makes one"
+            )
+        hosts = hosts_of(certificates(files.certificate)[0])
+        key = Path(files.key).read_bytes()
+        pair = issue(self._authority(), member, now - EARLIER, now + timedelta(days=days), hosts=hosts, key=key)
+        _write(Path(files.certificate), pair.certificate, 0o644)
+        return files
+
+    def revoke(self, member: Member, now: datetime, why: str) -> Member:
+        """Never use this name again: the member that was, whose common name the routers' rules must lose."""
+        member = self.current(member)
+        if not Path(self.identity(member).certificate).exists():
+            raise ValueError(f"{self.path}: {member.label} has no certificate that could be revoked")
+        lines = [*self._lines(), f"{member.common_name} {now:%Y-%m-%dT%H:%M:%SZ} {' '.join(why.split())}"]
+        _write(self.path / _REVOKED, "".join(f"{line}\n" for line in lines).encode(), 0o644)
+        return member
+
+    def revoked(self) -> dict[str, str]:
+        """When and why, by common name."""
+        return dict(line.partition(" ")[::2] for line in self._lines())
+
+    def current(self, member: Member) -> Member:
+        """The generation of a member that is not revoked."""
+        revoked, generation = self.revoked(), 1
+        while (now := Member(member.role, member.name, generation)).common_name in revoked:
+            generation += 1
+        return now
+
+    def members(self) -> Iterator[tuple[Member, datetime]]:
+        """Everybody who has a certificate that is not revoked, and until when."""
+        revoked = self.revoked()
+        for path in sorted(self.path.glob("*.pem")):
+            if path.stem == _CA:
+                continue
+            own = certificates(str(path))[0]
+            member = Member.parse(common_name(own))
+            if member.common_name not in revoked:
+                yield member, own.not_valid_after_utc
+
+    def authority_until(self) -> datetime:
+        """When the authority itself ends."""
+        return certificates(str(self.path / f"{_CA}.pem"))[0].not_valid_after_utc
+
+    def identity(self, member: Member) -> Identity:
+        """Its files, whether they are there or not."""
+        here = self.path / member.file
+        return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
+
+    def _authority(self) -> Pair:
+        pem, key = self.path / f"{_CA}.pem", self.path / f"{_CA}.key"
+        if not key.exists():
+            raise ValueError(f"{self.path}: no authority here; `truerate pki init --folder {self.path}` makes one")
+        return Pair(pem.read_bytes(), key.read_bytes())
+
+    def _lines(self) -> list[str]:
+        path = self.path / _REVOKED
+        return path.read_text("utf-8").splitlines() if path.exists() else []
+
+
+def utc_now() -> datetime:
+    """Now, to the second, as certificates have it."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+def _write(path: Path, content: bytes, mode: int) -> None:
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, mode), "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,85 @@
+"""Whether the files of a ward go together: ids, endpoints, certificates, and what routers know of them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from bridge.bus.router_check import RouterFile
+from bridge.config import Root
+from bridge.pki.identity import faults as identity_faults
+from bridge.pki.identity import member_of
+from bridge.pki.member import Member, Role
+
+
+def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
+    """All that is wrong, each a sentence that begins with the file; `now` judges the certificates."""
+    return [
+        *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
+        *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
+        *_twice(wards),
+        *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
+    ]
+
+
+def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
+    yield from router.faults
+    if router.identity is not None:
+        yield from identity_faults(router.identity, now, (Role.ROUTER,))
+
+
+def _of_ward(root: Root, now: datetime) -> Iterator[str]:
+    if root.bus.identity is None:
+        return
+    wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
+    yield from (f"[bus]: {words}" for words in wrong)
+    if (member := _member(root)) is None:
+        return
+    # One certificate may stand in a file that says more of the ward; but not for somebody else of its role.
+    tables = {Role.BRIDGE: root.bridge, Role.ESTIMATOR: root.estimator}
+    table: Any = tables.get(member.role)
+    if member.role in tables and (table is None or table.id != member.name):
+        there = f"its id is {table.id!r}" if table is not None else "there is none"
+        yield f"[bus]: the certificate is for {member.label}; of [{member.role.value}] {there}"
+
+
+def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """A bridge, an estimator or a device that two files have; the same file read twice is not meant."""
+    seen: dict[tuple[str, str, str], Path] = {}
+    for path, root in wards.items():
+        for what, name in _names(root):
+            before = seen.setdefault((root.ward, what, name), path)
+            if before != path:
+                yield f"{path}: {what} {name!r} of ward {root.ward!r} is in {before} too: give one of them another id"
+
+
+def _names(root: Root) -> Iterator[tuple[str, str]]:
+    if root.bridge is not None:
+        yield "bridge", root.bridge.id
+        yield from (("device", device.id) for device in root.bridge.devices)
+    if root.estimator is not None:
+        yield "estimator", root.estimator.id
+
+
+def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
+    ports = {_port(endpoint) for router in routers for endpoint in router.listen}
+    for endpoint in root.bus.connect:
+        if _port(endpoint) not in ports:
+            yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
+    member = _member(root)
+    if member is not None and not any(member.common_name in router.members for router in routers):
+        yield f"[bus]: no router knows {member.common_name}: what it says and asks would be dropped silently"
+
+
+def _member(root: Root) -> Member | None:
+    try:
+        return member_of(root.bus.identity) if root.bus.identity is not None else None
+    except ValueError:
+        return None  # said already
+
+
+def _port(endpoint: str) -> tuple[str, str]:
+    """Protocol and port: by which name or address a machine is reached is not in its own file."""
+    protocol, _, address = endpoint.partition("/")
+    bare = address.partition("#")[0].partition("?")[0]
+    return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]
