@@ -63,7 +63,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--ward", action="append", required=True, help="may be given again: a hospital's")
     verb.add_argument("--listen", action="append", required=True, metavar="ENDPOINT", help="such as tls/10.0.0.5:7447")
     verb.add_argument("--join", action="append", default=[], metavar="ENDPOINT", help="another router, a hospital's")
-    verb.add_argument("--member", action="append", default=[], metavar="ROLE:NAME", help="only these (default: all)")
+    verb.add_argument(
+        "--member",
+        action="append",
+        default=[],
+        metavar="ROLE:NAME[@WARD]",
+        help="only these, in this ward (default: all, in all)",
+    )
     verb.add_argument("--at", type=Path, metavar="DIR", help="where the files are on the router's machine")
 
 
@@ -202,13 +208,21 @@ def _router(given: argparse.Namespace) -> int:
     if join:
         check_endpoints(join, "--join")
     known = [member for member, _ in folder.members() if member != router]
-    wanted = [folder.current(Member.parse(text)) for text in given.member] or known
-    if missing := [member.label for member in wanted if member not in known]:
+    places = [place for text in given.member for place in _places(folder, text, wards)]
+    places = places or [(ward, member) for member in known for ward in wards]
+    if missing := [member.label for _, member in places if member not in known]:
         raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")
     files = (Folder(given.at.absolute()) if given.at else Folder(folder.path.absolute())).identity(router)
     title = (
         f"The router {router.name} of {', '.join(wards)}.\n"
         "Written by `truerate pki router`: write it anew rather than change it."
     )
-    print(router_file.rendered(router_file.guarded(wards, listen, files, wanted, join), title), end="")
+    print(router_file.rendered(router_file.guarded(listen, files, places, join), title), end="")
     return 0
+
+
+def _places(folder: Folder, text: str, wards: list[str]) -> list[tuple[str, Member]]:
+    who, _, where = text.partition("@")
+    if where and where not in wards:
+        raise ValueError(f"--member {text!r}: {where!r} is none of the wards, {', '.join(wards)}")
+    return [(ward, folder.current(Member.parse(who))) for ward in wards if where in ("", ward)]

@@ -65,20 +65,17 @@ def rights(ward: str, member: Member) -> Rights:
             return Rights(says=everything, hears=everything, asks=everything, answers=everything)
 
 
-def access_control(wards: Sequence[str], members: Sequence[Member]) -> dict[str, Any]:
-    """Zenoh's `access_control`, for a router: each member has the rights of its role in each of the wards."""
-    rules, policies, subjects = [], [], []
-    for member in members:
-        made = [rule for ward in wards for rule in _rules(ward, member)]
-        rules += made
-        subjects.append({"id": member.common_name, "cert_common_names": [member.common_name]})
-        policies.append({"rules": [rule["id"] for rule in made], "subjects": [member.common_name]})
+def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
+    """zenoh's `access_control`, for a router: who has the rights of its role in which ward."""
+    rules: dict[str, list[dict[str, Any]]] = {}
+    for ward, member in places:
+        rules.setdefault(member.common_name, []).extend(_rules(ward, member))
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
+        "rules": [rule for made in rules.values() for rule in made],
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in rules],
+        "policies": [{"rules": [rule["id"] for rule in made], "subjects": [name]} for name, made in rules.items()],
     }
 
 

@@ -13,6 +13,7 @@ from bridge.bus.zenoh_bus import read_settings
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from bridge.wire import keys
+from bridge.wire.refusal import Refusal
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +79,11 @@ def _unguarded(said: dict[str, Any]) -> Iterator[str]:
     if not access["enabled"] or access["default_permission"] != "deny":
         yield "access_control must be enabled, with default_permission 'deny': else every certificate may do everything"
         return
-    wards, members = _said_of(access)
     if [rule for rule in access["rules"] or () if rule["permission"] != "allow"]:
         yield "access_control: a rule that denies is not needed, and is not looked through: leave out who may not"
     try:
-        expected = access_control(wards, [Member.parse(name) for name in members])
-    except ValueError as error:
+        expected = access_control(_places(access))
+    except (ValueError, Refusal) as error:
         yield f"access_control: {error}"
         return
     yield from _differing(access, expected)
@@ -112,12 +112,27 @@ def _differing(access: dict[str, Any], expected: dict[str, Any]) -> Iterator[str
         yield "access_control: a policy is of one member each, as `truerate pki router` writes them"
 
 
-def _said_of(access: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """The wards and the members of the rules there are."""
-    patterns = [key for rule in access["rules"] or () for key in rule["key_exprs"] if key.startswith(f"{keys.ROOT}/")]
-    wards = dict.fromkeys(pattern[len(keys.ROOT) + 1 :].partition("/")[0] for pattern in patterns)
-    members = [name for subject in access["subjects"] or () for name in subject.get("cert_common_names") or ()]
-    return [ward for ward in wards if "*" not in ward], members
+def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
+    """Which member the policies give rules in which ward; ValueError where a name is none."""
+    wards = {rule["id"]: _ward(rule) for rule in access["rules"] or ()}
+    found = {
+        (wards.get(rule, ""), Member.parse(name))
+        for policy in access["policies"] or ()
+        for name in policy["subjects"]
+        for rule in policy["rules"]
+    }
+    order = list(dict.fromkeys(wards.values()))
+    names = [subject["id"] for subject in access["subjects"] or ()]
+    known = [place for place in found if place[0] in order and place[1].common_name in names]
+    return sorted(known, key=lambda place: (names.index(place[1].common_name), order.index(place[0])))
+
+
+def _ward(rule: dict[str, Any]) -> str:
+    """The one ward a rule is of, or nothing that could be one's name."""
+    found = {
+        key[len(keys.ROOT) + 1 :].partition("/")[0] for key in rule["key_exprs"] if key.startswith(f"{keys.ROOT}/")
+    }
+    return found.pop() if len(found) == 1 else ""
 
 
 def _loopback(endpoint: str) -> bool:

@@ -38,12 +38,10 @@ def plain(listen: Sequence[str]) -> zenoh_settings.Settings:
 
 
 def guarded(
-    wards: Sequence[str], listen: Sequence[str], identity: Identity, members: Sequence[Member], join: Sequence[str] = ()
+    listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """For others to come: certificates on both sides, and rules for each member."""
-    return zenoh_settings.secured_router(
-        listen, keys.VIEWED, identity, access_control(list(wards), list(members)), join
-    )
+    """For others to come: certificates on both sides, and rules for each member in its ward."""
+    return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 
 def _indented(value: object) -> str:

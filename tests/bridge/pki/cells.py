@@ -1,0 +1,189 @@
+"""Every role tried on every kind of key: what a router with rules lets through, counted. For the tests, and their bench."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from bridge.bus.contract import BusError, Message
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.wire import keys
+from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
+
+ESTIMATES = ("corrected", "status", "calibration", "revision", "note")
+KEYS = {
+    "raw of b1": keys.build(WARD, "raw", bridge="b1", device="d1"),
+    "raw of b2": keys.build(WARD, "raw", bridge="b2", device="d2"),
+    "info of b1": keys.build(WARD, "info", bridge="b1", device="d1"),
+    **{what: keys.build(WARD, what, device="d1") for what in ESTIMATES},
+}
+TOKENS = {
+    "bridge b1": keys.build(WARD, "alive/bridge", bridge="b1"),
+    "estimator e1": keys.build(WARD, "alive/estimator", estimator="e1"),
+    "device d1": keys.build(WARD, "alive/device", device="d1", boot=keys.boot_id(1)),
+}
+NOBODY: dict[str, set[str]] = {who: set() for who in MEMBERS}
+# Written down here once more, by hand: what the rules are must not be what they are tested against.
+MAY_SAY = NOBODY | {
+    "bridge:b1": {"raw of b1", "info of b1"},
+    "bridge:b2": {"raw of b2"},
+    "estimator:e1": set(ESTIMATES),
+}
+MAY_HEAR = {
+    "bridge:b1": {"status"},
+    "bridge:b2": {"status"},
+    "estimator:e1": {"raw of b1", "raw of b2", "info of b1"},
+    "viewer:v1": {"info of b1", *ESTIMATES},
+    "commander:c1": set(KEYS),
+    "recorder:r1": set(KEYS),
+}
+MAY_LIVE = NOBODY | {
+    "bridge:b1": {"bridge b1", "device d1"},
+    "bridge:b2": {"device d1"},
+    "estimator:e1": {"estimator e1"},
+}
+MAY_SEE_ALIVE = {
+    "bridge:b1": {"bridge b1"},
+    "bridge:b2": {"bridge b1"},
+    **{who: set(TOKENS) for who in MEMBERS[2:]},
+}
+SOURCES = {kind: next(who for who, kinds in MAY_SAY.items() if kind in kinds) for kind in KEYS}
+WITNESS = "recorder:r2"
+SETTLED_S = 0.5
+
+Counts = Counter[tuple[str, str]]
+
+
+def expected(may: dict[str, set[str]], count: int) -> Counts:
+    """All cells: `count` where it is allowed, 0 (no entry) elsewhere."""
+    return Counter({(who, kind): count for who, kinds in may.items() for kind in kinds})
+
+
+def published(ward: GuardedWard, count: int) -> Counts:
+    """Everybody says everything `count` times; a witness counts whose words come through."""
+    said, total = Counts(), sum(len(kinds) for kinds in MAY_SAY.values()) * count
+    with ExitStack() as stack:
+        witness = stack.enter_context(ward.bus(WITNESS))
+        heard = witness.subscribe(keys.everything(WARD), capacity=2 * total + 1000)
+        time.sleep(SETTLED_S)
+        for who in MEMBERS:
+            bus = stack.enter_context(ward.bus(who))
+            for kind, key in KEYS.items():
+                publisher, payload = bus.publisher(key), f"{who} {kind}".encode()
+                for _ in range(count):
+                    publisher.put(payload)
+                _count(said, heard.drain(1 << 20, 0.0))
+        _count_all(said, lambda: heard.drain(1 << 20, SETTLED_S), total)
+    return said
+
+
+def heard(ward: GuardedWard, count: int) -> Counts:
+    """Who may says everything `count` times; everybody listens to everything, kind by kind, exactly as wide as a key."""
+    said, total = Counts(), sum(len(kinds) for kinds in MAY_HEAR.values()) * count
+    with ExitStack() as stack:
+        subscriptions = [
+            (who, kind, bus.subscribe(key, capacity=2 * count + 10))
+            for who in MEMBERS
+            for bus in [stack.enter_context(ward.bus(who))]
+            for kind, key in KEYS.items()
+        ]
+        sources = {who: stack.enter_context(ward.bus(who)) for who in set(SOURCES.values())}
+        time.sleep(SETTLED_S)
+        for kind, key in KEYS.items():
+            publisher = sources[SOURCES[kind]].publisher(key)
+            for _ in range(count):
+                publisher.put(b"x")
+        deadline, quiet = time.monotonic() + 60, 0.0
+        while time.monotonic() < deadline and quiet < SETTLED_S:
+            before = sum(said.values())
+            for who, kind, subscription in subscriptions:
+                said[who, kind] += len(subscription.drain(1 << 20, 0.0))
+            time.sleep(0.05)
+            done = sum(said.values()) >= total or before > 0
+            quiet = quiet + 0.05 if done and sum(said.values()) == before else 0.0
+    return +said
+
+
+def asked(ward: GuardedWard, count: int) -> Counts:
+    """Who may keeps `count` messages of everything; everybody asks for the history of every key."""
+    said = Counts()
+    with ExitStack() as stack:
+        sources = {who: stack.enter_context(ward.bus(who)) for who in set(SOURCES.values())}
+        for kind, key in KEYS.items():
+            publisher = sources[SOURCES[kind]].publisher(key, cache=count)
+            for _ in range(count):
+                publisher.put(b"x")
+        time.sleep(SETTLED_S)
+        for who in MEMBERS:
+            bus = stack.enter_context(ward.bus(who))
+            for kind, key in KEYS.items():
+                said[who, kind] = sum(1 for _ in bus.past(key, count + 1))
+    return +said
+
+
+def lived(ward: GuardedWard) -> tuple[Counts, Counts]:
+    """Whose tokens a witness sees of all that everybody declares; and which of the true ones everybody sees."""
+    declared, seen = Counts(), Counts()
+    for who in MEMBERS:
+        with ward.bus(WITNESS) as witness, ward.bus(who) as bus:
+            found: dict[str, bool] = {}
+            witness.watch_alive(f"{keys.ROOT}/{WARD}/alive/**", found.__setitem__)
+            tokens = [bus.declare_alive(key) for key in TOKENS.values()]
+            time.sleep(SETTLED_S)
+            declared.update((who, kind) for kind, key in TOKENS.items() if found.get(key))
+            del tokens
+    with ward.bus("bridge:b1") as b1, ward.bus("estimator:e1") as e1, ExitStack() as stack:
+        for bus, kind in ((b1, "bridge b1"), (b1, "device d1"), (e1, "estimator e1")):
+            bus.declare_alive(TOKENS[kind])
+        watched = []
+        for who in MEMBERS:
+            listener = stack.enter_context(ward.bus(who))
+            found = {}
+            for key in TOKENS.values():
+                listener.watch_alive(key, found.__setitem__)
+            watched.append((who, found))
+        time.sleep(SETTLED_S)
+        for who, found in watched:
+            seen.update((who, kind) for kind, key in TOKENS.items() if found.get(key))
+    return declared, seen
+
+
+def commanded(ward: GuardedWard) -> Counts:
+    """Who gets an answer from an estimator; and whose answers to a command its asker takes."""
+    said, key = Counts(), keys.build(WARD, "rpc", device="d1", verb="note")
+    with ward.bus("estimator:e1") as e1, ExitStack() as stack:
+        e1.answer(keys.pattern(WARD, "rpc"), lambda _, payload: payload)
+        for who in MEMBERS:
+            if who != "estimator:e1":
+                said[who, "asks"] = _answered(stack.enter_context(ward.bus(who)), key)
+    for who in MEMBERS:
+        if who != "commander:c1":
+            with ward.bus(who) as bus, ward.bus("commander:c1") as commander:
+                bus.answer(keys.pattern(WARD, "rpc"), lambda _, payload: payload)
+                time.sleep(0.1)
+                said[who, "answers"] = _answered(commander, key)
+    return +said
+
+
+def _answered(bus: ZenohBus, key: str) -> int:
+    try:
+        return int(bus.ask(key, b"please", 2.0) == b"please")
+    except BusError:
+        return 0
+
+
+def _count(said: Counts, messages: list[Message]) -> None:
+    for message in messages:
+        who, _, kind = message.payload.decode().partition(" ")
+        if KEYS[kind] == message.key:
+            said[who, kind] += 1
+
+
+def _count_all(said: Counts, drain: Callable[[], list[Message]], total: int) -> None:
+    """Until all that is allowed has come, and then nothing more does."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        messages = drain()
+        _count(said, messages)
+        if not messages and sum(said.values()) >= total:
+            return
