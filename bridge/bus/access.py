@@ -66,7 +66,7 @@ def rights(ward: str, member: Member) -> Rights:
 
 
 def access_control(places: Sequence[tuple[str, Member]]) -> dict[str, Any]:
-    """zenoh's `access_control`, for a router: who has the rights of its role in which ward."""
+    """A router's `access_control`: who has the rights of its role in which ward."""
     rules: dict[str, list[dict[str, Any]]] = {}
     for ward, member in places:
         rules.setdefault(member.common_name, []).extend(_rules(ward, member))

@@ -1,0 +1,237 @@
+"""`truerate pki`: pairs that are whole, keys that nobody else reads, words on what is wrong, an exit code for monitoring."""
+
+import json
+import stat
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+
+from bridge.pki.authority import Pair, hosts_of, issue, new_authority
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.identity import Identity, certificates, common_name, faults
+from bridge.pki.member import Member, Role
+from estimator.cli import main
+
+DAY = timedelta(days=1)
+B1 = Member.parse("bridge:b1")
+
+
+@pytest.fixture
+def pki(tmp_path: Path) -> Path:
+    made = tmp_path / "pki"
+    assert main(["pki", "init", "--ward", "w", "--folder", str(made)]) == 0
+    assert main(["pki", "issue", "bridge:b1", "viewer:hall", "--folder", str(made)]) == 0
+    return made
+
+
+def run(pki: Path, *arguments: str) -> int:
+    return main(["pki", *arguments, "--folder", str(pki)])
+
+
+@pytest.mark.parametrize("text", ["bridge:b1", "router:r-1", "estimator:e_1:2"])
+def test_a_common_name_says_the_member_and_back(text: str) -> None:
+    assert Member.parse(text).common_name == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "bridge",
+        "bridge:",
+        "nurse:n1",
+        "bridge:B1",
+        "bridge:../x",
+        "bridge:b1:1",
+        "bridge:b1:",
+        "bridge:b1:x",
+        "bridge:*",
+    ],
+)
+def test_what_is_no_member_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"no role and name|is not valid|no generation"):
+        Member.parse(text)
+
+
+def test_private_keys_are_for_their_owner_alone(pki: Path) -> None:
+    keys = list(pki.glob("*.key"))
+    assert len(keys) == 3
+    assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
+    assert stat.S_IMODE(pki.stat().st_mode) == 0o700
+
+
+def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
+    assert run(pki, "issue", "router:r", "--host", "10.0.0.5", "--host", "ward.example", "--days", "3") == 0
+    path, key = pki / "router.r.pem", (pki / "router.r.key").read_bytes()
+    before = certificates(str(path))[0]
+    assert run(pki, "renew", "--soon") == 0
+    after = certificates(str(path))[0]
+    assert (pki / "router.r.key").read_bytes() == key
+    assert hosts_of(after) == hosts_of(before) == ["ward.example", "10.0.0.5"]
+    assert common_name(after) == "router:r"
+    assert after.not_valid_after_utc - before.not_valid_after_utc > 80 * DAY
+    assert not list(pki.glob(".*"))
+
+
+def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {path.name: path.read_bytes() for path in pki.iterdir()}
+
+    def fails(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("bridge.pki.folder.os.fsync", fails)
+    assert run(pki, "renew", "bridge:b1") == 1
+    assert {path.name: path.read_bytes() for path in pki.iterdir()} == before
+
+
+def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "show") == 0
+    assert run(pki, "issue", "estimator:e1", "--days", "13") == 0
+    capsys.readouterr()
+    assert run(pki, "show", "--json") == 1
+    shown = json.loads(capsys.readouterr().out)["certificates"]
+    assert {one["who"]: one["trouble"] for one in shown} == {
+        "": "",
+        "b1": "",
+        "hall": "",
+        "e1": "expires soon: truerate pki renew estimator:e1",
+    }
+    assert [one["role"] for one in shown] == ["authority", "bridge", "estimator", "viewer"]
+
+
+def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "revoke", "bridge:b1", "--reason", "left\non a bus") == 0
+    assert run(pki, "renew", "bridge:b1") == 2
+    assert run(pki, "issue", "bridge:b1") == 0
+    assert run(pki, "revoke", "bridge:b1", "--reason", "again") == 0
+    assert run(pki, "issue", "bridge:b1") == 0
+    capsys.readouterr()
+    assert run(pki, "revoke-list") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["bridge:b1", "bridge:b1:2"]
+    assert lines[0].endswith("left on a bus")
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447") == 0
+    written = capsys.readouterr().out
+    assert '"cert_common_names": ["bridge:b1:3"]' in written
+    assert '"bridge:b1"' not in written
+    assert '"bridge:b1:2"' not in written
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["init"], "there is an authority here already"),
+        (["issue", "bridge:b1"], "is there already"),
+        (["issue", "router:r"], "say --host NAME"),
+        (["issue", "nurse:n"], "is no role and name"),
+        (["issue", "bridge:b2", "--days", "0"], "1 or more is taken"),
+        (["issue", "bridge:b2", "--days", "9999"], "the authority itself ends on"),
+        (["renew", "bridge:b2"], "there is none to renew"),
+        (["revoke", "bridge:b2"], "no certificate that could be revoked"),
+        (["router", "viewer:hall", "--ward", "w", "--listen", "tls/127.0.0.1:1"], "is no router"),
+        (["router", "router:r", "--ward", "w", "--listen", "here"], "is no endpoint"),
+    ],
+)
+def test_what_cannot_be_is_said(
+    arguments: list[str], words: str, pki: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(pki, *arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+def other_key(pki: Path) -> Identity:
+    return Identity(f"{pki}/ca.pem", f"{pki}/bridge.b1.pem", f"{pki}/viewer.hall.key")
+
+
+def open_key(pki: Path) -> Identity:
+    (pki / "bridge.b1.key").chmod(0o644)
+    return Folder(pki).identity(B1)
+
+
+def locked_key(pki: Path) -> Identity:
+    key = rsa.generate_private_key(65537, 2048)
+    form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    (pki / "bridge.b1.key").write_bytes(key.private_bytes(*form, serialization.BestAvailableEncryption(b"x")))
+    return Folder(pki).identity(B1)
+
+
+def other_authority(pki: Path) -> Identity:
+    (pki / "ca.pem").write_bytes(new_authority("another", utc_now()).certificate)
+    return Folder(pki).identity(B1)
+
+
+def no_file(pki: Path) -> Identity:
+    (pki / "bridge.b1.key").unlink()
+    return Folder(pki).identity(B1)
+
+
+def no_certificate(pki: Path) -> Identity:
+    (pki / "bridge.b1.pem").write_text("hello")
+    return Folder(pki).identity(B1)
+
+
+def for_a_viewer(pki: Path) -> Identity:
+    return Folder(pki).identity(Member.parse("viewer:hall"))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (other_key, "not the key of"),
+        (open_key, "chmod 600"),
+        (locked_key, "locked with a password"),
+        (other_authority, "not signed by"),
+        (no_file, "there is no such file"),
+        (no_certificate, "no certificate in PEM"),
+        (for_a_viewer, "for viewer:hall, where a bridge is to be run"),
+    ],
+)
+def test_files_from_elsewhere_are_looked_through(make: object, words: str, pki: Path) -> None:
+    assert callable(make)
+    assert [fault for fault in faults(make(pki), utc_now(), (Role.BRIDGE,)) if words in fault]
+
+
+def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_path: Path) -> None:
+    assert faults(Folder(pki).identity(B1), utc_now(), (Role.BRIDGE,)) == []
+    for name, days in (("expired", 91), ("early", -1)):
+        assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
+    root = new_authority("root", utc_now())
+    middle = _between(root)
+    own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
+    for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
+        (tmp_path / name).write_bytes(content)
+        (tmp_path / name).chmod(0o600)
+    files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
+    (tmp_path / "own.pem").write_bytes(own.certificate)
+    assert [fault for fault in faults(files, utc_now()) if "what lies between" in fault]
+    (tmp_path / "own.pem").write_bytes(own.certificate + middle.certificate)
+    assert faults(files, utc_now()) == []
+
+
+def _between(root: Pair) -> Pair:
+    """An authority that another one vouches for."""
+    made = new_authority("between", utc_now())
+    subject = x509.load_pem_x509_certificate(made.certificate)
+    above = x509.load_pem_x509_certificate(root.certificate)
+    key = serialization.load_pem_private_key(root.key, None)
+    from cryptography.hazmat.primitives import hashes
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    assert isinstance(key, ec.EllipticCurvePrivateKey)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(subject.subject)
+        .issuer_name(above.subject)
+        .public_key(subject.public_key())
+        .serial_number(7)
+        .not_valid_before(utc_now() - DAY)
+        .not_valid_after(utc_now() + 30 * DAY)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    )
+    return Pair(builder.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM), made.key)

@@ -1,0 +1,160 @@
+"""A ward's file says who a program is; what does not fit is said before anybody is asked, across files too."""
+
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from bridge.bus import router_file
+from bridge.config import Bus, ConfigError
+from bridge.pki.authority import Pair, issue
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.member import Member, Role
+from estimator.cli import main
+
+TEXT = """
+ward = "w"
+[bus]
+connect = ["tls/127.0.0.1:7447"]
+ca = "{pki}/ca.pem"
+certificate = "{pki}/{who}.pem"
+key = "{pki}/{who}.key"
+"""
+BRIDGE = """
+[bridge]
+id = "b1"
+[[bridge.devices]]
+id = "{device}"
+driver = "simulated"
+"""
+ESTIMATOR = """
+[estimator]
+id = "e1"
+"""
+
+
+class Files:
+    """An authority with members, a router's file, and the files of two machines."""
+
+    def __init__(self, path: Path) -> None:
+        self.pki = Folder(path / "pki")
+        self.pki.make("w", utc_now())
+        router = Member.parse("router:r")
+        self.pki.issue(router, utc_now(), hosts=("127.0.0.1",))
+        for who in ("bridge:b1", "estimator:e1", "viewer:hall", "bridge:b2"):
+            self.pki.issue(Member.parse(who), utc_now())
+        self.router, self.one, self.two = (path / name for name in ("router.json5", "one.toml", "two.toml"))
+        places = [("w", Member.parse(who)) for who in ("bridge:b1", "estimator:e1", "viewer:hall")]
+        settings = router_file.guarded(["tls/0.0.0.0:7447"], self.pki.identity(router), places)
+        self.router.write_text(router_file.rendered(settings, "a router"), "utf-8")
+        self.write("bridge.b1", "estimator.e1")
+
+    def write(self, one: str, two: str, *, device: str = "d1", more: str = "") -> None:
+        self.one.write_text(TEXT.format(pki=self.pki.path, who=one) + BRIDGE.format(device=device), "utf-8")
+        self.two.write_text(TEXT.format(pki=self.pki.path, who=two) + ESTIMATOR + more, "utf-8")
+
+    def check(self) -> int:
+        return main(["config", "check", str(self.one), str(self.two), str(self.router)])
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
+
+
+def test_files_that_go_together_are_right(files: Files, capsys: pytest.CaptureFixture[str]) -> None:
+    assert files.check() == 0
+    assert capsys.readouterr().out.count(": right.") == 3
+
+
+def another_bridge(files: Files) -> None:
+    files.write("bridge.b2", "estimator.e1")
+
+
+def a_viewers(files: Files) -> None:
+    files.write("bridge.b1", "router.r")
+
+
+def another_port(files: Files) -> None:
+    files.two.write_text(files.two.read_text().replace(":7447", ":7448"))
+
+
+def one_device_twice(files: Files) -> None:
+    files.write("bridge.b1", "estimator.e1", more=BRIDGE.format(device="d1").replace("b1", "b7"))
+
+
+def expired(files: Files) -> None:
+    here = files.pki.path
+    ca = Pair((here / "ca.pem").read_bytes(), (here / "ca.key").read_bytes())
+    key, day = (here / "bridge.b1.key").read_bytes(), timedelta(days=1)
+    pair = issue(ca, Member.parse("bridge:b1"), utc_now() - 2 * day, utc_now() - day, key=key)
+    (here / "bridge.b1.pem").write_bytes(pair.certificate)
+
+
+def a_key_for_all(files: Files) -> None:
+    (files.pki.path / "bridge.b1.key").chmod(0o644)
+
+
+def unknown(files: Files) -> None:
+    files.router.write_text(
+        files.router.read_text().replace("bridge:b1", "bridge:b9").replace("bridge/b1", "bridge/b9")
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (another_bridge, "the certificate is for bridge:b2; of [bridge] its id is 'b1'"),
+        (a_viewers, "for router:r, where a"),
+        (another_port, "no router listens at tls/127.0.0.1:7448; they do at tls/0.0.0.0:7447"),
+        (one_device_twice, "device 'd1' of ward 'w' is in"),
+        (expired, "expired on"),
+        (a_key_for_all, "chmod 600"),
+        (unknown, "no router knows bridge:b1"),
+    ],
+)
+def test_what_does_not_go_together_is_said(
+    wrong: Callable[[Files], None], words: str, files: Files, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong(files)
+    assert files.check() == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"connect": ("tls/10.0.0.5:7447",)}, "needs ca, certificate and key"),
+        ({"connect": ("tls/10.0.0.5:7447",), "ca": "a", "key": "b"}, "certificate missing"),
+        ({"connect": ("tcp/10.0.0.5:7447",), "ca": "a", "key": "b", "certificate": "c"}, "shows nobody a certificate"),
+    ],
+)
+def test_a_bus_table_is_whole_or_refused(given: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Bus(**given)  # type: ignore[arg-type]
+
+
+def test_a_role_that_would_be_denied_silently_says_so_itself(files: Files, capsys: pytest.CaptureFixture[str]) -> None:
+    files.write("viewer.hall", "viewer.hall")
+    for arguments, needed in (
+        (["bridge", "run", str(files.one)], "a certificate for bridge:b1 is needed"),
+        (["estimator", "serve", str(files.two)], "a certificate for estimator:e1 is needed"),
+        (["recalibrate", "d1", "--config", str(files.one)], "a certificate for commander is needed"),
+        (["note", "d1", "sat up", "--config", str(files.one)], "a certificate for commander is needed"),
+        (["record", "--config", str(files.one)], "a certificate for recorder is needed"),
+    ):
+        assert main(arguments) == 2
+        assert needed in capsys.readouterr().err
+
+
+def test_a_plain_bus_asks_nobody_who_he_is() -> None:
+    assert Bus().routers_as(Role.BRIDGE, name="b1").identity is None
+
+
+def test_another_name_of_the_role_is_no_better(files: Files) -> None:
+    identity = files.pki.identity(Member.parse("bridge:b2"))
+    bus = Bus(connect=("tls/127.0.0.1:1",), ca=identity.ca, certificate=identity.certificate, key=identity.key)
+    assert bus.routers_as(Role.BRIDGE, name="b2").identity == identity
+    with pytest.raises(ConfigError, match="is for bridge:b2"):
+        bus.routers_as(Role.BRIDGE, name="b1")
