@@ -19,7 +19,7 @@ from bridge.pki.member import Member
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import WARD, GuardedWard, stranger
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward")]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: bad_identities")]
 
 B1, DAY = Member.parse("bridge:b1"), timedelta(days=1)
 RAW = keys.build(WARD, "raw", bridge="b1", device="d1")

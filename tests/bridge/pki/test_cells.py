@@ -13,7 +13,7 @@ from bridge.wire import keys
 from tests.bridge.pki import cells
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward")]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: cells")]
 
 COUNT = 100
 EVERY = keys.everything(WARD)

@@ -15,7 +15,7 @@ from bridge.pki.member import Member
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import HOSTS, free_port, running_router
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward")]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: joined_wards")]
 
 #: at which router -> who has the rights of its role in which ward
 PLACES = {

@@ -14,7 +14,7 @@ from bridge.pki.member import Member
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import WARD, GuardedWard
 
-pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward")]
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: renewal")]
 
 B1, B2 = Member.parse("bridge:b1"), Member.parse("bridge:b2")
 LASTS = timedelta(seconds=3)
