@@ -14,6 +14,7 @@ from bridge import cli_profiles, cli_scan, os_words
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
 from bridge.bus.routers import Routers
+from bridge.bus.self_test import self_test
 from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
 from bridge.console import plain_console
@@ -244,6 +245,8 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
         bus = connected(connect, stop, patient=patient)
         if bus is None:
             return _DONE
+        for words in self_test(bus, connect, ward):
+            _log.error("%s", words)
         with (
             bus,
             closing(alone(bus, ward, "bridge", bridge.id)),

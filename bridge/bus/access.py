@@ -6,7 +6,7 @@ heartbeats, its history and the news that it is there; `**` does not match it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bridge.pki.member import Member, Role
@@ -31,7 +31,13 @@ class Rights:
 
 
 def rights(ward: str, member: Member) -> Rights:
-    """Of a member of a ward."""
+    """Of a member of a ward; all may try, by a token of their own, whether a router knows them: see self_test."""
+    given = _rights(ward, member)
+    probe = (keys.build(ward, "alive/probe", role=member.role.value, name=member.name),)
+    return replace(given, says=given.says + probe, hears=given.hears + probe)
+
+
+def _rights(ward: str, member: Member) -> Rights:
     own = member.name
 
     def all_of(*whats: str) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "alive/device": ("device", "boot"),
     "alive/bridge": ("bridge",),
     "alive/estimator": ("estimator",),
+    "alive/probe": ("role", "name"),
     "rpc": ("device", "verb"),
 }
 MAX_KEY = 200

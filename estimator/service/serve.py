@@ -7,6 +7,7 @@ from contextlib import ExitStack, closing
 from importlib import import_module
 
 from bridge.bus.contract import Bus, BusError, Declared
+from bridge.bus.self_test import self_test
 from bridge.config import listening
 from bridge.health import Health
 from bridge.pki.member import Role
@@ -41,6 +42,8 @@ def run(ward: Ward) -> None:
             return
         stack.enter_context(data)
         stack.enter_context(control)
+        for words in self_test(control, routers, ward.ward):
+            log.error("%s", words)
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load)))
         from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
         from estimator.service.shell import Service  # noqa: PLC0415

@@ -12,6 +12,7 @@ from pathlib import Path
 import uvicorn
 
 from bridge.bus.contract import Bus
+from bridge.bus.self_test import self_test
 from bridge.config import listening
 from bridge.pki.member import Role
 from bridge.process import connected
@@ -112,6 +113,8 @@ async def _serve(server: Server, ward: Ward) -> None:
     def find() -> None:
         data, control = (connected(routers, stop, patient=True) for _ in range(2))
         buses.extend(bus for bus in (data, control) if bus is not None)
+        for words in self_test(control, routers, ward.ward) if control is not None else ():
+            log.error("%s", words)
         if data is not None and control is not None:
             with contextlib.suppress(RuntimeError):  # the loop is closed: it is over
                 loop.call_soon_threadsafe(server.connect, data, control)

@@ -1,0 +1,59 @@
+"""Whether a router's rules let us do what our role may, and nothing else: tried with a token, since denials are silent."""
+
+import threading
+from collections.abc import Callable, Sequence
+
+from bridge.bus.contract import Bus, BusError
+from bridge.bus.routers import Routers
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.pki.identity import member_of
+from bridge.wire import keys
+
+WAIT_S = 2.0
+_NOBODY = "nobody"
+
+
+def self_test(
+    bus: Bus, routers: Routers, ward: str, open_bus: Callable[[Sequence[str]], Bus] = ZenohBus, wait_s: float = WAIT_S
+) -> list[str]:
+    """What is wrong, in words; nothing where no certificates are asked for.
+
+    A second session shows two tokens, first one that nobody may show, then our own; `bus` must see only the second.
+    """
+    if routers.identity is None:
+        return []
+    member = member_of(routers.identity)
+    own = keys.build(ward, "alive/probe", role=member.role.value, name=member.name)
+    forbidden = keys.build(ward, "alive/probe", role=_NOBODY, name=_NOBODY)
+    seen, arrived = set[str](), threading.Event()
+
+    def on_change(key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        if alive:
+            seen.add(key)
+            if key == own:
+                arrived.set()
+
+    where = ", ".join(routers)
+    watches = [bus.watch_alive(key, on_change) for key in (forbidden, own)]
+    try:
+        with open_bus(routers) as other:
+            other.declare_alive(forbidden)
+            other.declare_alive(own)
+            arrived.wait(wait_s)
+    except BusError as error:
+        return [f"it could not be tried what {where} lets {member.common_name} do: {error}"]
+    finally:
+        for watch in watches:
+            watch.close()
+    wrong = []
+    if own not in seen:
+        wrong.append(
+            f"the router at {where} drops all that {member.common_name} says and hears in ward {ward}: its rules do not name it,"
+            " or the name was revoked; write its file anew (truerate pki router) and start it again"
+        )
+    if forbidden in seen:
+        wrong.append(
+            f"the router at {where} has no rules: whoever has a certificate may do everything in ward {ward}; give it a file"
+            " that `truerate pki router` wrote"
+        )
+    return wrong

@@ -1,0 +1,61 @@
+"""A program that a router denies everything says so itself, and so does one whose router denies nobody anything."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.bus.routers import Routers
+from bridge.bus.self_test import self_test
+from bridge.pki.folder import utc_now
+from bridge.pki.member import Member
+from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
+
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: self test")]
+
+
+def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) -> None:
+    ward = GuardedWard(tmp_path / "pki")
+    ward.folder.issue(Member.parse("bridge:late"), utc_now())  # the router's file is older
+    config = tmp_path / "late.toml"
+    files = ward.routers("bridge:late").identity
+    assert files is not None
+    config.write_text(
+        f'ward = "{WARD}"\n[bus]\nconnect = ["{ward.endpoint}"]\nca = "{files.ca}"\ncertificate = "{files.certificate}"\n'
+        f'key = "{files.key}"\n[bridge]\nid = "late"\n[[bridge.devices]]\nid = "d"\ndriver = "simulated"\n'
+    )
+    with ward.running():
+        for who in MEMBERS:
+            with ward.bus(who) as bus:
+                assert self_test(bus, ward.routers(who), WARD) == []
+        with ward.bus("bridge:b1") as bus:  # of another ward
+            assert [
+                words for words in self_test(bus, ward.routers("bridge:b1"), "w2", wait_s=0.5) if "drops all" in words
+            ]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "estimator.cli", "bridge", "run", str(config)], stderr=subprocess.PIPE, text=True
+        )
+        try:
+            assert process.stderr is not None
+            deadline, said = time.monotonic() + 20, ""
+            while "drops all that bridge:late says" not in said:
+                said = process.stderr.readline()
+                assert said, "it ended without a word"
+                assert time.monotonic() < deadline
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def test_a_router_without_rules_is_told_of(tmp_path: Path) -> None:
+    ward = GuardedWard(tmp_path / "pki")
+    ward.file.write_text(ward.file.read_text().replace('"default_permission": "deny"', '"default_permission": "allow"'))
+    with ward.running(), ward.bus("viewer:v1") as bus:
+        assert [words for words in self_test(bus, ward.routers("viewer:v1"), WARD) if "has no rules" in words]
+
+
+def test_a_plain_bus_has_nothing_to_try() -> None:
+    assert self_test(MemoryBus(MemoryBroker()), Routers(("tcp/127.0.0.1:1",)), WARD) == []
