@@ -17,6 +17,7 @@ from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, check, check_endpoints, listening, load
+from bridge.config import Bus as BusTable
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
@@ -167,26 +168,26 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    ward, connect = _ward_of(args)
+    ward, table = _ward_of(args)
     # A bad file is said at once, not tried again and again.
     tables = _of_a_ward(args) if args.file.suffix == ".mcap" else _of_a_device(args)
     bridge = Bridge(
         id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
         devices=tuple(Device.from_table(table) for table in tables),
     )
-    return _serve(ward, bridge, connect, patient=False)
+    return _serve(ward, bridge, table.routers_as(Role.BRIDGE, name=bridge.id), patient=False)
 
 
-def _ward_of(args: argparse.Namespace) -> tuple[str, Routers]:
-    """The ward's name and its routers."""
+def _ward_of(args: argparse.Namespace) -> tuple[str, BusTable]:
+    """The ward's name, and [bus]."""
     root = load(args.config, Root) if args.config else Root(ward=args.ward or "ward")
     bus = replace(root.bus, connect=check_endpoints(args.connect, "--connect")) if args.connect else root.bus
-    connect = bus.routers
-    return check(args.ward or root.ward, "--ward"), connect
+    return check(args.ward or root.ward, "--ward"), bus
 
 
 def _shown(args: argparse.Namespace) -> int:
-    ward, connect = _ward_of(args)
+    ward, table = _ward_of(args)
+    connect = table.routers_as(*(() if args.raw else (Role.VIEWER,)), Role.COMMANDER, Role.RECORDER)
     devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
     if len(devices) > MOST_DEVICES:
         raise ValueError(f"{len(devices)} devices are to be shown; at most {MOST_DEVICES} can be")

@@ -135,14 +135,23 @@ def test_a_bus_table_is_whole_or_refused(given: dict[str, object], words: str) -
         Bus(**given)  # type: ignore[arg-type]
 
 
-def test_a_role_that_would_be_denied_silently_says_so_itself(files: Files, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_role_that_would_be_denied_silently_says_so_itself(
+    files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     files.write("viewer.hall", "viewer.hall")
+    session = tmp_path / "session.csv"
+    session.write_text("t_s,gx_dps,gy_dps,gz_dps\n" + "".join(f"{n / 100},0,0,0\n" for n in range(50)))
     for arguments, needed in (
         (["bridge", "run", str(files.one)], "a certificate for bridge:b1 is needed"),
         (["estimator", "serve", str(files.two)], "a certificate for estimator:e1 is needed"),
         (["recalibrate", "d1", "--config", str(files.one)], "a certificate for commander is needed"),
         (["note", "d1", "sat up", "--config", str(files.one)], "a certificate for commander is needed"),
         (["record", "--config", str(files.one)], "a certificate for recorder is needed"),
+        (["bridge", "ximu3", "--raw", "--config", str(files.one)], "a certificate for commander or recorder is needed"),
+        (
+            ["bridge", "replay", str(session), "--device", "d1", "--config", str(files.one)],
+            "for bridge:replay-d1 is needed",
+        ),
     ):
         assert main(arguments) == 2
         assert needed in capsys.readouterr().err
