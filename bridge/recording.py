@@ -16,6 +16,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
 
-__all__ = ["Recording", "RecordingError", "load"]
+__all__ = ["Recording", "RecordingError", "Told", "load"]
 
 _log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
@@ -44,13 +45,22 @@ _LIMITS = {
 }
 
 
+class Told(NamedTuple):
+    """The samples as a bridge sent them: ticks (n,) of tick_period_s of the device's clock, sequence (n,), flags (n,)."""
+
+    ticks: NDArray[np.uint64]
+    tick_period_s: float
+    sequence: NDArray[np.int64]
+    flags: NDArray[np.uint32]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
 
     rate_hz: as the file says, or the median of the steps of time. gyro_range: full scale, rad/s; 0 when unknown.
     made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
-    of its first sample.
+    of its first sample; told: as they came.
     """
 
     time_s: Floats
@@ -62,6 +72,7 @@ class Recording:
     gyro_range: float = 0.0
     made: tuple[Calibration, ...] = ()
     begin_ns: int = 0
+    told: Told | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -70,6 +81,11 @@ class Recording:
     def ticks(self) -> NDArray[np.uint64]:
         """(n,) the time of each sample in ticks of TICK_S."""
         return np.rint(self.time_s / TICK_S).astype(np.uint64)
+
+    @property
+    def device_time(self) -> Floats:
+        """(n,) seconds by the device's clock, where that is known: windows begin where they began live."""
+        return self.time_s if self.told is None else np.asarray(self.told.ticks * self.told.tick_period_s, np.float64)
 
     @property
     def sequence(self) -> NDArray[np.int64]:
@@ -144,6 +160,7 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
         gyro_range=of.info.gyro_range if of.info else 0.0,
         made=tuple(made),
         begin_ns=int(of.time_ns[0]),
+        told=Told(of.ticks, of.tick_period_s, of.sequence, of.flags),
     )
 
 

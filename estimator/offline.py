@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.faults import SensorFaults
 from bridge.readings import PLAUSIBLE
-from bridge.recording import TICK_S, Recording, RecordingError
+from bridge.recording import TICK_S, Recording, RecordingError, Told
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
 from bridge.wire.refusal import Tally
 from bridge.wording import count
@@ -149,7 +149,7 @@ class _Pass:
             remembered = Remembered(replace(known, boot=_BOOT + other_boot), None)
             self._matrices[known.id] = known.matrix
             self._names[known.id] = known.id
-        self._session.begin_boot(_BOOT, 0.0, remembered)
+        self._session.begin_boot(_BOOT, float(recording.device_time[0]), remembered)
 
     def take(self, samples: SampleBatch) -> None:
         self._note(self._session.handle(samples))
@@ -212,7 +212,8 @@ def _foreign(known: Calibration, recording: Recording) -> str | None:
 def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[SampleBatch]:
     """A recording as a bridge publishes it: runs of consecutive samples, at most `size` long, faulty ones marked."""
     _check_range(recording, gyro_range)
-    sequence, ticks, flags = recording.sequence, recording.ticks, _flags(recording, gyro_range)
+    told = recording.told or Told(recording.ticks, TICK_S, recording.sequence, _flags(recording, gyro_range))
+    sequence, ticks, flags = told.sequence, told.ticks, told.flags.copy()
     holes = np.flatnonzero(np.diff(sequence) != 1) + 1
     after_hole = set(holes.tolist())
     edges = np.unique(np.concatenate([np.arange(0, len(recording), size), holes, [len(recording)]])).tolist()
@@ -226,7 +227,7 @@ def _batches(recording: Recording, gyro_range: float, size: int) -> Iterator[Sam
             sequence=int(sequence[start]),
             receive_time_ns=0,
             start_time_ns=0,
-            tick_period_s=TICK_S,
+            tick_period_s=told.tick_period_s,
             clock_rate=1.0,
             ticks=ticks[start:end],
             gyro=recording.gyro[start:end].astype(np.float32),

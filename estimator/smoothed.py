@@ -29,9 +29,10 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
         raise RecordingError(f"{recording.name}: nothing to smooth: it has no evidence of the bias; use --realtime")
     time, bias, std = found.time, found.bias, found.std
     walk = session.knobs.track.bias.rate_random_walk
+    device_time = recording.device_time
     for start in range(0, len(recording), _ROWS):
         part = slice(start, start + _ROWS)
-        now = recording.time_s[part]
+        now = device_time[part]
         outside_s = np.maximum(0.0, np.maximum(time[0] - now, now - time[-1]))
         bias_now = _between(now, time, bias)
         bias_std = np.hypot(_between(now, time, std), walk * np.sqrt(outside_s)[:, None])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bridge.drivers.replayed import Playback
 from bridge.drivers.takes import Take
 from bridge.intake import Intake
-from bridge.recording import Recording, RecordingError, load
+from bridge.recording import Recording, RecordingError, Told, load
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
@@ -299,3 +299,17 @@ def test_a_real_bias_is_tracked_through_rests(shared_data: Path) -> None:
     rest = of.gyro[np.flatnonzero(moving)[-1] + round(of.rate_hz) :]
     assert (found.quality[-1]) == Quality.BIAS_ONLY
     np.testing.assert_allclose(np.degrees(found.bias[-1]), np.degrees(rest.mean(axis=0)), atol=0.01)
+
+
+def test_of_a_ward_it_is_what_was_published_whenever_the_device_was_switched_on(worn: Stream) -> None:
+    later = replace(
+        worn, ticks=worn.ticks + 309_615
+    )  # no half second begins where it begins by the recording's own time
+    device = DeviceSession(NAME, knobs_of(load_model(GENERIC)))
+    live = rates([*feed(device, later.batches()).corrected, *device.end().corrected])
+    flags = np.zeros(len(later), np.uint32)
+    told = Told(later.ticks.astype(np.uint64), 1e-6, np.arange(len(later)), flags)
+    offline = correct(replace(recorded(worn), told=told))
+    np.testing.assert_array_equal(offline.rate.astype(np.float32), live)
+    elsewhere = correct(recorded(worn)).rate.astype(np.float32)
+    assert not np.array_equal(elsewhere, live), "the windows of a device's own time are others"
