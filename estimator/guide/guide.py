@@ -1,5 +1,6 @@
 """From what is said of a device and what it reads to what a person is told now. Pure: messages in, Told out."""
 
+from dataclasses import replace
 from math import pi
 
 from bridge.wire.messages import SampleBatch, State, Status
@@ -56,11 +57,14 @@ class Guide:
 
     def told(self) -> Told:
         """What is to be told now."""
+        return replace(self._now(), rebooted=self._rebooted, ways=(self._way(0), self._way(1), self._way(2)))
+
+    def _now(self) -> Told:
         status = self._status
         if status is None or status.state in (State.UNKNOWN, State.LOST):
-            return Told(Step.AWAY, Picture.NOTHING, Words("away"), rebooted=self._rebooted)
+            return Told(Step.AWAY, Picture.NOTHING, Words("away"))
         if status.state is State.WARMING:
-            return Told(Step.WARM, Picture.EDGE, Words("warm"), needed=self._order(()), rebooted=self._rebooted)
+            return Told(Step.WARM, Picture.EDGE, Words("warm"), needed=self._order(()))
         if status.state in _CALIBRATED:
             return self._over(status)
         return self._under_way(status)
@@ -82,15 +86,13 @@ class Guide:
         if status.state is State.AWAITING_STILL:
             return Told(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
-                rebooted=self._rebooted,
             )  # fmt: skip
         if hand.moved and self._judging(status):
             return self._turning(status, done, needed)
         axis = needed[0] if needed else 0
-        key = f"{'again' if wrong else 'turn'}_{self._picture(axis)}"
+        key = f"{'again' if wrong else 'turn'}_{self._way(axis)}"
         return Told(
-            Step.TURN, self._picture(axis), Words(key, {"axis": AXES[axis]}), 0.0, 0.0, axis, done, needed, wrong,
-            self._rebooted,
+            Step.TURN, self._way(axis), Words(key, {"axis": AXES[axis]}), 0.0, 0.0, axis, done, needed, wrong,
         )  # fmt: skip
 
     def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Told:
@@ -98,16 +100,15 @@ class Guide:
         axis = hand.axis
         about = axis if axis is not None else needed[0] if needed else 0
         angle = float(hand.turned[about]) * status.scale[about]
-        picture = self._picture(about)
+        picture = self._way(about)
         whole = abs(angle) >= _FULL / TurnKnobs().k_max
         if hand.settled or (hand.still_s > 0 and whole):
             return Told(
                 Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, angle, axis, done, needed,
-                rebooted=self._rebooted,
             )  # fmt: skip
         words = Words("turning") if axis is None else Words("turning_about", {"axis": AXES[axis]})
         ring = min(1.0, abs(angle) / _FULL)
-        return Told(Step.TURNING, picture, words, ring, angle, axis, done, needed, rebooted=self._rebooted)
+        return Told(Step.TURNING, picture, words, ring, angle, axis, done, needed)
 
     def _judging(self, status: Status) -> bool:
         """Whether a turn goes on, or is over and nothing was said of it yet."""
@@ -122,12 +123,17 @@ class Guide:
 
     def _order(self, done: tuple[int, ...]) -> tuple[int, ...]:
         """Axes that are still needed; the one that stands upright first: that turn is the easiest."""
-        upright = self.hand.upright
-        return tuple(sorted((axis for axis in range(3) if axis not in done), key=lambda axis: (axis != upright, axis)))
+        return tuple(
+            sorted((axis for axis in range(3) if axis not in done), key=lambda axis: (axis != self._upright, axis))
+        )
 
-    def _picture(self, axis: int) -> Picture:
-        """How it is turned about an axis; where nothing tells what is up, z is."""
-        upright = 2 if self.hand.upright is None else self.hand.upright
-        if axis == upright:
+    def _way(self, axis: int) -> Picture:
+        """How it is turned about an axis."""
+        if axis == self._upright:
             return Picture.FLAT
-        return Picture.ALONG if axis == min({0, 1, 2} - {upright}) else Picture.ACROSS
+        return Picture.ALONG if axis == min({0, 1, 2} - {self._upright}) else Picture.ACROSS
+
+    @property
+    def _upright(self) -> int:
+        """The axis that stands upright; where nothing tells, that is z."""
+        return 2 if self.hand.upright is None else self.hand.upright

@@ -50,3 +50,4 @@ class Told:
     needed: tuple[int, ...] = ()
     wrong: tuple[Words, ...] = ()
     rebooted: bool = False
+    ways: tuple[Picture, Picture, Picture] = (Picture.ALONG, Picture.ACROSS, Picture.FLAT)

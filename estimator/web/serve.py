@@ -16,7 +16,7 @@ from bridge.config import listening
 from bridge.process import connected
 from estimator.client import Client
 from estimator.config import Ward
-from estimator.web import device_topics, topics, ward_topics
+from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
@@ -24,7 +24,7 @@ from estimator.web.hub import Hub
 from estimator.web.known import Known
 from estimator.web.settings import Dashboard
 
-__all__ = ["Server", "device_topics", "run", "ward_topics"]
+__all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 
