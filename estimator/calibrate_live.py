@@ -37,9 +37,9 @@ def calibrate(
         while True:
             for batch in samples.drain(LOOK_S):
                 guide.take_samples(batch)
-            for one in statuses.drain():
-                status = one
-                guide.take_status(one)
+            if (latest := statuses.latest()) is not None:  # what was said before somebody looked is over
+                status = latest
+                guide.take_status(latest)
             known.update({calibration.id: calibration for calibration in made.drain()})
             told = guide.told()
             if told.step is Step.IDLE and not asked:
@@ -119,9 +119,10 @@ def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
 def _end(
     console: Console, t: Texts, device: str, told: Told, status: Status | None, known: dict[str, Calibration]
 ) -> int:
-    console.print(
-        "\n".join(sentences(told, t)) if status is not None else f"{device}: {t('head.away')}", highlight=False
-    )
+    if status is None:
+        console.print(f"{device}: {t('head.away')}", highlight=False)
+    elif console.is_terminal:  # elsewhere it stands there already
+        console.print("\n".join(sentences(told, t)), highlight=False)
     calibration = known.get(status.calibration) if status is not None else None
     if told.step is not Step.DONE or calibration is None:
         return 0 if told.step is Step.DONE else 1

@@ -5,13 +5,15 @@ import threading
 import time
 
 import pytest
-from rich.console import Console
+from rich.console import Console, Group
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Piece, Still
-from estimator.calibrate_live import calibrate
+from estimator.calibrate_live import calibrate, panel
 from estimator.cli import main
 from estimator.client import Client
+from estimator.guide.reasons import Words
+from estimator.guide.steps import Picture, Step, Told
 from estimator.texts import texts
 from tests.estimator.stream import NAME
 from tests.web.played import Played
@@ -37,9 +39,9 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
 
     thread = threading.Thread(target=run)
     thread.start()
-    while skip and not talk.asked:
+    while skip and not talk.asked and thread.is_alive():
         time.sleep(0.02)
-    played.play(1000.0)
+    played.play(played._ends[-1] - played._time_s + 2.0)
     thread.join(30)
     talk.close()
     assert isinstance(console.file, io.StringIO)
@@ -49,7 +51,11 @@ def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[in
 def test_it_follows_the_hand_to_the_verdict() -> None:
     code, printed = guided(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
     assert code == 0
-    for words in ("Put it at the edge of the table, and let go", "Turn it all the way round, once.", "Done: it is calibrated"):
+    for words in (
+        "Put it at the edge of the table, and let go",
+        "Turn it all the way round, once.",
+        "Done: it is calibrated",
+    ):
         assert words in printed
     assert printed.index("Turn it round once, flat") < printed.index("Again: roll it over") < printed.index("Done:")
     assert "scale ± 95 %" in printed
@@ -76,6 +82,15 @@ def test_a_device_nobody_hears_of() -> None:
         assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
     assert isinstance(console.file, io.StringIO)
     assert "Nothing is heard of it" in console.file.getvalue()
+
+
+def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:
+    told = Told(Step.TURNING, Picture.FLAT, Words("turning_about", {"axis": "z"}), 0.5, 3.1416, 2, (0,), (2, 1))
+    console = Console(file=io.StringIO(), width=100)
+    console.print(Group(*panel(told, NAME, texts("en"))))
+    assert isinstance(console.file, io.StringIO)
+    for words in ("Calibrate chest", "Go on, all the way round", "180°", "x over, away: done", "z flat, round: to do"):
+        assert words in console.file.getvalue()
 
 
 @pytest.mark.parametrize(

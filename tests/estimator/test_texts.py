@@ -39,7 +39,10 @@ def test_everything_the_guide_says_has_a_text() -> None:
 
 
 def test_values_are_filled_in() -> None:
-    assert texts("en").say("wrong", Words("short", {"angle": "181"})) == "That was 181° only. Turn it all the way round, once."
+    assert (
+        texts("en").say("wrong", Words("short", {"angle": "181"}))
+        == "That was only about 181°. Turn it all the way round, once."
+    )
     assert "181°" in texts("zh").say("wrong", Words("short", {"angle": "181"}))
     # A name with braces in it is a name.
     assert texts("en").say("wrong", Words("cancelled", {"who": "{n}"})) == "{n} has cancelled."
