@@ -46,7 +46,7 @@ def show(
         "session": session,
         "said": session.take_said() if session else None,
         "can_log_in": bool(desk.settings.people),
-        "t": texts(language),
+        "say": texts(language),
     }
     return TEMPLATES.TemplateResponse(request, template, {**frame, **values}, status_code=status)
 

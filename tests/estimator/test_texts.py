@@ -39,11 +39,9 @@ def test_everything_the_guide_says_has_a_text() -> None:
 
 
 def test_values_are_filled_in() -> None:
-    assert (
-        texts("en").say("wrong", Words("short", {"angle": "181"}))
-        == "That was only about 181°. Turn it all the way round, once."
-    )
-    assert "181°" in texts("zh").say("wrong", Words("short", {"angle": "181"}))
+    short = Words("short", {"angle": "181"})
+    assert texts("en").say("wrong", short).startswith("That was only about 181°. ")
+    assert "181°" in texts("zh").say("wrong", short)
     # A name with braces in it is a name.
     assert texts("en").say("wrong", Words("cancelled", {"who": "{n}"})) == "{n} has cancelled."
 
