@@ -17,8 +17,8 @@ from estimator.guide.steps import Step, Told
 from estimator.gyro import AXES
 from estimator.texts import Texts
 
-#: how often it looks, and how long a device that is not heard of at all is waited for
-LOOK_S, UNHEARD_S = 0.1, 5.0
+#: how often it looks
+LOOK_S = 0.1
 _SIGMAS = 1.96
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
@@ -54,15 +54,13 @@ def calibrate(
             passed = time.monotonic() - begin
             if told.step in (Step.DONE, Step.CANCELLED) or (seconds is not None and passed > seconds):
                 break
-            if status is None and passed > UNHEARD_S:
-                break
     except KeyboardInterrupt:
         pass
     finally:
         screen.close()
         for stream in (samples, statuses, made):
             stream.close()
-    return _end(console, t, device, guide.told(), status, known)
+    return _end(console, t, guide.told(), status, known)
 
 
 class Screen:
@@ -116,12 +114,8 @@ def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
     return lines
 
 
-def _end(
-    console: Console, t: Texts, device: str, told: Told, status: Status | None, known: dict[str, Calibration]
-) -> int:
-    if status is None:
-        console.print(f"{device}: {t('head.away')}", highlight=False)
-    elif console.is_terminal:  # elsewhere it stands there already
+def _end(console: Console, t: Texts, told: Told, status: Status | None, known: dict[str, Calibration]) -> int:
+    if console.is_terminal:  # elsewhere it stands there already
         console.print("\n".join(sentences(told, t)), highlight=False)
     calibration = known.get(status.calibration) if status is not None else None
     if told.step is not Step.DONE or calibration is None:

@@ -1,5 +1,7 @@
-"""A guided calibration on a ward of real processes, with the page alone: how long it takes a person who sees it first."""
+"""A guided calibration on a ward of real processes, with the page alone and beside it in a terminal: how long it takes."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,6 +48,12 @@ def test_from_an_open_page_to_the_verdict(tmp_path: Path, browser: Browser) -> N
         page.goto(f"/devices/{NAME}/calibrate")
         expect(page.locator("#do")).to_have_text("Nothing is heard of it")
         page.evaluate(STOPWATCH)
+        words = [sys.executable, "-m", "estimator.cli", "calibrate", "--live", NAME, "--config", str(ward.config)]
+        told = tmp_path / "terminal"
+        with told.open("wb") as out:
+            terminal = subprocess.Popen(
+                [*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL
+            )
         ward.plug(NAME, device, speed=SPEED, lossless=True)
         expect(page.locator("#do")).to_have_text("Done: it is calibrated")
         expect(page.locator("#rows tr")).to_have_count(3)
@@ -57,6 +65,10 @@ def test_from_an_open_page_to_the_verdict(tmp_path: Path, browser: Browser) -> N
         assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
         page.screenshot(path=OUT / "real-certificate.png", full_page=True)
         assert "Traceback" not in ward.log("dashboard")
+        assert terminal.wait(60) == 0
+    lines = told.read_text(encoding="utf-8")
+    assert "Turn it round once, flat on the table" in lines
+    assert lines.index("Put it at the edge of the table, and let go") < lines.index("Done: it is calibrated")
     steps = [step for _, step in seen]
     # Each turn is asked for, followed and let rest, and nothing else is said between.
     assert [steps.count(step) for step in ("turn", "turning", "settle", "done")] == [3, 3, 3, 1], seen
