@@ -106,7 +106,7 @@ def test_the_wards_summary(page: Page, site: Site, shot: Shot) -> None:
     assert serious(page) == []
 
 
-def test_a_ward_of_sixty_is_printed_on_sheets_without_a_cut_device(page: Page, site: Site) -> None:
+def test_a_ward_of_sixty_is_printed_on_a_few_sheets(page: Page, site: Site) -> None:
     for i in range(60):
         name = f"bed-{i:02d}"
         site.talk(
