@@ -12,6 +12,7 @@ from rich.console import Console
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.wire.messages import Calibration, Verdict
+from estimator.cli_live import add_live, live
 from estimator.cli_recorded import add_choice, gyro_range, recorded
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ methods:
   servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each
                spin: bias and scale. Needs an accelerometer. Say the rate.
 examples:
+  truerate calibrate --live chest --config configs/ward.toml   says what to do with the device, step by step
   truerate calibrate session.npz
   truerate calibrate poses.csv --method transitions --json
   truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
@@ -59,8 +61,9 @@ def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
     verb.add_argument(
-        "file", type=Path, help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
+        "file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
     )
+    add_live(verb)
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(
         "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
@@ -126,6 +129,10 @@ def _rates(text: str) -> tuple[float, ...]:
 
 
 def _calibrate(given: argparse.Namespace) -> int:
+    if given.live:
+        return live(given)
+    if given.file is None:
+        raise ConfigError("which recording? a file is needed, or --live DEVICE for one of a ward that runs")
     from estimator.batch.methods import BY_RATES  # noqa: PLC0415
     from estimator.batch.names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415

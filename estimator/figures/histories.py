@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -14,7 +14,7 @@ from estimator.figures.style import AXES, COLOURS
 from estimator.history import History
 
 
-def history(of: History, path: Path) -> None:
+def history(of: History, path: Path | BinaryIO) -> None:
     """The bias of each axis with its 95 % interval, boot by boot, boots and calibrations across it; temperature below."""
     figure = Figure(figsize=(12, 7), dpi=130)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])

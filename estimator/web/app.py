@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from estimator.web import device_pages, live, pages
+from estimator.web import device_pages, guide_pages, live, pages, report_pages
 from estimator.web.api import places
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
@@ -27,7 +27,7 @@ STATIC = Path(__file__).parent / "static"
 
 def routes() -> list[BaseRoute]:
     """Every place there is. A part is a module with `routes()`; a new one is named here."""
-    parts = (pages, device_pages, places, live)
+    parts = (pages, device_pages, guide_pages, report_pages, places, live)
     return [*(route for part in parts for route in part.routes()), Mount("/static", StaticFiles(directory=STATIC))]
 
 

@@ -45,6 +45,8 @@ class Desk:
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
         self._one_at_a_time = asyncio.Lock()
+        #: a picture takes a moment of a core: one at a time, and whoever asks for more waits
+        self.drawing = asyncio.Lock()
         self._store = store
         self._past_at: dict[str, float] = {}
 

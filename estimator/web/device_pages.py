@@ -11,7 +11,7 @@ from bridge.wire.checks import MAX_SENTENCE
 from estimator.web.desk import VERBS, Desk
 from estimator.web.device_page import device_page
 from estimator.web.form import fields
-from estimator.web.pages import show
+from estimator.web.pages import own, show
 
 
 def routes() -> list[BaseRoute]:
@@ -39,6 +39,6 @@ def _commanding(verb: str):  # type: ignore[no-untyped-def]
         session = desk.checked(request, given.get("csrf", ""))
         reply = await desk.ask(name, verb, session.name, given.get("words", ""))
         session.said = reply.accepted, f"{name}: {reply.message}"
-        return RedirectResponse(f"/devices/{name}", HTTPStatus.SEE_OTHER)
+        return RedirectResponse(own(given.get("to", f"/devices/{name}")), HTTPStatus.SEE_OTHER)
 
     return command

@@ -11,6 +11,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.templating import Jinja2Templates
 
+from estimator.texts import texts
 from estimator.web.desk import COOKIE, Desk
 from estimator.web.fault import Fault
 from estimator.web.form import fields
@@ -31,8 +32,13 @@ def routes() -> list[BaseRoute]:
     ]
 
 
-def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """A page, with what every page needs: the ward, who is logged in, and what is to be said to them once."""
+def show(
+    request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK, language: str = "en"
+) -> Response:
+    """A page, with what every page needs: the ward, who is logged in, and what is to be said to them once.
+
+    language: of the page, as far as it has texts in it.
+    """
     desk = Desk.of(request)
     session = desk.session(request)
     frame = {
@@ -40,6 +46,7 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
         "session": session,
         "said": session.take_said() if session else None,
         "can_log_in": bool(desk.settings.people),
+        "say": texts(language),
     }
     return TEMPLATES.TemplateResponse(request, template, {**frame, **values}, status_code=status)
 
@@ -52,14 +59,14 @@ async def ward(request: Request) -> Response:
 
 async def login_form(request: Request) -> Response:
     """Ask who it is."""
-    return show(request, "login.html", {"to": _own(request.query_params.get("to", "/")), "name": "", "wrong": ""})
+    return show(request, "login.html", {"to": own(request.query_params.get("to", "/")), "name": "", "wrong": ""})
 
 
 async def login(request: Request) -> Response:
     """A name and a password."""
     desk = Desk.of(request)
     given = await fields(request)
-    name, to = given.get("name", "").strip(), _own(given.get("to", "/"))
+    name, to = given.get("name", "").strip(), own(given.get("to", "/"))
     try:
         await desk.let_in(request, name, given.get("password", ""))
     except Fault as fault:
@@ -88,6 +95,6 @@ async def logout(request: Request) -> Response:
     return response
 
 
-def _own(path: str) -> str:
+def own(path: str) -> str:
     """A path of ours to go on to; never another site."""
     return path if path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable() else "/"

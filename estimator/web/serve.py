@@ -18,7 +18,7 @@ from bridge.pki.member import Role
 from bridge.process import connected
 from estimator.client import Client
 from estimator.config import Ward
-from estimator.web import device_topics, topics, ward_topics
+from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
@@ -26,7 +26,7 @@ from estimator.web.hub import Hub
 from estimator.web.known import Known
 from estimator.web.settings import Dashboard
 
-__all__ = ["Server", "device_topics", "run", "ward_topics"]
+__all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
 

@@ -134,8 +134,14 @@ def tile(row: Row, story: Story, now_ns: int) -> Tile:
 
 def _rebooted(story: Story, now_ns: int) -> str:
     """That it has started anew and must be calibrated again; nothing of a device's first boot."""
-    boot = story.boots.get(story.boot)
-    if boot is None or len(story.boots) < 2 or (story.status and story.status.calibrated_time_ns):
+    if not rebooted(story):
         return ""
+    boot = story.boots[story.boot]
     cause = f", {boot.cause}" if boot.cause else ""
     return f"started again {words.ago(boot.time_ns, now_ns)}{cause}: it must be calibrated again"
+
+
+def rebooted(story: Story) -> bool:
+    """Whether it has started anew while somebody listened, and was not calibrated since."""
+    calibrated = story.status is not None and story.status.calibrated_time_ns
+    return len(story.boots) > 1 and story.boot in story.boots and not calibrated

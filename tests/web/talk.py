@@ -30,7 +30,7 @@ Message = Status | DeviceInfo | Calibration | Note | SampleBatch | CorrectedBatc
 def said(device: str, state: State = State.TRACKING, **changes: Any) -> Status:
     """A status as an estimator would send it."""
     plain = replace(DeviceSession(device).status(7), quality=Quality.GOOD, reason="all is well", bias_std=(0.001,) * 3)
-    return replace(plain, state=state, rate_hz=104.0, **changes)
+    return replace(plain, state=state, **{"rate_hz": 104.0, **changes})
 
 
 def about(device: str, **changes: Any) -> DeviceInfo:

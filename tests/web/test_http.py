@@ -100,6 +100,32 @@ def test_a_host_that_is_named_is_taken() -> None:
     asking.talk.hush()
 
 
+def test_a_command_goes_back_to_where_it_was_given_but_never_elsewhere(asking: Asking) -> None:
+    csrf = asking.log_in()
+    for to, place in (
+        ("/devices/chest/calibrate", "/devices/chest/calibrate"),
+        ("//evil.example", "/"),
+        ("https://evil.example", "/"),
+    ):
+        answer = asking.client.post("/devices/chest/cancel", data={"csrf": csrf, "to": to})
+        assert answer.headers["location"] == place
+
+
+def test_the_guide_binds_the_browser_too_and_keeps_a_language(asking: Asking) -> None:
+    page = asking.client.get("/devices/chest/calibrate", headers={"Accept-Language": "zh-CN,en;q=0.5"})
+    assert '<html lang="zh">' in page.text
+    assert not re.search(r"<script(?![^>]*src=)[^>]*>|\sstyle=|\son\w+=", page.text)
+    assert asking.client.get("/devices/nobody/calibrate").status_code == 404
+    assert '<html lang="en">' in asking.client.get("/report?lang=en").text
+    assert '<html lang="en">' in asking.client.get("/report", headers={"Accept-Language": "zh"}).text
+    assert '<html lang="en">' in asking.client.get("/report?lang=../../x").text
+
+
+def test_nothing_to_draw_is_said(asking: Asking) -> None:
+    asking.hear(about("new", boot=5))
+    assert asking.client.get("/devices/new/bias.png").status_code == 404
+
+
 def test_a_session_is_needed_and_its_own_page(asking: Asking) -> None:
     path = "/devices/chest/recalibrate"
     assert asking.client.post(path, data={"csrf": ""}).status_code == 401

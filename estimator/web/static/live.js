@@ -52,7 +52,7 @@ function look() {
   if (!silent) lost = heard;
   document.body.classList.toggle("old", silent);
   banner.hidden = !silent;
-  if (silent) say(banner, `The dashboard has not answered for ${Math.round((now - lost) / 1000)} seconds: what is shown is old.`);
+  if (silent) say(banner, banner.dataset.words.replace("{seconds}", Math.round((now - lost) / 1000)));
 }
 
 export function say(element, words) {

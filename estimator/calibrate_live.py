@@ -1,0 +1,134 @@
+"""The guide in a terminal: what to do now, a bar that fills, and the verdict. On a terminal in place, elsewhere a line a step."""
+
+import time
+from math import degrees, isfinite
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from bridge.columns import Column, Columns
+from bridge.wire.messages import Calibration, Status
+from estimator.client import Client
+from estimator.guide.compare import compared, differing, last_before
+from estimator.guide.guide import Guide
+from estimator.guide.steps import Step, Told
+from estimator.gyro import AXES
+from estimator.texts import Texts
+
+#: how often it looks
+LOOK_S = 0.1
+_SIGMAS = 1.96
+_STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
+_BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
+
+
+def calibrate(
+    console: Console, client: Client, device: str, who: str, t: Texts, *, seconds: float | None = None
+) -> int:
+    """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
+    samples, statuses = client.raw(device), client.follow(device)
+    made = client.follow_calibrations(device)
+    guide, known = Guide(), dict[str, Calibration]()
+    asked, status, begin = False, None, time.monotonic()
+    screen = Screen(console, t, device)
+    try:
+        while True:
+            for batch in samples.drain(LOOK_S):
+                guide.take_samples(batch)
+            if (latest := statuses.latest()) is not None:  # what was said before somebody looked is over
+                status = latest
+                guide.take_status(latest)
+            known.update({calibration.id: calibration for calibration in made.drain()})
+            told = guide.told()
+            if told.step is Step.IDLE and not asked:
+                asked = True
+                reply = client.recalibrate(device, who)
+                console.print(Text(f"{device}: {reply.message}", "dim"))
+                if not reply.accepted:
+                    return 1
+                continue
+            if told.step is not Step.IDLE:
+                screen.show(told)
+            passed = time.monotonic() - begin
+            if told.step in (Step.DONE, Step.CANCELLED) or (seconds is not None and passed > seconds):
+                break
+    except KeyboardInterrupt:
+        pass
+    finally:
+        screen.close()
+        for stream in (samples, statuses, made):
+            stream.close()
+    return _end(console, t, guide.told(), status, known)
+
+
+class Screen:
+    """Where it is shown."""
+
+    def __init__(self, console: Console, t: Texts, device: str) -> None:
+        self._console, self._t, self._device = console, t, device
+        self._live = Live(console=console, refresh_per_second=10, transient=True) if console.is_terminal else None
+        self._said = ""
+        if self._live:
+            self._live.start()
+
+    def show(self, told: Told) -> None:
+        """What is told now."""
+        if self._live:
+            self._live.update(Group(*panel(told, self._device, self._t)))
+        said = "\n".join(sentences(told, self._t))
+        if not self._live and said != self._said:
+            self._said = said
+            self._console.print(said, highlight=False)
+
+    def close(self) -> None:
+        """Show no more."""
+        if self._live:
+            self._live.stop()
+
+
+def sentences(told: Told, t: Texts) -> list[str]:
+    """What is said: what was wrong, what to do, how."""
+    wrong = [t.say("wrong", one) for one in told.wrong]
+    again = [t("guide.rebooted")] if told.rebooted else []
+    return [*again, *wrong, t.say("head", told.head), f"  {t(f'how.{told.step}')}"]
+
+
+def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
+    """The same as a picture of a few lines."""
+    *wrong, head, how = sentences(told, t)
+    lines: list[RenderableType] = [
+        Text(t("guide.title", device=device), "bold"),
+        *(Text(one, "yellow") for one in wrong),
+    ]
+    lines += [Text(head, _STYLES.get(told.step, "bold cyan")), Text(how.strip())]
+    if told.step in _BARS:
+        lines.append(ProgressBar(total=1.0, completed=told.ring, width=40))
+    turned = f"{abs(degrees(told.angle)):.0f}°" if told.step is Step.TURNING else ""
+    turns = [
+        f"{AXES[axis]} {t(f'guide.{told.ways[axis]}')}: {t('guide.done' if axis in told.done else 'guide.next')}"
+        for axis in sorted((*told.done, *told.needed))
+    ]
+    lines.append(Text("   ".join([*([turned] if turned else []), *turns]), "dim"))
+    return lines
+
+
+def _end(console: Console, t: Texts, told: Told, status: Status | None, known: dict[str, Calibration]) -> int:
+    if console.is_terminal:  # elsewhere it stands there already
+        console.print("\n".join(sentences(told, t)), highlight=False)
+    calibration = known.get(status.calibration) if status is not None else None
+    if told.step is not Step.DONE or calibration is None:
+        return 0 if told.step is Step.DONE else 1
+    before = last_before(calibration, known.values())
+    rows = compared(calibration, before)
+    table = Columns([Column(t(f"guide.{name}"), number=True) for name in ("axis", "scale", "scale_before", "bias")])
+    for one in rows:
+        then = f"{one.before:.4f} ± {_SIGMAS * one.before_std:.4f}" if isfinite(one.before) else ""
+        bias = f"{degrees(one.bias):.3f} ± {_SIGMAS * degrees(one.bias_std):.3f}"
+        table.add(AXES[one.axis], f"{one.scale:.4f} ± {_SIGMAS * one.scale_std:.4f}", then, bias)
+    console.print(table)
+    if before is not None and (apart := differing(rows)):
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(before.time_ns / 1e9))
+        console.print(t("guide.differs", when=when, axes=", ".join(AXES[axis] for axis in apart)), highlight=False)
+    return 0

@@ -1,0 +1,48 @@
+"""`truerate calibrate --live DEVICE`: the options of a calibration with the device at hand."""
+
+import argparse
+import getpass
+import os
+from pathlib import Path
+
+from bridge.config import LOCAL, ConfigError, check_endpoints, load
+from bridge.console import plain_console
+from bridge.wire.keys import check_id
+
+
+def add_live(verb: argparse.ArgumentParser) -> None:
+    """Add them."""
+    live = verb.add_argument_group("with the device at hand")
+    live.add_argument("--live", metavar="DEVICE", help="say step by step what to do with a device of a running ward")
+    live.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
+    live.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
+    live.add_argument(
+        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+    )
+    live.add_argument(
+        "--lang", choices=["en", "zh"], help="the language of what is said (default: that of the terminal)"
+    )
+    live.add_argument("--seconds", type=float, default=None, help="give up after so long (default: until Ctrl-C)")
+
+
+def live(given: argparse.Namespace) -> int:
+    """Guide one; 0 when it is calibrated."""
+    from estimator.calibrate_live import calibrate  # noqa: PLC0415
+    from estimator.client import Client  # noqa: PLC0415
+    from estimator.config import Ward  # noqa: PLC0415
+    from estimator.texts import chosen, texts  # noqa: PLC0415
+
+    if given.file is not None:
+        raise ConfigError("a recording or --live DEVICE, not both")
+    file = load(given.config, Ward) if given.config else None
+    ward = check_id(given.ward or (file.ward if file else "ward"), "ward")
+    try:
+        connect = check_endpoints(tuple(given.connect), "--connect") if given.connect else None
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")
+    t = texts(chosen((given.lang or "", terminal[:2])))
+    with Client(connect or (file.bus.connect if file else (LOCAL,)), ward=ward) as client:
+        return calibrate(
+            plain_console(), client, check_id(given.live, "device"), getpass.getuser(), t, seconds=given.seconds
+        )

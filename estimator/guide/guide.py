@@ -1,0 +1,139 @@
+"""From what is said of a device and what it reads to what a person is told now. Pure: messages in, Told out."""
+
+from dataclasses import replace
+from math import pi
+
+from bridge.wire.messages import SampleBatch, State, Status
+from estimator.batch.recognise import TurnKnobs
+from estimator.guide import reasons
+from estimator.guide.hand import Hand
+from estimator.guide.reasons import Words
+from estimator.guide.steps import Picture, Step, Told
+from estimator.gyro import AXES
+
+CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
+_CALIBRATED = (State.TRACKING, State.DEGRADED)
+#: seconds of rest after which the estimator has judged a turn, or never will
+_JUDGED_S = 2.0
+_FULL = 2 * pi
+_IGNORED = "movement ignored"
+
+
+class Guide:
+    """One device, for as long as somebody looks."""
+
+    def __init__(self) -> None:
+        self.hand = Hand()
+        self._status: Status | None = None
+        self._boot = 0
+        self._rebooted = self._began = False
+        self._before = ""  # the calibration in force when this one began
+        #: what was said of the last turn when this one began
+        self._verdict: tuple[object, ...] = ()
+
+    def take_samples(self, batch: SampleBatch) -> None:
+        """The device's next readings."""
+        was_settled = self.hand.settled
+        self.hand.take(batch)
+        if was_settled and not self.hand.settled:
+            self._verdict = self._said()
+
+    def take_status(self, status: Status) -> None:
+        """The estimator's word on it; the same again changes nothing."""
+        before, self._status = self._status, status
+        if status.boot and status.boot != self._boot:
+            # Of a calibrated device it begins a calibration; in the middle of one it has undone it.
+            self._rebooted = bool(self._boot)
+            self._boot = status.boot
+        if before is not None and before.state is State.AWAITING_STILL and status.state is State.BIAS_ONLY:
+            self._verdict = self._said()
+        if status.state not in CALIBRATING:
+            return
+        begins = before is not None and status.state is State.AWAITING_STILL and before.state is not status.state
+        if begins or not self._began:
+            self._began, self._before = True, status.calibration
+        if begins:
+            self.hand.begin_rest()  # what it rested before does not count
+
+    def told(self) -> Told:
+        """What is to be told now."""
+        return replace(self._now(), rebooted=self._rebooted, ways=(self._way(0), self._way(1), self._way(2)))
+
+    def _now(self) -> Told:
+        status = self._status
+        if status is None or status.state in (State.UNKNOWN, State.LOST):
+            return Told(Step.AWAY, Picture.NOTHING, Words("away"))
+        if status.state is State.WARMING:
+            return Told(Step.WARM, Picture.EDGE, Words("warm"), needed=self._order(()))
+        if status.state in _CALIBRATED:
+            return self._over(status)
+        return self._under_way(status)
+
+    def _over(self, status: Status) -> Told:
+        self._rebooted = False
+        if not self._began:
+            return Told(Step.IDLE, Picture.WELL, Words("idle"), done=self._order(()))
+        if status.calibration == self._before:
+            who = reasons.said(status.reason)
+            return Told(Step.CANCELLED, Picture.WELL, Words("cancelled_old"), wrong=who)
+        return Told(Step.DONE, Picture.WELL, Words("done"), 1.0, done=self._order(()))
+
+    def _under_way(self, status: Status) -> Told:
+        hand = self.hand
+        done = status.axes_done
+        needed = self._order(done)
+        wrong = reasons.said(status.reason)
+        if status.state is State.AWAITING_STILL:
+            return Told(
+                Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
+            )  # fmt: skip
+        if hand.moved and self._judging(status):
+            return self._turning(status, done, needed)
+        axis = needed[0] if needed else 0
+        key = f"{'again' if wrong else 'turn'}_{self._way(axis)}"
+        return Told(
+            Step.TURN, self._way(axis), Words(key, {"axis": AXES[axis]}), 0.0, 0.0, axis, done, needed, wrong,
+        )  # fmt: skip
+
+    def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Told:
+        hand = self.hand
+        axis = hand.axis
+        about = axis if axis is not None else needed[0] if needed else 0
+        angle = float(hand.turned[about]) * status.scale[about]
+        picture = self._way(about)
+        whole = abs(angle) >= _FULL / TurnKnobs().k_max
+        if hand.settled or (hand.still_s > 0 and whole):
+            return Told(
+                Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, angle, axis, done, needed,
+            )  # fmt: skip
+        words = Words("turning") if axis is None else Words("turning_about", {"axis": AXES[axis]})
+        ring = min(1.0, abs(angle) / _FULL)
+        return Told(Step.TURNING, picture, words, ring, angle, axis, done, needed)
+
+    def _judging(self, status: Status) -> bool:
+        """Whether a turn goes on, or is over and nothing was said of it yet."""
+        if not self.hand.settled:
+            return True
+        waited = self.hand.still_s > self.hand.rest_s + _JUDGED_S
+        return not waited and self._said() == self._verdict and status.state is not State.AWAITING_STILL
+
+    def _said(self) -> tuple[object, ...]:
+        status = self._status
+        return () if status is None else (status.axes_done, status.reason, status.events.get(_IGNORED, 0))
+
+    def _order(self, done: tuple[int, ...]) -> tuple[int, ...]:
+        """Axes that are still needed; the one that stands upright first: that turn is the easiest."""
+        return tuple(
+            sorted((axis for axis in range(3) if axis not in done), key=lambda axis: (axis != self._upright, axis))
+        )
+
+    def _way(self, axis: int) -> Picture:
+        """How it is turned about an axis."""
+        if axis == self._upright:
+            return Picture.FLAT
+        return Picture.ALONG if axis == min({0, 1, 2} - {self._upright}) else Picture.ACROSS
+
+    @property
+    def _upright(self) -> int:
+        """The axis that stands upright; where nothing tells, that is z."""
+        return 2 if self.hand.upright is None else self.hand.upright

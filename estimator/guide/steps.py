@@ -1,0 +1,53 @@
+"""What a person is told at one moment: the step, the picture, the ring, and what was wrong."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from estimator.guide.reasons import Words
+
+
+class Step(StrEnum):
+    """Where somebody is in a calibration by hand."""
+
+    AWAY = "away"  # nothing comes from it
+    IDLE = "idle"  # it is calibrated, and nobody asks for anything
+    WARM = "warm"  # it was just switched on
+    PLACE = "place"  # put it against the edge, and let it rest
+    TURN = "turn"  # turn it about an axis that is still needed
+    TURNING = "turning"
+    SETTLE = "settle"  # put down again: let it rest until the turn is judged
+    DONE = "done"
+    CANCELLED = "cancelled"  # an earlier calibration stays
+
+
+class Picture(StrEnum):
+    """What is drawn. The way to turn is named by the table: its top, along its edge, or over its edge."""
+
+    EDGE = "edge"
+    FLAT = "flat"
+    ALONG = "along"
+    ACROSS = "across"
+    WELL = "well"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is told now.
+
+    ring: 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`, signed.
+    axis: the one that is turned about, or is to be next. done, needed: axes, in the order they are best turned.
+    wrong: why the last try does not count; rebooted: it was switched off and on while it was calibrated.
+    """
+
+    step: Step
+    picture: Picture
+    head: Words
+    ring: float = 0.0
+    angle: float = 0.0
+    axis: int | None = None
+    done: tuple[int, ...] = ()
+    needed: tuple[int, ...] = ()
+    wrong: tuple[Words, ...] = ()
+    rebooted: bool = False
+    ways: tuple[Picture, Picture, Picture] = (Picture.ALONG, Picture.ACROSS, Picture.FLAT)

@@ -1,0 +1,32 @@
+"""The page that guides a person through a calibration."""
+
+import time
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from estimator.guide.guide import Guide
+from estimator.texts import LANGUAGES, texts
+from estimator.web.desk import Desk
+from estimator.web.guide_view import guide_view
+from estimator.web.language import keep, language
+from estimator.web.pages import show
+
+
+def routes() -> list[BaseRoute]:
+    """Its place."""
+    return [Route("/devices/{device}/calibrate", calibrate, name="calibrate")]
+
+
+async def calibrate(request: Request) -> Response:
+    """One device, as far as it can be told before the stream is followed."""
+    desk, name = Desk.of(request), request.path_params["device"]
+    story = desk.story(name)
+    await desk.remember(name)
+    guide, spoken = Guide(), language(request)
+    if story.status is not None:
+        guide.take_status(story.status)
+    page = guide_view(guide.told(), desk.known, name, time.monotonic())
+    values = {"page": page, "told": page.say[spoken], "languages": [texts(one) for one in LANGUAGES]}
+    return keep(request, show(request, "guide.html", values, language=spoken))

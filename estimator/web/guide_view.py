@@ -1,0 +1,169 @@
+"""What the guide tells as plain values, in every language: the page shows them as they are. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, degrees, isfinite
+
+from bridge.wire.messages import Calibration, State
+from estimator.guide.compare import compared, differing, last_before
+from estimator.guide.guide import CALIBRATING
+from estimator.guide.hand import Hand
+from estimator.guide.reasons import Words
+from estimator.guide.steps import Picture, Step, Told
+from estimator.gyro import AXES
+from estimator.texts import LANGUAGES, Texts, texts
+from estimator.ward_view import SILENT
+from estimator.web import words
+from estimator.web.device_page import interval
+from estimator.web.known import Known
+from estimator.web.tiles import rebooted, troubles
+
+_RESTS = (Step.PLACE, Step.SETTLE)
+_OVER = (Step.IDLE, Step.DONE, Step.CANCELLED)
+_RECALIBRATES = (State.TRACKING, State.DEGRADED)
+_REST_S = Hand().rest_s
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One of the three: about which axis, how it is turned, and whether it is done."""
+
+    axis: str
+    picture: str
+    mark: str  # done, now or next
+    how: str
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """One language."""
+
+    head: str
+    how: str
+    wrong: Sequence[str]
+    rebooted: str
+    progress: str
+    turns: Sequence[Turn]
+    compared: str
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A row of the result."""
+
+    axis: str
+    scale: str
+    before: str
+    bias: str
+
+
+@dataclass(frozen=True, slots=True)
+class GuideView:
+    """Everything the page shows. percent: how full the ring is; centre: what stands in it; way: 1, -1, or 0 for either."""
+
+    device: str
+    ward: str
+    troubles: Sequence[str]
+    step: str
+    tone: str
+    picture: str
+    way: int
+    percent: int
+    centre: str
+    can_begin: bool
+    can_cancel: bool
+    calibration: str
+    result: Sequence[Axis]
+    say: Mapping[str, Said]
+
+
+def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
+    """What is to be shown now of a device that was heard of."""
+    story = known.stories[device]
+    if known.row(device, now).state == SILENT or not known.connected:
+        told = Told(Step.AWAY, Picture.NOTHING, Words("away"), rebooted=told.rebooted)
+    status = story.status
+    if status is not None and status.state in (State.WARMING, *CALIBRATING) and rebooted(story):
+        told = replace(told, rebooted=True)
+    calibration = story.calibrations.get(status.calibration) if status and told.step in _OVER else None
+    before = None if calibration is None else last_before(calibration, story.calibrations.values())
+    return GuideView(
+        device=device,
+        ward=known.ward,
+        troubles=troubles(known),
+        step=told.step,
+        tone=_tone(told),
+        picture=told.picture,
+        way=(told.angle > 0) - (told.angle < 0) if told.step is Step.TURNING and told.axis is not None else 0,
+        percent=round(100 * told.ring),
+        centre=_centre(told),
+        can_begin=status is not None and status.state in _RECALIBRATES,
+        can_cancel=status is not None and status.state in CALIBRATING,
+        calibration=calibration.id if calibration else "",
+        result=rows(calibration, before) if calibration else (),
+        say={name: _said(told, calibration, before, texts(name)) for name in LANGUAGES},
+    )
+
+
+def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:
+    """Scale and bias of each axis with intervals of 95 %, and the scale before."""
+    return [
+        Axis(
+            AXES[one.axis],
+            interval(one.scale, one.scale_std, 4),
+            interval(one.before, one.before_std, 4) if isfinite(one.before) else "",
+            interval(degrees(one.bias), degrees(one.bias_std), 3),
+        )
+        for one in compared(calibration, before)
+    ]
+
+
+def against(calibration: Calibration, before: Calibration | None, t: Texts) -> str:
+    """How it compares with the one before, in words."""
+    if before is None:
+        return t("guide.first")
+    axes = ", ".join(AXES[axis] for axis in differing(compared(calibration, before)))
+    return t(f"guide.{'differs' if axes else 'same'}", when=words.clock(before.time_ns), axes=axes)
+
+
+def _said(told: Told, calibration: Calibration | None, before: Calibration | None, t: Texts) -> Said:
+    percent, angle = round(100 * told.ring), f"{abs(degrees(told.angle)):.0f}°"
+    progress = {Step.TURNING: t("guide.turned", angle=angle), Step.TURN: t("guide.turned", angle="0°")}
+    progress |= dict.fromkeys(_RESTS, t("guide.rest", percent=percent))
+    return Said(
+        head=t.say("head", told.head),
+        how=t(f"how.{told.step}"),
+        wrong=[t.say("wrong", one) for one in told.wrong],
+        rebooted=t("guide.rebooted") if told.rebooted else "",
+        progress=progress.get(told.step, ""),
+        turns=_turns(told, t),
+        compared=against(calibration, before, t) if calibration else "",
+    )
+
+
+def _turns(told: Told, t: Texts) -> list[Turn]:
+    found = []
+    turning = told.step in (Step.TURN, Step.TURNING, Step.SETTLE)
+    for axis in (*told.done, *told.needed):
+        mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
+        picture = told.ways[axis]
+        found.append(Turn(AXES[axis], picture, mark, t(f"guide.{picture}"), t(f"guide.{mark}")))
+    return sorted(found, key=lambda turn: (turn.picture != Picture.FLAT, turn.axis))
+
+
+def _tone(told: Told) -> str:
+    if told.step is Step.AWAY:
+        return "bad"
+    if told.step in _OVER:
+        return "well"
+    return "ask" if told.wrong else "busy"
+
+
+def _centre(told: Told) -> str:
+    """What is counted: seconds that are left, or degrees turned."""
+    if told.step in _RESTS:
+        return "✓" if told.ring >= 1 else f"{ceil((1 - told.ring) * _REST_S)} s"
+    if told.step in (Step.TURN, Step.TURNING):
+        return f"{abs(degrees(told.angle)):.0f}°"
+    return ""

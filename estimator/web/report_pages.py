@@ -1,0 +1,75 @@
+"""Reports for the file: a certificate of a calibration, a summary of the ward, and a picture of a device's bias."""
+
+import time
+from http import HTTPStatus
+from importlib.metadata import version
+from io import BytesIO
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from estimator.history import History
+from estimator.texts import LANGUAGES, texts
+from estimator.web import reports, words
+from estimator.web.desk import Desk
+from estimator.web.fault import Fault
+from estimator.web.language import keep, language
+from estimator.web.pages import show
+
+
+def routes() -> list[BaseRoute]:
+    """Their places."""
+    return [
+        Route("/report", ward, name="report"),
+        Route("/devices/{device}/calibrations/{calibration}/certificate", certificate, name="certificate"),
+        Route("/devices/{device}/bias.png", bias, name="bias"),
+    ]
+
+
+async def ward(request: Request) -> Response:
+    """The ward now."""
+    desk, spoken = Desk.of(request), language(request)
+    page = reports.summary(desk.known, time.monotonic(), texts(spoken))
+    return _report(request, "report.html", page, spoken)
+
+
+async def certificate(request: Request) -> Response:
+    """One calibration, accepted or not."""
+    desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
+    story, spoken = desk.story(name), language(request)
+    await desk.remember(name)
+    if (found := story.calibrations.get(number)) is None:
+        raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", f"no calibration {number[:80]} of {name} is known")
+    page = reports.certificate(found, story, texts(spoken))
+    return _report(request, "certificate.html", page, spoken, picture=bool(reports.past(story, name).biases))
+
+
+async def bias(request: Request) -> Response:
+    """How its bias went, as a PNG."""
+    desk, name = Desk.of(request), request.path_params["device"]
+    story = desk.story(name)
+    if not reports.past(story, name).biases:
+        raise Fault(HTTPStatus.NOT_FOUND, "no_bias", f"nothing is known yet of how the bias of {name} went")
+    async with desk.drawing:
+        drawn = await run_in_threadpool(_drawn, reports.past(story, name))
+    return Response(drawn, media_type="image/png")
+
+
+def _drawn(of: History) -> bytes:
+    from estimator.figures.histories import history  # noqa: PLC0415 - matplotlib takes a second to load
+
+    drawn = BytesIO()
+    history(of, drawn)
+    return drawn.getvalue()
+
+
+def _report(request: Request, template: str, page: object, spoken: str, **more: object) -> Response:
+    values = {
+        "page": page,
+        "languages": [texts(one) for one in LANGUAGES],
+        "made": words.clock(time.time_ns()),
+        "version": version("truerate"),
+    }
+    return keep(request, show(request, template, {**values, **more}, language=spoken))

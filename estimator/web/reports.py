@@ -1,0 +1,154 @@
+"""A certificate of one calibration, and a summary of a ward, as plain values in one language. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+
+from bridge.wire.messages import Calibration
+from estimator.guide.compare import last_before
+from estimator.gyro import AXES
+from estimator.history import Biases, History
+from estimator.texts import Texts
+from estimator.web import words
+from estimator.web.guide_view import Axis, against, rows
+from estimator.web.known import Known, Story
+from estimator.web.tiles import NEEDS, TONES, troubles
+
+#: times the least standard deviation of a bias beyond which a point says nothing beside it
+_UNSURE = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class TurnLine:
+    """One turn of the hand."""
+
+    axis: str
+    angle: str
+    closure: str
+    duration: str
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Everything a certificate says. matrix: rows of the full one, none where only its diagonal was estimated."""
+
+    device: str
+    verdict: str
+    accepted: bool
+    in_use: bool
+    facts: Sequence[tuple[str, str]]
+    result: Sequence[Axis]
+    matrix: Sequence[Sequence[str]]
+    turns: Sequence[TurnLine]
+    compared: str
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A device in the summary."""
+
+    device: str
+    state: str
+    tone: str
+    reason: str
+    calibrated: str
+    who: str
+    battery: str
+    result: Sequence[Axis]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A ward at one moment."""
+
+    tracking: int
+    of: int
+    troubles: Sequence[str]
+    needs: Sequence[Line]
+    devices: Sequence[Line]
+
+
+def certificate(calibration: Calibration, story: Story, t: Texts) -> Certificate:
+    """Of one calibration of a device, accepted or not."""
+    c = calibration
+    before = last_before(c, story.calibrations.values())
+    whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
+    noise = " ".join(f"{degrees(float(std)):.3f}" for std in c.noise_std)
+    facts = [
+        ("device", c.device),
+        ("what", f"{c.model} {c.firmware}".strip()),
+        ("range", f"±{degrees(c.gyro_range):.0f} °/s" if c.gyro_range else ""),
+        ("rate", f"{c.rate_hz:g} Hz" if c.rate_hz else ""),
+        ("when", words.clock(c.time_ns)),
+        ("who", c.who or t("report.nobody")),
+        ("method", c.method),
+        ("reason", c.reason),
+        ("temperature", words.temperature(c.temperature_c)),
+        ("noise", f"{noise} °/s" if np.any(c.noise_std) else ""),
+        ("boot", f"{c.boot:016x}"),
+        ("id", c.id),
+    ]
+    return Certificate(
+        device=c.device,
+        verdict=t(f"report.{c.verdict.name.lower()}"),
+        accepted=c.verdict.name == "ACCEPTED",
+        in_use=story.status is not None and story.status.calibration == c.id,
+        facts=[(t(f"report.{name}"), value) for name, value in facts if value],
+        result=rows(c, before) if c.parameters else (),
+        matrix=[[f"{value:.5f}".replace("-", words.MINUS) for value in row] for row in c.matrix] if whole else (),
+        turns=[
+            TurnLine(
+                AXES[turn.axis],
+                f"{words.signed(degrees(turn.angle), 1)}°",
+                f"{degrees(turn.closure_error):.2f}°",
+                f"{turn.duration_s:.1f} s",
+            )
+            for turn in c.turns
+        ],
+        compared=against(c, before, t) if c.parameters else "",
+    )
+
+
+def summary(known: Known, now: float, t: Texts) -> Summary:
+    """Of all devices, by name; before them those that need a person."""
+    found = known.rows(now)
+    lines = {}
+    for row in found:
+        story = known.stories[row.device]
+        status = story.status
+        made = story.calibrations.get(status.calibration) if status else None
+        before = last_before(made, story.calibrations.values()) if made else None
+        lines[row.device] = Line(
+            device=row.device,
+            state=t(f"state.{row.state.replace(' ', '_')}"),
+            tone="ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state],
+            reason=row.reason,
+            calibrated=words.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
+            who=made.who if made else "",
+            battery=words.battery(row.battery_percent, charging=row.charging),
+            result=rows(made, before) if made else (),
+        )
+    return Summary(
+        tracking=sum(row.state == "tracking" for row in found),
+        of=len(found),
+        troubles=troubles(known),
+        needs=[lines[row.device] for row in found if lines[row.device].tone in NEEDS],
+        devices=[lines[name] for name in sorted(lines)],
+    )
+
+
+def past(story: Story, device: str) -> History:
+    """How its bias went, for a picture; when it was far less sure than now is left out, lest it hide what it is now."""
+    trail = story.trail
+    std = trail.points[:, 3:6].max(axis=1)
+    known = np.isfinite(trail.points[:, :6]).all(axis=1)
+    known &= std <= _UNSURE * std[known].min(initial=np.inf)
+    points, times_ns = trail.points[known], trail.times_ns[known]
+    if len(points) < 2:
+        return History(device, (), (), (), ())
+    biases = Biases("", times_ns, points[:, :3], points[:, 3:6], points[:, 6])
+    boots = [{"time_ns": boot.time_ns} for boot in story.boots.values() if boot.time_ns >= times_ns[0]]
+    made = [c for c in story.calibrations.values() if c.time_ns >= times_ns[0]]
+    return History(device, made, boots, (), [biases])

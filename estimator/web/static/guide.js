@@ -1,0 +1,91 @@
+// The guide: what the server tells, shown; a new step is announced once, when it has lasted a moment.
+
+import { say, watch } from "./live.js";
+
+const CALM_MS = 400;
+const page = document.querySelector(".guide"), id = page.dataset.id, language = document.documentElement.lang;
+const $ = (name) => document.getElementById(name);
+const title = document.title;
+
+watch(`guide/${id}`, (now) => {
+  const said = now.say[language];
+  page.dataset.tone = now.tone;
+  page.dataset.step = now.step;
+  say($("do"), said.head);
+  say($("how"), said.how);
+  lines($("wrong").lastElementChild, said.wrong);
+  $("wrong").hidden = !said.wrong.length;
+  say($("rebooted"), said.rebooted);
+  $("rebooted").hidden = !said.rebooted;
+  picture(now);
+  ring(now, said);
+  turns(said.turns);
+  if ($("begin")) $("begin").hidden = !now.can_begin;
+  if ($("cancel")) $("cancel").hidden = !now.can_cancel;
+  result(now, said);
+  $("troubles").replaceChildren(...now.troubles.map((words) => Object.assign(document.createElement("p"), { className: "banner bad", textContent: words })));
+  document.title = `${said.head} · ${title}`;
+  announce([said.rebooted, ...said.wrong, said.head, said.how].filter(Boolean).map((one) => one.replace(/[.。]?$/, ".")).join(" "));
+}, { must: true });
+
+function lines(place, words) {
+  if (place.textContent === words.join("")) return;
+  place.replaceChildren(...words.map((one) => Object.assign(document.createElement("p"), { textContent: one })));
+}
+
+function picture(now) {
+  for (const one of $("pictures").children) {
+    one.toggleAttribute("hidden", one.dataset.picture !== now.picture);
+    for (const way of one.querySelectorAll("[data-way]")) way.toggleAttribute("hidden", Number(way.dataset.way) !== (now.way || Number(one.dataset.usual)));
+  }
+}
+
+function ring(now, said) {
+  $("part").setAttribute("stroke-dasharray", `${now.percent} 200`);
+  say($("centre"), now.centre);
+  $("ring").setAttribute("aria-valuenow", now.percent);
+  $("ring").setAttribute("aria-valuetext", said.progress);
+}
+
+let shown = "";
+function turns(all) {
+  const key = JSON.stringify(all);
+  if (key === shown) return;
+  shown = key;
+  $("turns").replaceChildren(...all.map((turn) => {
+    const line = document.createElement("li"), axis = document.createElement("span"), how = document.createElement("span"), state = document.createElement("b");
+    line.dataset.mark = turn.mark;
+    axis.className = "axis-name";
+    [axis.textContent, how.textContent, state.textContent] = [turn.axis, turn.how, turn.state];
+    line.append(axis, " ", how, " ", state);
+    return line;
+  }));
+}
+
+function result(now, said) {
+  $("result").hidden = !now.result.length;
+  if (!now.result.length) return;
+  say($("compared"), said.compared);
+  $("certificate").href = `/devices/${encodeURIComponent(id)}/calibrations/${encodeURIComponent(now.calibration)}/certificate`;
+  if ($("rows").dataset.of === now.calibration) return;
+  $("rows").dataset.of = now.calibration;
+  $("rows").replaceChildren(...now.result.map((row) => {
+    const line = document.createElement("tr"), axis = document.createElement("th");
+    axis.scope = "row";
+    axis.textContent = row.axis;
+    line.append(axis);
+    for (const value of [row.scale, row.before, row.bias]) line.insertCell().textContent = value;
+    return line;
+  }));
+}
+
+// ---- what is told to those who cannot see it ----
+
+let last = null, waiting = 0;
+function announce(words) {
+  if (words === last) return;
+  const first = last === null;
+  last = words;
+  clearTimeout(waiting);
+  if (!first) waiting = setTimeout(() => say($("told"), words), CALM_MS);
+}

@@ -1,0 +1,102 @@
+"""`truerate calibrate --live`: the guide as lines, in a ward in memory."""
+
+import io
+import threading
+import time
+
+import pytest
+from rich.console import Console, Group
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Piece, Still
+from estimator.calibrate_live import calibrate, panel
+from estimator.cli import main
+from estimator.client import Client
+from estimator.guide.reasons import Words
+from estimator.guide.steps import Picture, Step, Told
+from estimator.texts import texts
+from tests.estimator.stream import NAME
+from tests.web.played import Played
+from tests.web.talk import WARD, Talk
+from tests.web.test_guide import rests_between, turn
+
+
+def guided(pieces: list[Piece], language: str = "en", skip: int = 0) -> tuple[int, str]:
+    """What is printed while a hand does its pieces, from the one numbered `skip` on, and the exit code."""
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    played = Played(talk, speed=20.0)
+    played.switch_on(pieces)
+    if skip:
+        played.play_piece(skip)
+    console = Console(file=io.StringIO(), width=100)
+    bus = MemoryBus(broker)
+    found: list[int] = []
+
+    def run() -> None:
+        with Client(ward=WARD, bus=bus) as client:
+            found.append(calibrate(console, client, NAME, "nurse", texts(language), seconds=60.0))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while skip and not talk.asked and thread.is_alive():
+        time.sleep(0.02)
+    played.play(played._ends[-1] - played._time_s + 2.0)
+    thread.join(30)
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    return found[0], console.file.getvalue()
+
+
+def test_it_follows_the_hand_to_the_verdict() -> None:
+    code, printed = guided(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
+    assert code == 0
+    for words in (
+        "Put it at the edge of the table, and let go",
+        "Turn it all the way round, once.",
+        "Done: it is calibrated",
+    ):
+        assert words in printed
+    assert printed.index("Turn it round once, flat") < printed.index("Again: roll it over") < printed.index("Done:")
+    assert "scale ± 95 %" in printed
+
+
+def test_it_says_it_in_chinese() -> None:
+    code, printed = guided(rests_between(turn(2), turn(0), turn(1)), "zh")
+    assert code == 0
+    assert "完成：设备已校准" in printed
+
+
+def test_of_a_calibrated_device_it_asks_for_a_new_one() -> None:
+    turns = [turn(2), turn(0), turn(1)]
+    code, printed = guided([*rests_between(*turns), Still(3.0), *rests_between(*turns)], skip=6)
+    assert code == 0
+    assert "recalibration asked for by nurse" in printed
+    assert printed.count("Done: it is calibrated") >= 1
+    assert "scale before" in printed
+
+
+def test_a_device_nobody_hears_of() -> None:
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(MemoryBroker())) as client:
+        assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
+    assert isinstance(console.file, io.StringIO)
+    assert "Nothing is heard of it" in console.file.getvalue()
+
+
+def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:
+    told = Told(Step.TURNING, Picture.FLAT, Words("turning_about", {"axis": "z"}), 0.5, 3.1416, 2, (0,), (2, 1))
+    console = Console(file=io.StringIO(), width=100)
+    console.print(Group(*panel(told, NAME, texts("en"))))
+    assert isinstance(console.file, io.StringIO)
+    for words in ("Calibrate chest", "Go on, all the way round", "180°", "x over, away: done", "z flat, round: to do"):
+        assert words in console.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["calibrate"], "a file is needed, or --live DEVICE"), (["calibrate", "a.npz", "--live", "chest"], "not both")],
+)
+def test_it_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert said in capsys.readouterr().err

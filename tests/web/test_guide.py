@@ -1,0 +1,177 @@
+"""A calibration by hand with the page alone, in a real browser: a good one, a failed turn, a cancel, a reboot."""
+
+from collections.abc import Callable
+from math import radians
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from bridge.sim.motion import Piece, Still, Turn
+from tests.estimator.stream import NAME
+from tests.web.conftest import PASSWORD, Site
+from tests.web.played import Played
+from tests.web.test_browser import serious
+
+pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
+Shot = Callable[[str], None]
+PLACE, DONE = "Put it at the edge of the table, and let go", "Done: it is calibrated"
+LISTEN = """window.heard = []; new MutationObserver(() => window.heard.push(document.getElementById("told").textContent))
+  .observe(document.getElementById("told"), { childList: true, characterData: true, subtree: true })"""
+
+
+def turn(axis: int, angle_deg: float = 360.0, duration_s: float = 4.0) -> Piece:
+    return Turn(duration_s, np.eye(3)[axis], radians(angle_deg), np.array([[0.0, duration_s, 1.0]]))
+
+
+def rests_between(*turns: Piece) -> list[Piece]:
+    """Still, turn, still … still."""
+    return [Still(4.5), *(piece for one in turns for piece in (one, Still(3.5)))]
+
+
+def open_guide(page: Page, words: str = PLACE) -> None:
+    page.goto(f"/devices/{NAME}/calibrate")
+    expect(page.locator("#do")).to_have_text(words)
+
+
+def log_in(page: Page) -> None:
+    page.get_by_role("link", name="Log in to begin").click()
+    page.get_by_label("Name").fill("nurse")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    expect(page.locator(".guide")).to_be_visible()
+
+
+@pytest.fixture
+def played(site: Site) -> Played:
+    return Played(site.talk)
+
+
+def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0, -360.0), turn(1)))
+    played.play(1.0)
+    open_guide(page)
+    page.evaluate(LISTEN)
+    shot("guide-place")
+    assert serious(page) == []
+    played.play_piece(0)
+    expect(page.locator("#do")).to_have_text("Turn it round once, flat on the table")
+    expect(page.locator(".picture:visible")).to_have_attribute("data-picture", "flat")
+    shot("guide-turn-flat")
+    played.play_piece(1, 0.6)
+    expect(page.locator("#do")).to_have_text("Go on, all the way round")
+    expect(page.locator('#turns [data-mark="now"] .axis-name')).to_have_text("z")
+    shot("guide-turning")
+    assert serious(page) == []
+    played.play_piece(2, 0.3)
+    expect(page.locator("#do")).to_have_text("Now let go of it")
+    shot("guide-settle")
+    played.play_piece(2)
+    expect(page.locator("#do")).to_have_text("Roll it over once, away from you")
+    expect(page.locator('#turns [data-mark="done"] .axis-name')).to_have_text("z")
+    shot("guide-turn-along")
+    # It went the other way round than the arrow: both count, and the arrow follows.
+    played.play_piece(3, 0.6)
+    expect(page.locator('.picture:visible [data-way="-1"]')).to_be_visible()
+    played.play_piece(4)
+    expect(page.locator("#do")).to_have_text("Tip it over once, sideways")
+    shot("guide-turn-across")
+    played.play_piece(6)
+    expect(page.locator("#do")).to_have_text(DONE)
+    expect(page.locator("#turns [data-mark='done']")).to_have_count(3)
+    expect(page.locator("#rows tr")).to_have_count(3)
+    expect(page.locator("#compared")).to_have_text("There is none to compare it with.")
+    shot("guide-done")
+    assert serious(page) == []
+    # A screen reader hears each step once.
+    heard = page.evaluate("window.heard")
+    assert [one for i, one in enumerate(heard) if i and one == heard[i - 1]] == []
+    assert 9 <= len(heard) <= 11, heard
+    assert heard[-1].startswith(DONE)
+
+
+def test_a_failed_turn_is_repeated(page: Page, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0, 180.0), turn(0), turn(1)))
+    open_guide(page)
+    played.play_piece(4)
+    expect(page.locator("#wrong")).to_contain_text("Turn it all the way round, once.")
+    expect(page.locator("#do")).to_have_text("Again: roll it over once, away from you")
+    shot("guide-failed")
+    assert serious(page) == []
+    played.play_piece(5, 0.6)
+    expect(page.locator("#wrong")).to_be_hidden()
+    played.play_piece(8)
+    expect(page.locator("#do")).to_have_text(DONE)
+
+
+def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0), turn(1), Still(1.0), turn(2)))
+    played.play_piece(6)
+    open_guide(page, "It is calibrated")
+    expect(page.locator("#rows tr")).to_have_count(3)
+    shot("guide-idle")
+    log_in(page)
+    page.get_by_role("button", name="Begin").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#do")).to_have_text(PLACE)
+    expect(page.get_by_role("button", name="Begin")).to_be_hidden()
+    played.play_piece(9, 0.6)
+    expect(page.locator("#do")).to_have_text("Go on, all the way round")
+    page.get_by_role("button", name="Cancel").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#do")).to_have_text("Cancelled")
+    expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
+    expect(page.get_by_role("button", name="Begin")).to_be_visible()
+    expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
+    shot("guide-cancelled")
+    assert serious(page) == []
+
+
+def test_a_reboot_in_the_middle_is_said(page: Page, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0)))
+    open_guide(page)
+    played.play_piece(2)
+    expect(page.locator("#turns [data-mark='done']")).to_have_count(1)
+    expect(page.locator("#rebooted")).to_be_hidden()
+    played.switch_on(rests_between(turn(2), turn(0), turn(1)), seed=2)
+    played.play(0.5)
+    expect(page.locator("#rebooted")).to_have_text(
+        "It was switched off and on: the turns so far are lost. Begin again."
+    )
+    expect(page.locator("#turns [data-mark='done']")).to_have_count(0)
+    shot("guide-rebooted")
+    assert serious(page) == []
+    played.play_piece(6)
+    expect(page.locator("#do")).to_have_text(DONE)
+    expect(page.locator("#rebooted")).to_be_hidden()
+
+
+def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2), turn(0, 180.0)))
+    open_guide(page)
+    other = browser.new_context(base_url=site.url, locale="zh-CN").new_page()
+    other.goto(f"/devices/{NAME}/calibrate")
+    expect(other.locator("#do")).to_have_text("把设备放在桌边，然后松手")
+    played.play_piece(4)
+    expect(page.locator("#do")).to_have_text("Again: roll it over once, away from you")
+    expect(other.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
+    expect(other.locator("#wrong")).to_contain_text("请转满一整圈")
+    other.get_by_role("link", name="English").click()
+    expect(other.locator("#do")).to_have_text("Again: roll it over once, away from you")
+    other.goto(f"/devices/{NAME}/calibrate")
+    expect(other.locator("html")).to_have_attribute("lang", "en")
+    other.context.close()
+    page.get_by_role("link", name="中文").click()
+    expect(page.locator("#do")).to_have_text("再来一次：向前翻滚一整圈")
+    shot("guide-failed-zh")
+    assert serious(page) == []
+
+
+def test_a_device_that_is_gone_is_said(page: Page, played: Played, shot: Shot) -> None:
+    played.switch_on(rests_between(turn(2)))
+    open_guide(page)
+    played.session.silence("no samples for 3 s")
+    played._say()
+    expect(page.locator("#do")).to_have_text("Nothing is heard of it")
+    shot("guide-away")
+    assert serious(page) == []

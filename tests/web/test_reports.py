@@ -1,0 +1,120 @@
+"""What is printed: a certificate and the ward's summary, in a real browser and as a PDF of it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from bridge.wire.messages import State, Turn, Verdict
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.conftest import Site
+from tests.web.talk import about, said
+from tests.web.test_browser import heard, now_ns, serious, tracking
+
+pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
+Shot = Callable[[str], None]
+NAME = "bed-01-chest"
+TURNS = (Turn(0, 6.28, 0.002, 4.1), Turn(1, -6.28, 0.004, 4.6), Turn(2, 6.27, 0.001, 5.0))
+FIRST = replace(
+    CALIBRATION,
+    device=NAME,
+    boot=5,
+    id="first",
+    who="nurse",
+    turns=TURNS,
+    model="virtual",
+    firmware="1.0",
+    gyro_range=8.7,
+)
+SECOND = replace(FIRST, id="second", matrix=np.diag([0.9, 1.001, 1.15]), reason="three turns closed to 0.23°")
+
+
+def calibrated(site: Site) -> None:
+    """A device that was calibrated twice, one that was refused, and one that is lost."""
+    at = now_ns()
+    site.talk(
+        about(NAME, boot=5, time_ns=at, battery_percent=82.0),
+        replace(FIRST, time_ns=at - 3600 * 10**9),
+        replace(SECOND, time_ns=at - 60 * 10**9),
+        replace(FIRST, id="bad", verdict=Verdict.REFUSED, reason="scale factor x 2.000 outside", parameters=(),
+                covariance=np.zeros((0, 0)), time_ns=at - 30 * 10**9),
+        tracking(NAME, calibration="second"),
+        replace(said("bed-01-wrist", State.LOST, boot=1, time_ns=at), reason="no samples for 12 s"),
+    )  # fmt: skip
+    heard(site, 2)
+    for _ in range(3):
+        time.sleep(0.3)
+        site.talk(tracking(NAME, calibration="second"))
+
+
+def path(number: str) -> str:
+    return f"/devices/{NAME}/calibrations/{number}/certificate"
+
+
+def pages_of(page: Page) -> int:
+    """How many sheets of A4 it is, as the browser prints it."""
+    return page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")
+
+
+def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
+    calibrated(site)
+    page.goto(path("second"))
+    expect(page.get_by_role("heading", level=1)).to_have_text("Calibration certificate")
+    expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted It is in use now.")
+    expect(page.locator(".numbers").first).to_contain_text("1.0010 ± 0.0039")
+    expect(page.locator(".paper")).to_contain_text("by more than both are unsure: z")
+    expect(page.locator(".paper")).to_contain_text("−359.8°")
+    assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
+    shot("certificate")
+    assert serious(page) == []
+    assert pages_of(page) == 1
+    page.get_by_role("link", name="中文").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("校准证书")
+    expect(page.locator(".paper")).to_contain_text("相差超过两者的不确定度：z")
+    shot("certificate-zh")
+    assert serious(page) == []
+
+
+def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Shot) -> None:
+    calibrated(site)
+    page.goto(path("bad"))
+    expect(page.locator(".verdict")).to_contain_text(f"{NAME}: refused It is not in use now.")
+    expect(page.locator(".facts")).to_contain_text("scale factor x 2.000 outside")
+    shot("certificate-refused")
+    assert serious(page) == []
+    page.goto(path("never"))
+    expect(page.locator(".reason")).to_have_text(f"no calibration never of {NAME} is known")
+
+
+def test_the_wards_summary(page: Page, site: Site, shot: Shot) -> None:
+    calibrated(site)
+    page.goto("/")
+    page.get_by_role("link", name="Report of the ward, to print").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Ward w: summary")
+    expect(page.locator(".of")).to_contain_text("1 of 2 tracking")
+    expect(page.locator(".needs")).to_contain_text("bed-01-wrist lost no samples for 12 s")
+    expect(page.locator(".numbers")).to_contain_text("1.1500 ± 0.0059")
+    shot("report")
+    assert serious(page) == []
+    assert pages_of(page) == 1
+    page.get_by_role("link", name="中文").click()
+    expect(page.locator(".of")).to_contain_text("2 台中有 1 台正常跟踪")
+    shot("report-zh")
+    assert serious(page) == []
+
+
+def test_a_ward_of_sixty_is_printed_on_a_few_sheets(page: Page, site: Site) -> None:
+    for i in range(60):
+        name = f"bed-{i:02d}"
+        site.talk(
+            about(name, boot=5, time_ns=now_ns()),
+            replace(FIRST, device=name, time_ns=now_ns()),
+            tracking(name, calibration="first"),
+        )
+    heard(site, 60)
+    page.goto("/report")
+    expect(page.locator(".numbers tbody")).to_have_count(60)
+    assert 3 <= pages_of(page) <= 8
