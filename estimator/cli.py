@@ -12,15 +12,13 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from msgspec.structs import replace
 from rich.console import Console
 
 from bridge import captures, cli_pki, os_words, together
 from bridge import cli as bridge_cli
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
-from bridge.bus.routers import Routers
-from bridge.config import LOCAL, Bus, ConfigError, check_endpoints, load
+from bridge.config import LOCAL, ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
 from bridge.record import cli as record_cli
@@ -31,6 +29,7 @@ from bridge.wire.refusal import Refusal
 from bridge.wording import count
 from estimator import cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
+from estimator.cli_ward import ward_of
 
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -174,21 +173,6 @@ def _add_estimator(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("config", type=Path, help="the ward's TOML file, such as configs/demo.toml")
 
 
-def _ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
-    """The ward's name and its routers, for who has one of the roles (default: who may look)."""
-    from estimator.config import Ward  # noqa: PLC0415
-
-    file = load(given.config, Ward) if given.config else None
-    ward = check_id(given.ward or (file.ward if file else "ward"), "ward")
-    bus = file.bus if file else Bus()
-    try:
-        if given.connect:
-            bus = replace(bus, connect=check_endpoints(tuple(given.connect), "--connect"))
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
-    return ward, bus.routers_as(*(roles or (Role.VIEWER, Role.COMMANDER, Role.RECORDER)))
-
-
 def _demo(given: argparse.Namespace) -> int:
     from estimator.demo.run import run  # noqa: PLC0415
 
@@ -209,19 +193,19 @@ def _serve(given: argparse.Namespace) -> None:
 def _devices(given: argparse.Namespace) -> int:
     from estimator.watch import show_devices  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given)
+    ward, endpoints = ward_of(given)
     return show_devices(plain_console(), ward, endpoints)
 
 
 def _status(given: argparse.Namespace) -> int:
     from estimator.watch import show_status  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given)
+    ward, endpoints = ward_of(given)
     return show_status(plain_console(), ward, endpoints, as_json=given.json)
 
 
 def _watch(given: argparse.Namespace) -> int:
-    ward, endpoints = _ward_of(given)
+    ward, endpoints = ward_of(given)
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     if given.device and not (given.only or given.once or given.json):
@@ -239,7 +223,7 @@ def _watch(given: argparse.Namespace) -> int:
 def _command(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given, Role.COMMANDER)
+    ward, endpoints = ward_of(given, Role.COMMANDER)
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
@@ -251,7 +235,7 @@ def _command(given: argparse.Namespace) -> int:
 def _note(given: argparse.Namespace) -> int:
     from estimator.client import Client  # noqa: PLC0415
 
-    ward, endpoints = _ward_of(given, Role.COMMANDER)
+    ward, endpoints = ward_of(given, Role.COMMANDER)
     device, text = check_id(given.device, "device"), given.text.strip()
     if not text:
         raise ConfigError(f'a note needs words, such as: truerate note {device} "sat up"')

@@ -5,9 +5,11 @@ import getpass
 import os
 from pathlib import Path
 
-from bridge.config import LOCAL, ConfigError, check_endpoints, load
+from bridge.config import LOCAL, ConfigError
 from bridge.console import plain_console
+from bridge.pki.member import Role
 from bridge.wire.keys import check_id
+from estimator.cli_ward import ward_of
 
 
 def add_live(verb: argparse.ArgumentParser) -> None:
@@ -29,20 +31,14 @@ def live(given: argparse.Namespace) -> int:
     """Guide one; 0 when it is calibrated."""
     from estimator.calibrate_live import calibrate  # noqa: PLC0415
     from estimator.client import Client  # noqa: PLC0415
-    from estimator.config import Ward  # noqa: PLC0415
     from estimator.texts import chosen, texts  # noqa: PLC0415
 
     if given.file is not None:
         raise ConfigError("a recording or --live DEVICE, not both")
-    file = load(given.config, Ward) if given.config else None
-    ward = check_id(given.ward or (file.ward if file else "ward"), "ward")
-    try:
-        connect = check_endpoints(tuple(given.connect), "--connect") if given.connect else None
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    ward, routers = ward_of(given, Role.COMMANDER)
     terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")
     t = texts(chosen((given.lang or "", terminal[:2])))
-    with Client(connect or (file.bus.connect if file else (LOCAL,)), ward=ward) as client:
+    with Client(routers, ward=ward) as client:
         return calibrate(
             plain_console(), client, check_id(given.live, "device"), getpass.getuser(), t, seconds=given.seconds
         )
