@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.record.export import AXES, events, make_folder, rows_of
-from bridge.record.files import new_file
+from bridge.record.files import check_new, new_file
 from bridge.record.stretches import Recorded, Stretch
 from bridge.recording_error import RecordingError
 
 BIDS_VERSION = "1.10.0"
 LABEL = re.compile(r"[0-9a-zA-Z]+\Z")
 _NONE = "n/a"
+_FILES = ("motion.tsv", "motion.json", "channels.tsv", "channels.json")
+_EVENTS = ("events.tsv", "events.json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +69,18 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
     home = folder / session.folder
     make_folder(folder)
     (home / "motion").mkdir(parents=True, exist_ok=True)
+    stems = {
+        f"{session.stem}_task-{session.task}_tracksys-{systems[device]}"
+        + (f"_run-{stretch.number}" if len(stretches) > 1 else ""): stretch
+        for device, stretches in recorded.stretches.items()
+        for stretch in stretches
+    }
+    check_new(home / "motion" / f"{stem}_{name}" for stem in stems for name in (*_FILES, *_EVENTS))
     paths, scans = [], []
-    for device, stretches in recorded.stretches.items():
-        for stretch in stretches:
-            run = f"_run-{stretch.number}" if len(stretches) > 1 else ""
-            stem = f"{session.stem}_task-{session.task}_tracksys-{systems[device]}{run}"
-            paths += _write(home / "motion", stem, stretch, session.task, systems[device])
-            scans.append((f"motion/{stem}_motion.tsv", _rfc3339(int(stretch.time_ns[0]))))
-            paths += _write_events(home / "motion", stem, recorded, stretch)
+    for stem, stretch in stems.items():
+        paths += _write(home / "motion", stem, stretch, session.task, systems[stretch.device])
+        scans.append((f"motion/{stem}_motion.tsv", _rfc3339(int(stretch.time_ns[0]))))
+        paths += _write_events(home / "motion", stem, recorded, stretch)
     _add_rows(home / f"{session.stem}_scans.tsv", ("filename", "acq_time"), scans)
     _add_rows(folder / "participants.tsv", ("participant_id",), [(f"sub-{session.subject}",)])
     about = folder / "dataset_description.json"
@@ -136,7 +142,7 @@ def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
 
 def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) -> list[Path]:
     found = channels(stretch)
-    paths = [folder / f"{stem}_{name}" for name in ("motion.tsv", "motion.json", "channels.tsv", "channels.json")]
+    paths = [folder / f"{stem}_{name}" for name in _FILES]
     with new_file(paths[0]) as file:
         for rows in rows_of([channel.values for channel in found], _NONE):
             file.write("".join("\t".join(row) + "\n" for row in rows).encode())

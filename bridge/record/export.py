@@ -15,7 +15,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record.files import new_file
+from bridge.record.files import check_new, new_file
 from bridge.record.stretches import Recorded, Stretch
 from bridge.recording_error import RecordingError
 from bridge.wire.keys import boot_id
@@ -39,14 +39,16 @@ class Event(NamedTuple):
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     """Write every stretch, and the events; the files made. Raises RecordingError; `ending` is one of WRITERS."""
     make_folder(folder)
-    paths = []
-    for stretches in recorded.stretches.values():
-        for stretch in stretches:
-            suffix = f"_boot{stretch.number}" if len(stretches) > 1 else ""
-            paths.append(folder / f"{stretch.device}{suffix}{ending}")
-            with new_file(paths[-1]) as file:
-                WRITERS[ending](file, stretch)
-    paths.append(folder / "events.csv")
+    named = {
+        folder / f"{stretch.device}{f'_boot{stretch.number}' if len(stretches) > 1 else ''}{ending}": stretch
+        for stretches in recorded.stretches.values()
+        for stretch in stretches
+    }
+    paths = [*named, folder / "events.csv"]
+    check_new(paths)
+    for path, stretch in named.items():
+        with new_file(path) as file:
+            WRITERS[ending](file, stretch)
     with new_file(paths[-1]) as file:
         _write_events(file, recorded)
     return paths

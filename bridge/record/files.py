@@ -4,7 +4,7 @@ import contextlib
 import errno
 import fcntl
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
@@ -99,14 +99,20 @@ def open_new(path: Path) -> BinaryIO:
     return file
 
 
+def check_new(paths: Iterable[Path]) -> None:
+    """Refuse names that are taken, before the first of them is written; raises RecordingError."""
+    for path in paths:
+        if path.exists():
+            raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
+
+
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[BinaryIO]:
     """A file that is there when the block ends well, whole and on the disk, and else is not.
 
     Raises RecordingError when it is there already, or cannot be written.
     """
-    if path.exists():
-        raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
+    check_new([path])
     unfinished = path.with_name(f".{path.name}.new")
     try:
         try:

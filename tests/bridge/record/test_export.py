@@ -86,6 +86,11 @@ def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
         export(some, tmp_path / "out", ".npz")
     with pytest.raises(RecordingError, match=r"there is no folder .*; make it first"):
         export(some, tmp_path / "no" / "such", ".npz")
+    with pytest.raises(RecordingError, match=r"events.csv: is there already"):
+        export(some, tmp_path / "out", ".csv")
+    assert [path.name for path in (tmp_path / "out").glob("*.csv")] == [
+        "events.csv"
+    ]  # none is written where one is refused
     (tmp_path / "file").write_text("x")
     with pytest.raises(RecordingError, match="cannot be made"):
         export(some, tmp_path / "file", ".npz")
@@ -121,6 +126,12 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
     assert (tmp_path / "set" / "participants.tsv").read_text() == "participant_id\nsub-07\nsub-08\n"
     with pytest.raises(RecordingError, match="is there already"):
         export_bids(some, tmp_path / "set", Session("08", "ward"))
+    motion = tmp_path / "set" / "sub-09" / "motion"
+    motion.mkdir(parents=True)
+    (motion / "sub-09_task-ward_tracksys-wristleft_channels.json").touch()
+    with pytest.raises(RecordingError, match=r"wristleft_channels.json: is there already"):
+        export_bids(some, tmp_path / "set", Session("09", "ward"))
+    assert len(list(motion.iterdir())) == 1
     with pytest.raises(RecordingError, match="--subject 'Mrs Doe': BIDS takes letters and digits only"):
         Session("Mrs Doe", "ward")
     with pytest.raises(RecordingError, match="--task ''"):
