@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
-from bridge.recording_error import RecordingError
+from bridge.recording_error import RecordingError, check_file
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -103,10 +103,8 @@ def load(
     device and boot, counted from 1, choose from a ward's recording.
     """
     path = Path(path)
-    try:
-        size = path.stat().st_size
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    check_file(path)
+    size = path.stat().st_size
     if size > MAX_BYTES:
         raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
     if path.suffix == ".part":
@@ -166,6 +164,8 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
 
 def _read_npz(path: Path) -> dict[str, Floats]:
     """The wanted arrays of an archive; NumPy's own complaints, which advise to load unsafely, are not passed on."""
+    if not path.stat().st_size:
+        raise RecordingError(f"{path}: it is empty; an archive with 'gyro_rad_s' in it is needed")
     _check_unpacked(path)
     arrays = {}
     try:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.os_words import why
 from bridge.recording_error import RecordingError
 from bridge.wording import count
 
@@ -56,8 +57,10 @@ def _table(path: Path) -> tuple[list[str], Floats]:
                     numbers.extend(map(float, row))
                 except ValueError:
                     raise _bad_number(path, names, number, row) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: cannot be read: {error}") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path}: not text in UTF-8; a CSV with a header row is expected") from None
     except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
     return names, np.frombuffer(numbers, np.float64).reshape(-1, len(names))

@@ -1,5 +1,15 @@
-"""The one way a recording is refused."""
+"""The one way a recording is refused, and files that are none."""
+
+from pathlib import Path
+
+from bridge import os_words
 
 
 class RecordingError(Exception):
     """A recording cannot be used: the file, what is in it, and what was expected."""
+
+
+def check_file(path: Path) -> None:
+    """Refuse what cannot be read, without opening it: a pipe would block. Raises RecordingError."""
+    if why := os_words.unreadable(path):
+        raise RecordingError(f"{path}: cannot be read: {why}")

@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from bridge.os_words import why
 from bridge.record.kinds import KINDS, PACKAGE, Said
 from bridge.record.mcap_reader import Entry, McapReader
 from bridge.record.tape import ABOUT
-from bridge.recording_error import RecordingError
+from bridge.recording_error import RecordingError, check_file
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally
 
@@ -30,6 +31,8 @@ class Contents:
     """
 
     def __init__(self, paths: Sequence[Path], wanted: Sequence[str] = (), tell: Tell = lambda _done, _of: None) -> None:
+        for path in paths:
+            check_file(path)
         self.refused = Tally()
         self.trouble: list[str] = []
         self.size = 0
@@ -79,7 +82,7 @@ def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
                 raise RecordingError(f"{path}: there is nothing in it: {'; '.join(reader.trouble) or 'no message'}")
             trouble += [f"{path}: {words}" for words in reader.trouble]
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
 
 
 def _begin_ns(path: Path) -> int:
@@ -90,4 +93,4 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None

@@ -11,7 +11,7 @@ from bridge.record.kinds import PACKAGE
 from bridge.record.mcap_reader import McapReader
 from bridge.record.mcap_writer import McapWriter
 from bridge.record.tape import ABOUT
-from bridge.recording_error import RecordingError
+from bridge.recording_error import RecordingError, check_file
 from bridge.wording import count
 
 Tell = Callable[[int, int], None]
@@ -37,6 +37,7 @@ class Recovered:
 
 def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
     """Write a whole file beside the torn one, which stays. Raises RecordingError, also when there is nothing to do."""
+    check_file(path)
     target = out or _name(path)
     try:
         if in_use(path):

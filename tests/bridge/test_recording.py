@@ -1,5 +1,6 @@
 """A recording is whole, finite and in order, or refused with its file, key and sample."""
 
+import os
 import pickle
 import zipfile
 from pathlib import Path
@@ -8,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.record.recover import recover
+from bridge.record.survey import survey
 from bridge.recording import MAX_BYTES, Recording, RecordingError, load
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -103,7 +106,29 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     assert "not a readable" in refusal(tmp_path / "x.npz")
     assert "not a readable" in refusal(tmp_path / "y.npz")
     assert "ends in .npz, .csv or .mcap" in refusal(tmp_path / "z.wav")
-    assert "cannot be read" in refusal(tmp_path / "none.npz")
+    assert "cannot be read: missing" in refusal(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv", "mcap"])
+def test_what_is_no_file_is_named_and_never_waited_for(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"folder.{ending}").mkdir()
+    os.mkfifo(tmp_path / f"pipe.{ending}")
+    (tmp_path / f"empty.{ending}").touch()
+    assert "cannot be read: a folder, where a file is expected" in refusal(tmp_path / f"folder.{ending}")
+    assert "cannot be read: not a file" in refusal(tmp_path / f"pipe.{ending}")
+    assert "it is empty" in refusal(tmp_path / f"empty.{ending}")
+    with pytest.raises(RecordingError, match="cannot be read: not a file"):
+        survey([tmp_path / f"pipe.{ending}"])
+    with pytest.raises(RecordingError, match="cannot be read: not a file"):
+        recover(tmp_path / f"pipe.{ending}")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("ending", ["npz", "csv", "mcap"])
+def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"closed.{ending}"
+    path.touch(0)
+    assert "cannot be read: no permission" in refusal(path)
 
 
 def written(tmp_path: Path, text: str) -> Path:
