@@ -91,6 +91,13 @@ def with_part(path: Path) -> Path:
     return path.with_name(path.name + PART)
 
 
+def recorded_in(path: Path) -> str:
+    """Where a file is, and what it needs, for a person."""
+    return f"recorded in {path}" + (
+        f": make it whole by truerate recording recover {path}" if path.suffix == PART else ""
+    )
+
+
 def open_new(path: Path) -> BinaryIO:
     """A new, locked, unbuffered file; FileExistsError when there is one."""
     file = path.open("xb", buffering=0)

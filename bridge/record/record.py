@@ -11,7 +11,7 @@ from rich.console import Console
 from bridge.bus.contract import Bus, BusError, Message, Subscription
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
-from bridge.record.files import Folder
+from bridge.record.files import Folder, recorded_in
 from bridge.record.kinds import SAMPLES
 from bridge.record.progress import Screen, line
 from bridge.record.recorder import Knobs, WardRecorder
@@ -67,7 +67,7 @@ def record(
                 raise RecordingError(f"recording cannot begin: {recorder.said(error)}") from None
             _run(bus, subscription, recorder, first, stop, seconds, console)
     for path in recorder.account.files:
-        console.print(f"recorded in {path}", highlight=False, soft_wrap=True)
+        console.print(recorded_in(path), highlight=False, soft_wrap=True)
     return 1 if recorder.account.not_recorded or recorder.account.trouble else 0
 
 

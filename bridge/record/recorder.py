@@ -1,7 +1,7 @@
 """What a recorder does: messages in, files out. No clock, no bus: times are arguments, files come from a `Place`.
 
-A file that refuses (a full disk, a pulled stick) is finished as far as it goes, and a new one is begun when there is
-room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
+A file that refuses (a full disk, a pulled stick) is finished if that can be done, else left; a new one is begun when there
+is room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
 """
 
 import errno
@@ -13,6 +13,7 @@ from typing import Protocol
 
 from bridge.bus.contract import Message
 from bridge.record import kinds
+from bridge.record.files import recorded_in
 from bridge.record.kinds import KINDS, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.tape import Item, Output, Tape
@@ -62,7 +63,7 @@ class Account:
     corrected: int = 0
     messages: int = 0
     closed_bytes: int = 0
-    files: list[Path] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)  # those that could not be finished end in PART
     refused: Tally = field(default_factory=Tally)
     not_recorded: int = 0  # messages that came while no file could be written, or were in its last chunk
     trouble: str = ""  # why nothing can be written now
@@ -212,14 +213,15 @@ class WardRecorder:
         # What stopped a long file need not stop the next one.
         at_once = error.errno == errno.EFBIG and tape is not None and tape.writer.messages
         self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
-        left = ""
+        words = ""
         if tape is not None:
             account.not_recorded += tape.writer.lost
             left = tape.left()
             account.closed_bytes += tape.writer.size
-            if tape.writer.finished:
-                account.files.append(tape.output.path)
-        _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, left)
+            if left is not None:
+                account.files.append(left)
+                words = f" What was there before is {recorded_in(left)}"
+        _log.error("%s. Nothing is recorded now; tried again as soon as it can be.%s", account.trouble, words)
 
     def _try_again(self, wall_ns: int, now_s: float) -> None:
         try:

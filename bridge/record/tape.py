@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol
 
 from bridge.record import kinds
+from bridge.record.files import with_part
 from bridge.record.kinds import Kind
 from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
 
@@ -69,16 +70,16 @@ class Tape:
         self.writer.add(channel, log_ns, item.own_ns, item.payload)
         return True
 
-    def left(self) -> str:
-        """Leave a file that refused; what is left of it, for a person."""
+    def left(self) -> Path | None:
+        """Leave a file that refused; what is left of it: nothing, a whole file, or one that ends in PART."""
         path = self.output.path
         try:
             if not self.writer.messages:
                 self.output.discard()
-                return ""
+                return None
             self.writer.finish()
             self.output.finish()
         except OSError:
             self.output.abandon()
-            return f" What was recorded is in {path}.part: truerate recording recover {path}.part"
-        return f" What was recorded is whole, in {path}"
+            return with_part(path)
+        return path

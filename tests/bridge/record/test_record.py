@@ -2,6 +2,7 @@
 
 import io
 import os
+import resource
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from bridge.bus.contract import BusError
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Root
 from bridge.record.record import record
+from bridge.record.recover import recover
 from bridge.record.settings import Recorder, seconds
 from bridge.record.survey import survey
 from bridge.recording_error import RecordingError
@@ -55,6 +57,27 @@ def test_what_is_said_is_recorded_from_the_caches_on(tmp_path: Path) -> None:
         assert device.info is not None
     assert f"recorded in {path}" in run.said.getvalue()
     assert "3 devices" in run.said.getvalue()
+
+
+def test_every_file_is_named_at_the_end_and_what_those_that_are_not_whole_need(tmp_path: Path) -> None:
+    run = Run(tmp_path, wait_s=10.0)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with MemoryBus(run.broker) as bus, Crowd(bus, 3) as crowd:
+        while not crowd.sent:
+            pass
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, before[1]))
+            assert run.record(2.5) == 1
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = run.said.getvalue()
+    paths = sorted(tmp_path.iterdir())
+    torn = [path for path in paths if path.suffix == ".part"]
+    assert torn
+    assert len(paths) > 1
+    assert all(f"recorded in {path}" in said for path in paths)
+    assert all(f"truerate recording recover {path}" in said for path in torn)
+    recover(torn[0])
 
 
 def test_nothing_is_not_recorded(tmp_path: Path) -> None:

@@ -250,7 +250,7 @@ def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
     recorder.take([raw("one", 50)], NOW, 8.1)
     recorder.close()
     assert (disk.last.topics(), disk.last.fate) == (["raw/bridge-1/one"], "finished")
-    assert (account.trouble, account.files) == ("", [Path("1.mcap")])
+    assert (account.trouble, account.files) == ("", [Path("0.mcap.part"), Path("1.mcap")])
     assert "4 messages not recorded" in caplog.text
 
 
@@ -281,6 +281,7 @@ def test_a_limit_of_one_file_begins_the_next_at_once(recorder: WardRecorder, dis
     recorder.close()
     assert [output.fate for output in disk.outputs] == ["abandoned", "finished"]
     assert (len(disk.last.entries()), recorder.account.not_recorded) == (1, 1)
+    assert recorder.account.files == [Path("0.mcap.part"), Path("1.mcap")]
 
 
 def test_a_file_in_which_nothing_is_leaves_no_trace(recorder: WardRecorder, disk: Disk) -> None:
