@@ -25,6 +25,7 @@ from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
+from bridge.recording_units import believed_accel, check_gyro, check_time
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -148,10 +149,12 @@ def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, 
 def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
     if len(of) < 2:
         raise RecordingError(f"{path}: {count(len(of), 'sample')} of {of.device}; at least 2 are needed")
+    gyro = of.gyro.astype(np.float64)
+    check_gyro(path, gyro, of.rate_hz)
     return Recording(
         time_s=of.time_s,
-        gyro=of.gyro.astype(np.float64),
-        accel=None if of.accel is None else of.accel.astype(np.float64),
+        gyro=gyro,
+        accel=believed_accel(path, None if of.accel is None else of.accel.astype(np.float64)),
         temperature_c=None if of.temperature_c is None else of.temperature_c.astype(np.float64),
         rate_hz=of.rate_hz,
         name=f"{path.stem}_{of.device}",
@@ -230,10 +233,13 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     if rate is not None and not 0.1 <= rate <= 100_000:
         raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")
     time = _time(path, columns.get("t_s"), rate, n)
+    if "t_s" in columns:
+        check_time(path, time)
+    check_gyro(path, gyro, 1 / float(np.median(np.diff(time))))
     return Recording(
         time_s=time,
         gyro=gyro,
-        accel=columns.get("accel_m_s2"),
+        accel=believed_accel(path, columns.get("accel_m_s2")),
         temperature_c=columns.get("temperature_c"),
         rate_hz=rate or float(1 / np.median(np.diff(time))),
         name=path.stem,

@@ -47,7 +47,12 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
     verb.add_argument("file", type=Path, metavar="IN", help="a recording; see bridge/recording.py for what is in it")
-    verb.add_argument("out", type=Path, metavar="OUT", help="where to write, .npz or .csv; never IN itself")
+    verb.add_argument(
+        "out",
+        type=Path,
+        metavar="OUT",
+        help="where to write, .npz or .csv; an OUT that is there is replaced; never IN",
+    )
     way = verb.add_mutually_exclusive_group()
     way.add_argument("--realtime", action="store_true", help="what was known when each sample came (default)")
     way.add_argument("--smooth", action="store_true", help="what is known of each sample in the end")

@@ -32,6 +32,8 @@ def check(out: Path, recorded: Path) -> None:
         raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
     if out.is_dir():
         raise RecordingError(f"{out}: is a folder; give the file a name of its own")
+    if out.exists() and not out.is_file():
+        raise RecordingError(f"{out}: is not a file, but a pipe or a device; give a file's name")
     if out.exists() and recorded.exists() and out.samefile(recorded):
         raise RecordingError(f"{out}: is the recording itself, which is never overwritten; give another name")
 

@@ -5,6 +5,7 @@ from math import radians
 
 import numpy as np
 
+from bridge.recording_units import ABSURD
 from bridge.wire.messages import Verdict
 from estimator.batch.axes import foreign_axes
 from estimator.batch.capture import Capture, Floats, History, Movement, Rest, Samples, TurnCapture
@@ -23,8 +24,6 @@ STALE_S = 600.0
 LIVE_EVERY, LIVE_MOVEMENTS = 2, 16
 #: seconds of stillness that somebody probably meant for a rest
 PAUSE_S = 0.8
-#: rad/s that no wearable turns at
-ABSURD = 70.0
 #: rad/s: a rest whose mean is so uncertain because it wandered is none
 SHAKEN = radians(0.05)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge.recording import load
 from bridge.sim.session import Session, simulate_session
@@ -151,6 +152,7 @@ def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool)
         (["IN", "out"], 1, "not in ''"),
         (["IN", "nowhere/out.npz"], 1, "there is no folder"),
         (["IN", "folder.npz"], 1, "is a folder"),
+        (["IN", "pipe.npz"], 1, "is not a file"),
         (["missing.npz", "out.npz"], 1, "cannot be read"),
         (["IN", "out.npz", "--calibration", "missing.json"], 1, "missing.json: cannot be read"),
         (["IN", "out.npz", "--calibration", "IN"], 1, "not a calibration"),
@@ -172,6 +174,7 @@ def test_wrong_use_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.npz").mkdir()
+    os.mkfifo(tmp_path / "pipe.npz")
     (tmp_path / "sub").mkdir()
     before = recorded.read_bytes()
     assert main(["correct", *(str(recorded) if word == "IN" else word for word in words)]) == code
@@ -180,6 +183,47 @@ def test_wrong_use_is_one_line(
     assert err.count("\n") == 1
     assert recorded.read_bytes() == before
     assert not list(tmp_path.glob("out*"))
+
+
+def saved(arrays: dict[str, NDArray[np.float64]]) -> None:
+    np.savez("in.npz", allow_pickle=False, **arrays)
+
+
+def test_readings_in_other_units_are_refused_or_not_used(
+    session: Session,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    right = {"gyro_rad_s": session.gyro, "accel_m_s2": session.accel, "t_s": session.time_s}
+    for wrong, said in (
+        ({"gyro_rad_s": np.degrees(session.gyro)}, "are probably degrees per second, given as rad/s"),
+        ({"t_s": session.time_s * 1e3}, "is the time in milliseconds? It must be in seconds"),
+        ({"t_s": session.time_s * 1e6}, "is the time in microseconds? It must be in seconds"),
+        ({"t_s": session.time_s * 1e-3}, "is it in its column's unit?"),
+    ):
+        saved({**right, **wrong})
+        for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
+            assert main(verb) == 1
+            assert said in capsys.readouterr().err
+        assert not Path("out.npz").exists()
+    for scale, unit in ((1 / 9.80665, "g"), (1e3 / 9.80665, "milli-g")):
+        saved({**right, "accel_m_s2": session.accel * scale})
+        for verb in (["correct", "in.npz", "out.npz"], ["calibrate", "in.npz"]):
+            assert main(verb) == 0
+            assert f"is it in {unit}? m/s² are expected; it is not used" in caplog.text
+            caplog.clear()
+        with np.load("out.npz") as file:
+            assert "accel_m_s2" not in file
+
+
+def test_spikes_are_no_other_unit(session: Session, tmp_path: Path) -> None:
+    gyro = session.gyro.copy()
+    gyro[::50] = 300.0
+    np.savez(tmp_path / "in.npz", gyro_rad_s=gyro, rate_hz=104.0)
+    assert len(load(tmp_path / "in.npz")) == len(gyro)
 
 
 def test_both_ways_at_once_is_none(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,66 @@
+"""Whether the numbers of a recording can be in the units they are said to be in: rad/s, m/s², s.
+
+A wrong unit is no small error: each is a factor of 57, of 9.8, or of a thousand, and would be corrected without a word.
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.recording_error import RecordingError
+
+_log = logging.getLogger(__name__)
+Floats = NDArray[np.float64]
+#: rad/s that no wearable turns at, and few gyros can read
+ABSURD = 70.0
+_ABSURD_S = 0.25
+_SLOWEST_HZ, _FASTEST_HZ = 1.0, 20_000.0
+#: what the median length of the acceleration is near, in units that it is often given in, when it should be 9.8
+_GRAVITIES = {"g": 1.0, "milli-g": 1000.0}
+_NEAR = 0.25
+
+
+def check_time(path: Path, time_s: Floats) -> None:
+    """Refuse times (n,) whose median step is no IMU's."""
+    step = float(np.median(np.diff(time_s)))
+    if 1 / _FASTEST_HZ <= step < 1 / _SLOWEST_HZ:
+        return
+    unit = "milliseconds" if step < 1000 / _SLOWEST_HZ else "microseconds"
+    asked = (
+        f"is the time in {unit}? It must be in seconds" if step >= 1 / _SLOWEST_HZ else "is it in its column's unit?"
+    )
+    raise RecordingError(
+        f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
+        f"{_SLOWEST_HZ:g} to {_FASTEST_HZ:g} Hz is taken: {asked}"
+    )
+
+
+def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
+    """Refuse rates (n, 3), rad/s, that stay where no gyro gets; a spike, a reading alone, is mended later."""
+    beyond = np.abs(gyro).max(axis=1) > ABSURD
+    stays = beyond[:-2] & beyond[1:-1] & beyond[2:]
+    if np.count_nonzero(stays) > _ABSURD_S * rate_hz:
+        most = float(np.abs(gyro[1:-1][stays]).max())
+        raise RecordingError(
+            f"{path}: readings of {most:.0f} rad/s are probably degrees per second, given as rad/s; "
+            "multiply them by π/180, or name a CSV's columns gx_dps, gy_dps, gz_dps"
+        )
+
+
+def believed_accel(path: Path, accel: Floats | None) -> Floats | None:
+    """The acceleration (n, 3), m/s²; None, with a warning, where it is in another unit."""
+    if accel is None:
+        return None
+    length = float(np.median(np.linalg.norm(accel, axis=1)))
+    for unit, gravity in _GRAVITIES.items():
+        if abs(length / gravity - 1) < _NEAR:
+            _log.warning(
+                "%s: the accelerometer's median is %.4g, where gravity is 9.8: is it in %s? m/s² are expected; it is not used",
+                path,
+                length,
+                unit,
+            )
+            return None
+    return accel
