@@ -10,7 +10,6 @@ from bridge import readings as door
 from bridge.account import Account, News
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.faults import SensorFaults
-from bridge.sending_rate import SendingRate
 from bridge.timeline import Stamps, Timeline
 from bridge.unwrap import Counters, Counts
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
@@ -18,6 +17,7 @@ from bridge.wire.refusal import Reason, Tally
 
 BEFORE_IDENTITY = "before_identity"
 _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "late"
+_RATE_CHANGED = "rate_changed"
 _MISSING = "missing_samples"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
@@ -32,6 +32,7 @@ class Intake:
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
         self.driver = driver
+        self.said: list[str] = []  # for the log; whoever writes it empties it
         self._device = device
         self._account = Account(device, bridge, driver, place)
         self._identity: Identity | None = None
@@ -84,7 +85,10 @@ class Intake:
 
     def news(self, faults: dict[str, int], trouble: str = "") -> News:
         """What is counted of the device by now, its driver's faults among the events, and what troubles it."""
-        return self._account.news(self._identity, self.dropped.as_dict(), {**self.events.as_dict(), **faults}, trouble)
+        events = self.events.as_dict()
+        # A driver may have seen the same change.
+        counts = {**events, **{label: max(n, events.get(label, 0)) for label, n in faults.items()}}
+        return self._account.news(self._identity, self.dropped.as_dict(), counts, trouble)
 
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
@@ -103,7 +107,7 @@ class Intake:
                 self.events.add(BEFORE_IDENTITY, self.samples_in)
                 self._begin()
         elif identity.rate_hz != self._identity.rate_hz:
-            self.timeline.rate = SendingRate()
+            self._rate_changed(self.timeline.told(self._identity.rate_hz, identity.rate_hz))
         self._identity = identity
         return released
 
@@ -167,7 +171,13 @@ class Intake:
         """When good samples were taken; last is the number of their last."""
         if self.timeline.observe(last, int(ticks[-1]), receive_time_ns, identity):
             self.events.add(_RATE_DIFFERS)
+        if self.timeline.changes(identity):
+            self._rate_changed(self.timeline.changed)
         return self.timeline.stamps(ticks, receive_time_ns, identity)
+
+    def _rate_changed(self, words: str) -> None:
+        self.events.add(_RATE_CHANGED)
+        self.said.append(words)
 
     def _count_silent(self) -> None:
         if missing := self.timeline.missing - self._silent:

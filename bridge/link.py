@@ -215,6 +215,10 @@ class Link:
                 self._keep(self._intake.take(event))
         except Exception as error:  # noqa: BLE001 - in the pump it would silence all devices
             self._complain(f"what it says cannot be taken: {error!r}", trace=True)
+        said, self._intake.said = self._intake.said, []
+        for words in said:
+            # One that is told its rate changes it for every calibration.
+            _log.log(logging.INFO if isinstance(self._driver, Paced) else logging.WARNING, "%s: %s", self.device, words)
 
     def _let_out(self) -> None:
         """Whatever the door still holds back: nothing follows that it could wait for."""

@@ -16,6 +16,7 @@ from bridge.unwrap import Counts
 
 _LATE_NS = 1_000_000_000
 _ODD_CLOCK = 0.02  # from the host's
+_OTHER = 0.02  # of the rate
 
 
 class Stamps(NamedTuple):
@@ -51,11 +52,13 @@ class Stamps(NamedTuple):
 
 
 class Timeline:
-    """Fed in the order of arrival; pure. missing: samples that a device that tells no time has left out so far."""
+    """Fed in the order of arrival; pure. changed: how the rate changed last, in words."""
 
     def __init__(self) -> None:
         self.clock = ClockFit()
         self.rate = SendingRate()
+        self.changed = ""
+        self._sent_hz = self._first_hz = 0.0  # at which it is known to have sent; what it said first
         self._silences, self._made = Silences(), MadeTime()
 
     @property
@@ -79,6 +82,26 @@ class Timeline:
         self.clock.observe(device_s, receive_time_ns)
         return self.rate.observe(sequence, device_s, self.clock.rate, identity.rate_hz)
 
+    def told(self, before_hz: float, rate_hz: float) -> str:
+        """The device says another rate within its boot: it is measured anew. In words; that it is as at first is no news."""
+        self.rate, self._sent_hz = SendingRate(), 0.0
+        self._first_hz = self._first_hz or before_hz
+        said = _changed(before_hz, rate_hz)
+        self.changed = said if rate_hz != self._first_hz else ""
+        return said
+
+    def changes(self, identity: Identity) -> bool:
+        """Whether a device with a clock is now known to send at another rate than before, though it does not say so."""
+        hz, before_hz = self.rate.steady_hz, self._sent_hz or identity.rate_hz
+        if not (identity.has_clock and hz and before_hz) or abs(hz / before_hz - 1) <= _OTHER:
+            self._sent_hz = self._sent_hz or hz
+            return False
+        was_known = self._sent_hz > 0
+        self._sent_hz = hz
+        if was_known:
+            self.changed = _changed(before_hz, hz)
+        return was_known
+
     def stamps(self, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
         """The times of good samples (n,), rising, up to the one observed."""
         rate = self.clock.rate
@@ -93,6 +116,8 @@ class Timeline:
     def notices(self, identity: Identity) -> dict[str, str]:
         """What a person should know of it, by name."""
         notices: dict[str, str] = {}
+        if self.changed:
+            notices["rate changed"] = self.changed
         if identity.has_clock and not self.rate.differs:
             return notices
         clock, told = self.clock, f"{identity.rate_hz:.4g} Hz"
@@ -106,3 +131,7 @@ class Timeline:
             if identity.has_clock and abs(clock.rate - 1) > _ODD_CLOCK:
                 notices["rate"] += f"; its clock runs {1 / clock.rate:.4g} times as fast as the host's"
         return notices
+
+
+def _changed(before_hz: float, now_hz: float) -> str:
+    return f"its rate changed from {before_hz:.3g} to {now_hz:.3g} Hz"

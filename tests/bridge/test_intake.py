@@ -66,9 +66,24 @@ def test_another_rate_in_a_boot_is_no_boot_and_is_measured_anew() -> None:
         fast = replace(readings(500 + i), ticks=ticks[i : i + 5].astype(np.uint32))
         intake.take(replace(fast, receive_time_ns=NOW + int(ticks[i + 4]) * 1000))
     info = intake.info(NOW, {})
-    assert (info.boot, info.rate_hz, info.samples, info.events) == (7, 400.0, 1300, {})
+    assert (info.boot, info.rate_hz, info.samples, info.events) == (7, 400.0, 1300, {"rate_changed": 1})
+    assert info.notices == {"rate changed": "its rate changed from 100 to 400 Hz"}
+    assert intake.said == ["its rate changed from 100 to 400 Hz"]
     assert info.measured_rate_hz == pytest.approx(400.0, rel=1e-2)
     account(intake)
+
+
+def test_a_rate_that_changes_untold_is_said_once_it_is_known() -> None:
+    intake = made()
+    intake.take(HELLO)
+    ticks = np.cumsum(np.repeat([DT, 2 * DT], [3000, 2500]))
+    for i in range(0, len(ticks), 5):
+        came = NOW + int(ticks[i + 4]) * 1000
+        intake.take(replace(readings(i), ticks=ticks[i : i + 5].astype(np.uint32), receive_time_ns=came))
+    info = intake.info(NOW, {})
+    assert intake.said == ["its rate changed from 100 to 50 Hz"]
+    assert info.notices == {"rate changed": intake.said[0], "rate": "measured 50 Hz, told 100 Hz"}
+    assert info.events == {"rate_differs": 1, "rate_changed": 1}
 
 
 def test_nothing_is_published_before_the_device_said_who_it_is() -> None:

@@ -163,7 +163,9 @@ def test_the_rate_goes_up_for_a_calibration_and_down_after_it_in_one_boot(restar
     assert decoder.faults.as_dict().get("clock_set_back_by_settings", 0) == 2 * restarts
     intake = bench.taken()
     assert intake.dropped.as_dict() == {}
-    assert set(intake.events.as_dict()) <= {"gaps", "missing_samples"}, "it measures nothing while it is told"
+    assert set(intake.events.as_dict()) <= {"gaps", "missing_samples", "rate_changed"}, (
+        "it measures nothing while it is told"
+    )
 
 
 @pytest.mark.parametrize("timed", [True, False])

@@ -328,6 +328,16 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
     assert sum(map(len, taken.batches)) == 10
 
 
+def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.link")
+    driver = Scripted([HELLO, said(0)], [replace(HELLO, rate_hz=50.0), said(10)])
+    run(driver, lambda _: not driver._script)
+    assert [record.message for record in caplog.records] == [
+        "d1: reading script",
+        "d1: its rate changed from 100 to 50 Hz",
+    ]
+
+
 def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:
     driver = Scripted([HELLO, said(0)], ZeroDivisionError("oops"), [HELLO, said(10)])
     taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()

@@ -176,7 +176,8 @@ def test_the_rate_goes_up_for_a_calibration_and_down_after_it_with_nothing_lost(
     intake = Intake("d", "b", "witmotion", "p")
     batches = [batch for event in bench.events for batch in intake.take(event)]
     assert sum(map(len, batches)) == len(counts)
-    assert intake.events.as_dict() == {}
+    assert intake.events.as_dict() == {"rate_changed": 2}
+    assert not intake.info(0, {}).notices, "it is as at first"
     assert "rate_changed" not in bench.decoder.faults.as_dict()
 
 
