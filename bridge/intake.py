@@ -3,6 +3,8 @@
 Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,14 +12,17 @@ from bridge import readings as door
 from bridge.account import Account, News
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.faults import SensorFaults
+from bridge.shares import Shares
 from bridge.timeline import Stamps, Timeline
 from bridge.unwrap import Counters, Counts
+from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally
 
 BEFORE_IDENTITY = "before_identity"
 _NO_TEMPERATURE, _RATE_DIFFERS, _LATE = "temperature_missing", "rate_differs", "late"
 _RATE_CHANGED = "rate_changed"
+_BAD = frozenset({"clipped", "stuck", "not_a_number", "temperature_step"})  # among the events: samples that are no good
 _MISSING = "missing_samples"
 _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
@@ -43,6 +48,7 @@ class Intake:
         """What is of one boot only."""
         self.timeline = Timeline()
         self._silent = 0  # samples missing in silences that are counted
+        self._shares = Shares()
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()
@@ -93,7 +99,11 @@ class Intake:
     def info(self, time_ns: int, faults: dict[str, int], trouble: str = "") -> DeviceInfo:
         """What is known of the device at time_ns; boot 0 before it said who it is. Its driver's faults become events."""
         news = self.news(faults, trouble)
-        return self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
+        info = self._account.info(self._identity, self.boot or 0, self.timeline, self.samples, time_ns, news)
+        bad = {label: n for label, n in news.events.items() if label in _BAD}
+        if said := self._shares.notable(time_ns, self.samples_in, {**bad, **news.dropped}):
+            info = replace(info, notices=dict([*info.notices.items(), ("refused", said)][-MAX_TEXTS:]))
+        return info
 
     def _greet(self, identity: Identity) -> list[SampleBatch]:
         released: list[SampleBatch] = []

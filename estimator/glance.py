@@ -40,6 +40,7 @@ class Glance:
     """All of it; `needs` with the most urgent first, `law` what is broken of it by device, `troubles` of the ward itself.
 
     unused: samples that were not used, by device and reason, most first; those of which there are none are not in it.
+    told: what its bridge counted of a device beside that, and that its rate is another, in words.
     """
 
     ward: str
@@ -50,6 +51,7 @@ class Glance:
     samples_out: int
     dropped: int
     unused: Mapping[str, Mapping[str, int]]
+    told: Mapping[str, str]
     law: Mapping[str, str]
     bridges: Sequence[str]
     estimators: Sequence[str]
@@ -85,6 +87,7 @@ def glance(
         samples_out=sum(s.samples_out for s in statuses.values()),
         dropped=sum(sum(s.dropped.values()) for s in statuses.values()),
         unused=_unused(names, statuses, infos),
+        told={name: words for name in names if name in infos and (words := told(infos[name]))},
         law={name: words for name, status in sorted(statuses.items()) if (words := _law(status))},
         bridges=sorted(bridges),
         estimators=sorted(estimators),
@@ -108,6 +111,7 @@ def as_json(seen: Glance) -> dict[str, Any]:
             "broken": dict(seen.law),
         },
         "unused": {"all": dict(total(seen.unused)), "devices": {name: dict(why) for name, why in seen.unused.items()}},
+        "told": dict(seen.told),
         "bridges": list(seen.bridges),
         "estimators": list(seen.estimators),
         "troubles": list(seen.troubles),
@@ -125,6 +129,14 @@ def most(reasons: Mapping[str, int]) -> str:
     said = [f"{n} {why}" for why, n in found[:_MOST]]
     left = sum(n for _, n in found[_MOST:])
     return ", ".join([*said, *([f"{left} for other reasons"] if left else [])])
+
+
+def told(info: DeviceInfo) -> str:
+    """The largest counts of what happened to a device, and that its rate is another; empty where there is nothing."""
+    counts = most({in_words(label): n for label, n in info.events.items() if n})
+    return "; ".join(
+        words for words in (info.notices.get("rate changed", ""), info.notices.get("rate", ""), counts) if words
+    )
 
 
 def _unused(
@@ -153,7 +165,9 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
     if status is None or (trouble and status.state is State.LOST):
         return Need(name, State.UNKNOWN if status is None else State.LOST, trouble or "not heard yet")
     if status.state is not State.TRACKING:
-        return Need(name, status.state, status.reason)
+        return Need(name, status.state, "; ".join(filter(None, (status.reason, _refused(info)))))
+    if refused := _refused(info):
+        return Need(name, status.state, refused)
     if (
         info is not None
         and not isnan(info.battery_percent)
@@ -162,6 +176,10 @@ def _need(name: str, status: Status | None, info: DeviceInfo | None) -> Need | N
     ):
         return Need(name, status.state, charge_it(info.battery_percent))
     return None
+
+
+def _refused(info: DeviceInfo | None) -> str:
+    return info.notices.get("refused", "") if info is not None else ""
 
 
 def _law(status: Status) -> str:

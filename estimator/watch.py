@@ -64,6 +64,11 @@ def _glance(seen: Glance) -> Group:
     ]
     rows += [] if seen.law else [Text(law)]
     rows += _unused(seen)
+    if seen.told:
+        happened = Columns([Column("device", least=20), Column("what", least=20)], headings=False)
+        for name, words in seen.told.items():
+            happened.add(f"  {name}", words)
+        rows += [Text("counted at the bridges:"), happened]
     rows.append(
         Text(f"bridges: {', '.join(seen.bridges) or 'none'}   estimators: {', '.join(seen.estimators) or 'none'}")
     )
@@ -102,9 +107,10 @@ _HARDWARE = (
 
 def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
     measured = f"{info.measured_rate_hz:.1f} of {info.rate_hz:g}" if info.measured_rate_hz else f"{info.rate_hz:g}"
-    dropped = ", ".join(f"{count} {in_words(reason)}" for reason, count in info.dropped.items()) or "0"
+    dropped = glance.most({in_words(reason): n for reason, n in info.dropped.items()})
+    wrong = "; ".join(filter(None, (dropped, glance.told(info)))) or "0"
     what = f"{info.model} {info.firmware}" if info.boot else "not heard yet"
-    return info.device, what, info.bridge, measured, str(info.samples), info.trouble or dropped
+    return info.device, what, info.bridge, measured, str(info.samples), info.trouble or wrong
 
 
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
@@ -137,8 +143,15 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
             if live:
                 live.stop()
     if not heard:
-        console.print(f"nothing was heard of {device} in ward {ward}; see `truerate devices`")
+        console.print(_unheard(device, ward, latest), highlight=False, soft_wrap=True)
     return 0 if heard else 1
+
+
+def _unheard(device: str, ward: str, status: Status | None) -> str:
+    if status is None:
+        return f"nothing was heard of {device} in ward {ward}; see `truerate devices`"
+    state = status.state.name.lower().replace("_", " ")
+    return f"no sample of {device} came in ward {ward}: it is {state}: {status.reason}"
 
 
 def _line(batch: CorrectedBatch, status: Status | None) -> str:

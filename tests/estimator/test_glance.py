@@ -109,3 +109,11 @@ def test_what_was_not_used_is_told_with_its_reasons_most_first() -> None:
 
 def test_an_empty_ward_is_not_well() -> None:
     assert glance("w", {}, {}, ["b"], ["e"]).troubles == ["no device is heard"]
+
+
+def test_what_bridges_count_is_told_and_a_notable_share_needs_a_person() -> None:
+    events = {"not_a_number": 7, "clipped": 90}
+    found = infos("a", events=events, notices={"refused": "3 % clipped", "rate changed": "its rate changed"})
+    seen = glance("w", statuses(a=State.TRACKING), found, ["bridge"], ["e"])
+    assert seen.told == {"a": "its rate changed; 90 clipped, 7 not a number"}
+    assert [need.reason for need in seen.needs] == ["3 % clipped"]

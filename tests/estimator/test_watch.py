@@ -95,3 +95,9 @@ def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
 def test_a_revision_says_how_far_back_and_why() -> None:
     said = watch._revision_line(revision(reason="at rest again after 95 s"))
     assert said == "the bias of 2 s is known better now, to 14.3239 °/s: at rest again after 95 s"
+
+
+def test_a_device_that_is_lost_is_said_to_be_lost_and_why() -> None:
+    lost = replace(status("a", State.LOST), reason="its port is missing")
+    assert watch._unheard("a", "w", lost) == "no sample of a came in ward w: it is lost: its port is missing"
+    assert watch._unheard("a", "w", None).startswith("nothing was heard of a")
