@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from bridge.account import News
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Paced, Readings
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced, Readings
 from bridge.intake import Intake
 from bridge.join import joined
 from bridge.unheard import ended, why
@@ -177,9 +177,11 @@ class Link:
             self._faults = self._driver.faults.as_dict()
             if not events:
                 return
-            self._heard_s = time.monotonic()
-            if not self._there:
-                self._recover()
+            # A driver may have something to say of a device that says nothing.
+            if not all(isinstance(event, Notice) for event in events):
+                self._heard_s = time.monotonic()
+                if not self._there:
+                    self._recover()
             self._heard += events
             self._unread += sum(len(event.ticks) for event in events if isinstance(event, Readings))
             if self._unread >= _AT_ONCE or len(self._heard) >= _AT_ONCE:

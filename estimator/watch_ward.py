@@ -60,7 +60,10 @@ def watch_ward(
                 screen.update(Group(*lines(rows, head, console.width, console.height)), refresh=True)
             elif once:
                 width = console.width if console.is_terminal else None
-                console.print(*lines(rows, head, width, cut=False), sep="\n", highlight=False, soft_wrap=True)
+                for text in lines(rows, head, width, cut=False):
+                    console.print(
+                        text if width is None else _wrapped(console, text, width), highlight=False, soft_wrap=True
+                    )
             else:
                 _print_changes(console, rows, said)
             if once or (seconds is not None and now - begin >= seconds):
@@ -96,6 +99,12 @@ def lines(
         for text in found:
             text.truncate(width, overflow="ellipsis")
     return found
+
+
+def _wrapped(console: Console, text: Text, width: int) -> Text:
+    """A line in as many as it takes, none wider than the width."""
+    whole = Text(text.plain, text.style, spans=text.spans)
+    return Text("\n  ").join(whole.wrap(console, max(1, width - 2), no_wrap=False, overflow="fold"))
 
 
 def _fitting(widths: list[int], cells: Sequence[Sequence[str]], width: int | None) -> dict[str, int]:
@@ -141,8 +150,14 @@ def _cells(row: Row) -> tuple[str, ...]:
         f"{row.gaps}" if row.quality else "",
         "" if row.evidence_age_s is None else age(row.evidence_age_s),
         battery,
-        "; ".join([*first, *then]),
+        "; ".join(_once([part for words in (*first, *then) for part in words.split("; ")])),
     )
+
+
+def _once(parts: Sequence[str]) -> list[str]:
+    """In their order, without what is said already, or within a longer one."""
+    parts = list(dict.fromkeys(parts))
+    return [part for part in parts if not any(part != other and part in other for other in parts)]
 
 
 def _listen(view: WardView, statuses: Stream[Status], infos: Stream[DeviceInfo], for_s: float) -> None:

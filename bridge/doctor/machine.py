@@ -12,8 +12,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from bridge.doctor.finding import Finding, Level, ok, trouble, warning
-from bridge.doctor.terminals import command, is_bridge
-from bridge.transport.holders import PROC
+from bridge.transport.holders import PROC, command, is_bridge
 
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of adjtimex(2)
 _LITTLE_BYTES, _NONE_BYTES = 2_000_000_000, 100_000_000

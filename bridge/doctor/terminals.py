@@ -4,12 +4,11 @@ import grp
 import os
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from bridge.doctor.finding import Finding, ok, trouble, warning
 from bridge.transport import serial_state
-from bridge.transport.holders import PROC, Holder, holders
+from bridge.transport.holders import PROC, Holder, holders, is_bridge
 
 RULES = "configs/udev/99-truerate.rules"
 _INSTALL = f"sudo cp {RULES} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger"
@@ -133,22 +132,12 @@ def doubled(devices: dict[str, str]) -> list[Finding]:
     ] or [ok("ports", "each device has its own" if devices else "no device of the file has one")]
 
 
-def is_bridge(pid: int, proc: Path = PROC) -> bool:
-    """Whether a process is `truerate bridge run`, and not the shell or the sudo that started it."""
-    program, *words = command(pid, proc) or [""]
-    return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
-
-
-def command(pid: int, proc: Path = PROC) -> list[str]:
-    """The words a process was started with; empty if it is gone."""
-    try:
-        return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
-    except OSError:
-        return []
-
-
 def _taken(port: str, others: list[Holder]) -> Finding:
-    return trouble("busy ports", f"{port}: {_list(others)} has it open", f"close it there, or kill {others[0].pid}")
+    return trouble(
+        "busy ports",
+        f"{port}: {_list(others)} {'have' if len(others) > 1 else 'has'} it open",
+        f"close it there, or kill {others[0].pid}",
+    )
 
 
 def _may(status: os.stat_result, who: Me) -> bool:

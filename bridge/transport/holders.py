@@ -3,6 +3,7 @@
 import contextlib
 import os
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +36,20 @@ def locked(port: str, proc: Path = PROC) -> bool:
     # "1: FLOCK  ADVISORY  WRITE 1234 00:18:5 0 EOF": device in hexadecimal, inode in decimal
     place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
     return any(place in line.split() and "FLOCK" in line for line in locks.splitlines())
+
+
+def is_bridge(pid: int, proc: Path = PROC) -> bool:
+    """Whether a process is `truerate bridge run`, and not the shell or the sudo that started it."""
+    program, *words = command(pid, proc) or [""]
+    return Path(program).name.startswith(("python", "truerate")) and ("bridge", "run") in pairwise(words)
+
+
+def command(pid: int, proc: Path = PROC) -> list[str]:
+    """The words a process was started with; empty if it is gone."""
+    try:
+        return (proc / str(pid) / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
+    except OSError:
+        return []
 
 
 def _pids(proc: Path) -> list[int]:

@@ -4,7 +4,7 @@ import errno
 import os
 import stat
 
-from bridge.transport.holders import holders, locked
+from bridge.transport.holders import holders, is_bridge, locked
 
 MISSING = "missing; plug the device in, or look for the name of its port with `truerate bridge scan`"
 FORBIDDEN = "no permission; add the user to group dialout (sudo usermod -aG dialout $USER) and log in again"
@@ -58,8 +58,12 @@ def settling(error: Exception) -> bool:
 
 def busy(port: str) -> str:
     """Who has it open, as far as we may know."""
-    who = ", ".join(map(str, holders(port))) or "another program"
-    return f"busy; {who} has it open: close that one"
+    having = holders(port)
+    if having and all(is_bridge(holder.pid) for holder in having):
+        bridges = ", ".join(f"process {holder.pid}" for holder in having)
+        return f"busy; a bridge ({bridges}) reads it" if len(having) == 1 else f"busy; bridges ({bridges}) read it"
+    who = ", ".join(map(str, having)) or "another program"
+    return f"busy; {who} " + ("have it open: close those" if len(having) > 1 else "has it open: close that one")
 
 
 def _no_port(status: os.stat_result) -> bool:

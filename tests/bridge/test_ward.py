@@ -19,7 +19,7 @@ from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
-from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
+from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Notice, Readings
 from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
@@ -326,6 +326,13 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
     taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
     assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
     assert sum(map(len, taken.batches)) == 10
+
+
+def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "bridge.link")
+    driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
+    run(driver, lambda _: driver.opened == 2 and not driver._script)
+    assert [record.message for record in caplog.records] == ["d1: script: missing"]
 
 
 def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
