@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from time import process_time
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -14,6 +15,8 @@ from bridge.wire.messages import SampleBatch
 from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.session import DeviceSession
 from estimator.stillness import Stillness
+from estimator.track.bias_filter import OWN
+from estimator.track.gravity import SIZE
 from estimator.track.tracker import Tracker, TrackKnobs
 
 DEVICES, SECONDS, RATE_HZ, BATCH = 100, 120.0, 104.0, 10
@@ -60,6 +63,19 @@ def sessions(days: list[Day]) -> float:
     return process_time() - begun
 
 
+def filter_alone(states: int, seconds: int = 2000) -> float:
+    """CPU seconds for what filterpy itself does of a second: a step of time, one with its evidence of motion, one of rest."""
+    kf = KalmanFilter(dim_x=states, dim_z=3)
+    F, Q, H, R, z = np.eye(states), 1e-9 * np.eye(states), np.eye(3, states), np.eye(3), np.zeros(3)
+    kf.x = np.zeros(states)
+    begun = process_time()
+    for _ in range(seconds):
+        kf.predict(F=F, Q=Q)
+        kf.predict(F=F, Q=Q)
+        kf.update(z, R=R, H=H)
+    return (process_time() - begun) / seconds
+
+
 def _batches(day: Day) -> Iterator[SampleBatch]:
     ticks = np.round(day.time_s * 1e6).astype(np.uint64)
     for start in range(0, len(ticks), BATCH):
@@ -79,6 +95,11 @@ def main() -> int:
     for name, aided in (("with accelerometer", True), ("gyro only", False)):
         spent, _ = run(days, One, aided=aided)
         console.print(f"{name}: {1e6 * spent / samples:.2f} µs a sample for {DEVICES} devices (goal {_GOAL_US:g})")
+    for name, states in (("with accelerometer", SIZE), ("gyro only", OWN)):
+        alone = 1e6 * filter_alone(states) / RATE_HZ
+        console.print(
+            f"limit, {name}: {alone:.2f} µs a sample are filterpy's own steps of {states} states once a second"
+        )
     console.print(f"whole sessions, with accelerometer: {1e6 * sessions(days) / samples:.2f} µs a sample")
     tracemalloc.start()
     day = simulate_day(0, 0.5, RATE_HZ)
