@@ -37,7 +37,10 @@ CAUSES: dict[Event, str] = {
     Event.CALIBRATED: "the turns fit together",
     Event.NOT_CALIBRATED: "they do not: some are to be repeated",
     Event.RESTORED: "the estimator was restarted, the device was not: its calibration and filter go on",
-    Event.CHANGED: "its firmware, range or rate is another one within the boot: its calibration is void",
+    Event.CHANGED: (
+        "its model, firmware or range is another one within the boot, or the rate of a device that tells no time: "
+        "its calibration is void"
+    ),
     Event.RECALIBRATE: "somebody asked for new turns; the old calibration stays in force",
     Event.CANCEL_TO_TRACKING: "somebody cancelled; the old calibration stays in force",
     Event.CANCEL_TO_START: "somebody cancelled; there is no calibration of this boot",
