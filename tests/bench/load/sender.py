@@ -1,6 +1,6 @@
 """A bridge of many devices, as a process: paced, all devices back to back each period; or a burst, all at once.
 
-`python -m tests.bench.load.sender ENDPOINT DEVICES RATE_HZ BATCH paced SECONDS` or `... burst MESSAGES`
+`python -m tests.bench.load.sender ENDPOINT DEVICES RATE_HZ BATCH paced SECONDS WARM_S` or `... burst MESSAGES 0`
 """
 
 import json
@@ -11,10 +11,9 @@ from bridge.bus.zenoh_bus import ZenohBus
 from tests.bench.load.stream import Fleet
 
 _CACHE_S = 5.0
-_WARM_ROUNDS = 3
 
 
-def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amount: str) -> None:
+def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amount: str, warm_s: str) -> None:
     """Print, as JSON, what was sent and when it began."""
     fleet = Fleet(int(devices), float(rate_hz), int(batch))
     with ZenohBus([endpoint]) as bus:
@@ -23,21 +22,20 @@ def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amoun
         time.sleep(1.0)  # for everybody to learn of so many
         rounds = round(float(amount) / fleet.period_s) if mode == "paced" else int(amount) // fleet.n
         made = [list(fleet.round(i, time.time_ns())) for i in range(rounds)] if mode == "burst" else None
-        for number in range(_WARM_ROUNDS if made is None else 0):
-            for i, payload in fleet.round(number, time.time_ns()):
-                publishers[i].put(payload)
-        begun_ns, due_s = time.time_ns(), time.monotonic()
-        late_s = 0.0
-        for number in range(rounds):
-            ready = made[number] if made is not None else fleet.round(number + _WARM_ROUNDS, time.time_ns())
+        warm = round(float(warm_s) / fleet.period_s)
+        due_s, late_s = time.monotonic(), 0.0
+        for number in range(warm + rounds):
+            if number == warm:
+                print(json.dumps({"before": warm * fleet.n}), flush=True)
+                late_s = 0.0
+            ready = made[number] if made is not None else fleet.round(number, time.time_ns())
             for i, payload in ready:
                 publishers[i].put(payload)
             if made is None:
                 due_s += fleet.period_s
                 late_s = max(late_s, time.monotonic() - due_s)
                 time.sleep(max(0.0, due_s - time.monotonic()))
-        extra = _WARM_ROUNDS * fleet.n if made is None else 0
-        print(json.dumps({"sent": rounds * fleet.n + extra, "begun_ns": begun_ns, "late_s": late_s}), flush=True)
+        print(json.dumps({"sent": (warm + rounds) * fleet.n, "late_s": late_s}), flush=True)
         sys.stdin.readline()  # the caches stay until all has been repaired
 
 

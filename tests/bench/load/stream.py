@@ -37,7 +37,10 @@ class Fleet:
             ]
             for life in lives
         ]
-        self._boots = np.random.default_rng().integers(1, 2**63, n).tolist()
+        rng = np.random.default_rng()
+        self._boots = rng.integers(1, 2**63, n).tolist()
+        #: no two were switched on at the same moment: their half seconds end all the time
+        self._ages = rng.uniform(0.0, 1.0, n)
 
     @property
     def period_s(self) -> float:
@@ -47,7 +50,8 @@ class Fleet:
     def round(self, number: int, time_ns: int) -> Iterator[tuple[int, bytes]]:
         """The message of every device of round `number`, said to be taken and received at time_ns: (device, payload)."""
         sequence = number * self.batch
-        ticks = np.rint((sequence + 1 + np.arange(self.batch)) / self.rate_hz / _TICK_S).astype("<u8").tobytes()
+        taken_s = (sequence + 1 + np.arange(self.batch)) / self.rate_hz
+        ticks = np.rint((taken_s + self._ages[:, None]) / _TICK_S).astype("<u8")
         for i in range(self.n):
             gyro, accel = self._columns[i % _LIVES][number % self._slots]
             yield (
@@ -61,7 +65,7 @@ class Fleet:
                     start_time_ns=time_ns,
                     tick_period_s=_TICK_S,
                     clock_rate=1.0,
-                    ticks=ticks,
+                    ticks=ticks[i].tobytes(),
                     gyro=gyro,
                     accel=accel,
                 ).SerializeToString(),
