@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults fuzz soak clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults fuzz soak nemesis clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -88,6 +88,10 @@ fuzz: setup-dev
 # The same tests as in `make test`, with thousands of kills, flipped bits and torn files; for a night.
 soak: setup-dev
 	TRUERATE_SOAK=1 $(BIN)/python -m pytest -m soak --timeout=36000 $(ARGS)
+
+# Seeded random faults on a ward of real processes, held against what is promised; clocks are set where libfaketime is installed.
+nemesis: setup-dev
+	$(BIN)/python -m tests.nemesis $(ARGS)
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,5 +1,6 @@
 """A ward on this machine: virtual devices behind pseudo-terminals; router, bridge and estimator as processes of their own."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -63,12 +64,20 @@ class Ward:
             ),
             encoding="utf-8",
         )
-        self._arguments = {
+        self._arguments: dict[str, tuple[str, ...]] = {
             "router": ("router", "--config", str(self.config)),
             "estimator": ("estimator", "serve", str(self.config)),
             "bridge": ("bridge", "run", str(self.config)),
             "dashboard": ("dashboard", "--config", str(self.config)),
         }
+        self._environment: dict[str, dict[str, str]] = {}
+
+    def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:
+        """Start a process from another configuration, with these variables in its environment."""
+        self._arguments[name] = tuple(
+            str(config) if part == str(self.config) else part for part in self._arguments[name]
+        )
+        self._environment[name] = environment
 
     def start(self, *names: str) -> None:
         """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, each waits for what it needs."""
@@ -79,6 +88,7 @@ class Ward:
                     stdout=log,
                     stderr=log,
                     stdin=subprocess.DEVNULL,
+                    env={**os.environ, **self._environment.get(name, {})},
                 )
 
     def wait_for_router(self, timeout_s: float = 20.0) -> None:
@@ -96,6 +106,15 @@ class Ward:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+    def pid(self, name: str) -> int | None:
+        """Its process id; None while it does not run."""
+        process = self._processes.get(name)
+        return None if process is None else process.pid
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """A signal to a process that runs."""
+        self._processes[name].send_signal(number)
 
     def plug(self, name: str, device: VirtualDevice, *, speed: float = 1.0, lossless: bool = False) -> PtyPort:
         """Plug a device into the port of that name."""

@@ -1,0 +1,48 @@
+"""Seeds one after the other, each with what was done and what was broken. `make nemesis`, `python -m tests.nemesis --help`."""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+
+from tests.nemesis.clock import Clock
+from tests.nemesis.run import run
+
+
+def main() -> int:
+    """1 when a promise was broken."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first", type=int, default=1, help="the first seed")
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--devices", type=int, default=4)
+    parser.add_argument("--seconds", type=float, default=40.0, help="of faults, in each run")
+    args = parser.parse_args()
+    console = Console(soft_wrap=True)
+    with tempfile.TemporaryDirectory() as folder:
+        if Clock.found(Path(folder)) is None:
+            console.print("No clocks are set: libfaketime is not installed (Debian: apt-get install libfaketime)")
+    failed = 0
+    for seed in range(args.first, args.first + args.seeds):
+        result = run(seed, args.devices, args.seconds)
+        console.print(
+            f"seed {seed}: {len(result.faults)} faults, {result.samples:,} samples, "
+            f"{result.good / max(1, result.samples):.0%} GOOD, {result.missing:,} told missing, "
+            f"{result.calibrations} calibrations: {'broken' if result.broken else 'all kept'}",
+            style="red" if result.broken else None,
+        )
+        if result.broken:
+            failed += 1
+            for line in (*(f"  did: {fault}" for fault in result.faults), *(f"  BROKEN: {w}" for w in result.broken)):
+                console.print(line, markup=False)
+            console.print(
+                f"  again: python -m tests.nemesis --first {seed} --seeds 1 --devices {args.devices} "
+                f"--seconds {args.seconds:g}"
+            )
+    console.print(f"{args.seeds - failed} of {args.seeds} kept every promise")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,150 @@
+"""What can be done to a ward: each fault begins, lasts, and is undone. A seed decides which, when and for how long."""
+
+import random
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+
+from bridge.sim.faults import BitErrors
+from tests.nemesis.field import PARTS, Field
+
+_Fault = Callable[[Field, str], AbstractContextManager[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A fault: what of the ward it may be done to, and for how long at least and at most, s."""
+
+    name: str
+    to: tuple[str, ...]
+    least_s: float
+    most_s: float
+    do: _Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """One that is to be done at a time since the beginning, s."""
+
+    at_s: float
+    lasts_s: float
+    kind: Kind
+    to: str
+
+    def __str__(self) -> str:
+        return f"{self.kind.name} {self.to} for {self.lasts_s:.1f} s"
+
+
+DEVICES = ("device",)  # stands for any of them
+_ALL = ("router", *PARTS)
+
+
+@contextmanager
+def _killed(field: Field, part: str) -> Iterator[None]:
+    field.kill(part)
+    yield
+    field.ward.start(part)
+
+
+@contextmanager
+def _stopped(field: Field, part: str) -> Iterator[None]:
+    field.send(part, signal.SIGSTOP)
+    yield
+    field.send(part, signal.SIGCONT)
+
+
+@contextmanager
+def _restarted(field: Field, part: str) -> Iterator[None]:
+    field.ward.stop(part)
+    yield
+    field.ward.start(part)
+
+
+@contextmanager
+def _held(field: Field, part: str) -> Iterator[None]:
+    field.lines[part].hold()
+    yield
+    field.lines[part].mend()
+
+
+@contextmanager
+def _cut(field: Field, part: str) -> Iterator[None]:
+    field.lines[part].cut()
+    yield
+    field.lines[part].mend()
+
+
+@contextmanager
+def _rebooted(field: Field, device: str) -> Iterator[None]:
+    field.devices[device].power_off()
+    yield
+    field.devices[device].power_on()
+
+
+@contextmanager
+def _unplugged(field: Field, device: str) -> Iterator[None]:
+    field.ward.ports[device].unplug()
+    yield
+    field.ward.ports[device].plug()
+
+
+@contextmanager
+def _garbled(field: Field, device: str) -> Iterator[None]:
+    field.ward.ports[device].byte_fault = BitErrors(1e-4)
+    yield
+    field.ward.ports[device].byte_fault = None
+
+
+@contextmanager
+def _full(field: Field, _: str) -> Iterator[None]:
+    field.fill_disk(full=True)
+    yield
+    field.fill_disk(full=False)
+
+
+def _clock(ahead_s: float) -> _Fault:
+    @contextmanager
+    def jumped(field: Field, part: str) -> Iterator[None]:
+        assert field.clock is not None
+        field.clock.set(part, ahead_s)
+        yield
+        field.clock.set(part, 0.0)
+
+    return jumped
+
+
+KINDS = (
+    Kind("kill", _ALL, 0.0, 1.5, _killed),
+    Kind("stop (SIGSTOP)", _ALL, 0.2, 4.0, _stopped),
+    Kind("restart", PARTS, 0.0, 0.5, _restarted),
+    Kind("hold the line of", PARTS, 0.3, 4.0, _held),
+    Kind("cut the line of", PARTS, 0.3, 3.0, _cut),
+    Kind("reboot", DEVICES, 0.0, 1.0, _rebooted),
+    Kind("unplug", DEVICES, 0.1, 2.0, _unplugged),
+    Kind("garble the line of", DEVICES, 0.5, 2.0, _garbled),
+    Kind("fill the disk of", ("estimator",), 0.5, 5.0, _full),
+)
+CLOCKS = (
+    Kind("set forward an hour the clock of", PARTS, 0.5, 4.0, _clock(3600.0)),
+    Kind("set back an hour the clock of", PARTS, 0.5, 4.0, _clock(-3600.0)),
+)
+
+
+def plan(seed: int, names: tuple[str, ...], lasts_s: float, *, clocks: bool) -> list[Planned]:
+    """Faults one after the other, up to two at a time and never two on the same thing; the last is over by lasts_s."""
+    chance = random.Random(seed)
+    kinds = KINDS + (CLOCKS if clocks else ())
+    planned: list[Planned] = []
+    free: dict[str, float] = {}
+    at_s = chance.uniform(0.5, 3.0)
+    while at_s < lasts_s:
+        kind = chance.choice(kinds)
+        to = chance.choice(names if kind.to is DEVICES else kind.to)
+        one = Planned(at_s, min(chance.uniform(kind.least_s, kind.most_s), max(0.0, lasts_s - at_s)), kind, to)
+        under_way = sum(other.at_s + other.lasts_s > at_s for other in planned)
+        if free.get(to, 0.0) <= at_s and under_way < 2:
+            planned.append(one)
+            free[to] = at_s + one.lasts_s + 0.5
+        at_s += chance.uniform(0.3, 4.0)
+    return planned
