@@ -48,19 +48,18 @@ class Line:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def _still(self) -> bool:
+    def _stands(self) -> bool:
         return self._held.is_set() or self._cut.is_set()
 
     def _run(self) -> None:
         while not self._over.is_set():
             if self._cut.is_set():
                 self._drop()
-            if self._still:
+            if self._stands():
                 self._over.wait(_TURN_S)
                 continue
             ready, _, _ = select.select([self._listener, *self._pairs], [], [], _TURN_S)
-            for end in [] if self._still else ready:
+            for end in [] if self._stands() else ready:
                 if end is self._listener:
                     self._take()
                 elif end in self._pairs:
