@@ -117,6 +117,21 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--method", default="closure")
     verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
 
+    verb = add_verb(inner, "scaling", _study_scaling, "how many estimators a ward needs, and how many a region")
+    verb.add_argument("--devices", type=int, default=1000, help="of a ward (default: %(default)s)")
+    verb.add_argument("--total", type=int, default=100_000, help="of all wards (default: %(default)s)")
+    verb.add_argument(
+        "--message-us",
+        type=float,
+        default=150.0,
+        help="µs of a core for ten samples, as `make bench-load` measures them",
+    )
+    verb.add_argument(
+        "--router-us", type=float, default=12.0, help="the same of the router, for each message it passes on"
+    )
+    verb.add_argument("--known-s", type=float, default=0.1, help="s until the others know of a death (hung: 1.5)")
+    verb.add_argument("--picture", type=Path, default=Path("out/scaling.png"))
+
 
 def _rates(text: str) -> tuple[float, ...]:
     try:
@@ -209,3 +224,10 @@ def _study_protocols(given: argparse.Namespace) -> None:
     from estimator.study.protocols import run  # noqa: PLC0415
 
     run(Console(), given.runs, given.method, given.workers)
+
+
+def _study_scaling(given: argparse.Namespace) -> None:
+    from estimator.study.scaling import Costs, run  # noqa: PLC0415
+
+    costs = Costs(1e-6 * given.message_us, 1e-6 * given.router_us, given.known_s)
+    run(Console(), costs, given.total, given.devices, given.picture)

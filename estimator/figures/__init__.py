@@ -3,8 +3,20 @@
 from estimator.figures.histories import history
 from estimator.figures.noise import allan
 from estimator.figures.recordings import corrected
-from estimator.figures.studies import Boxes, boxes, histogram
+from estimator.figures.studies import Boxes, boxes, histogram, scaling
 from estimator.figures.trackers import BiasDay, Dots, tracking
 from estimator.figures.wards import demo
 
-__all__ = ["BiasDay", "Boxes", "Dots", "allan", "boxes", "corrected", "demo", "histogram", "history", "tracking"]
+__all__ = [
+    "BiasDay",
+    "Boxes",
+    "Dots",
+    "allan",
+    "boxes",
+    "corrected",
+    "demo",
+    "histogram",
+    "history",
+    "scaling",
+    "tracking",
+]

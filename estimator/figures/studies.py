@@ -61,3 +61,23 @@ def boxes(panels: Sequence[Boxes], title: str, path: Path) -> None:
     handles, labels = rooms[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.savefig(path)
+
+
+def scaling(found: dict[int, tuple[float, float, float, float]], devices: int, path: Path) -> None:
+    """Of so many estimators: load, load when one has died, p99 and worst wait in s; side by side."""
+    figure = Figure(figsize=(9, 3.6), dpi=130, layout="constrained")
+    figure.suptitle(f"{devices} devices at 104 Hz, shared by several estimators, of which one dies")
+    load, wait = figure.subplots(1, 2)
+    numbers, columns = list(found), list(zip(*found.values(), strict=True))
+    for axes, labels, parts in (
+        (load, ("all alive", "one dead"), columns[:2]),
+        (wait, ("p99 while all live", "worst"), columns[2:]),
+    ):
+        for colour, label, part in zip(COLOURS, labels, parts, strict=False):
+            axes.plot(numbers, part, "o-", color=colour, label=label)
+        axes.set(xlabel="estimators", xticks=numbers)
+        axes.legend()
+    load.axhline(1.0, color="black", linewidth=1, linestyle="--")
+    load.set(ylabel="share of a core, the busiest", ylim=(0, None))
+    wait.set(ylabel="s from arrival to corrected", yscale="log")
+    figure.savefig(path)
