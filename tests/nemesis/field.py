@@ -48,7 +48,7 @@ class Listener(threading.Thread):
             for calibration in self._calibrations.drain():
                 self.history.calibrations[calibration.id] = calibration
             for status in self._statuses.drain():
-                self.history.statuses[status.device] = status
+                self.history.statuses[status.device], self.history.status_s = status, time.monotonic()
                 self.history.events.update((status.device, event) for event in status.events)
 
     def close(self) -> History:

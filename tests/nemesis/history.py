@@ -36,6 +36,8 @@ class History:
     events: set[tuple[str, str]] = field(default_factory=set)
     done: list[Done] = field(default_factory=list)
     end_s: float = 0.0
+    #: when a status came last
+    status_s: float = 0.0
 
     @property
     def samples(self) -> int:

@@ -78,7 +78,11 @@ def not_recovered(history: History, within_s: float) -> Iterator[str]:
         last = max(history.heard[device, boot][-1].time_s for boot in boots)
         if history.end_s - lifted > within_s and last < history.end_s - within_s / 2:
             silent_s, since_s = history.end_s - last, history.end_s - lifted
-            yield f"{device}: nothing for the last {silent_s:.1f} s, {since_s:.1f} s after the last fault"
+            status_s = history.end_s - history.status_s
+            yield (
+                f"{device}: nothing for the last {silent_s:.1f} s, {since_s:.1f} s after the last fault; "
+                f"the last status of any {status_s:.1f} s ago"
+            )
 
 
 def wrong(history: History, truth: Truth) -> Iterator[str]:

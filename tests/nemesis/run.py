@@ -1,5 +1,6 @@
 """One seed: a ward is begun, tormented as planned, left alone for a while, and held against what was promised."""
 
+import shutil
 import tempfile
 import time
 from contextlib import AbstractContextManager
@@ -28,12 +29,15 @@ class Result:
     missing: int
     calibrations: int
     broken: list[str]
+    #: logs and store, where something was broken
+    folder: Path | None
 
 
 def run(seed: int, devices: int, lasts_s: float) -> Result:
     """Torment one ward."""
-    with tempfile.TemporaryDirectory(prefix="nemesis-") as place:
-        folder = Path(place)
+    kept: Path | None = None
+    folder = Path(tempfile.mkdtemp(prefix="nemesis-"))
+    try:
         clock = Clock.found(folder)
         with Field(folder, devices, seed, clock) as field:
             listener = field.begin()
@@ -55,7 +59,11 @@ def run(seed: int, devices: int, lasts_s: float) -> Result:
             found += broken(history, field.truth, RECOVERED_S) + field.complaints()
         told = [f"{done.what} ({done.end_s - done.begin_s:.1f} s)" for done in history.done]
         missing = sum(miss.count for miss in history.misses)
-        return Result(told, history.samples, history.good, missing, len(history.calibrations), found)
+        kept = folder if found else None
+        return Result(told, history.samples, history.good, missing, len(history.calibrations), found, kept)
+    finally:
+        if kept is None:
+            shutil.rmtree(folder)
 
 
 def torment(field: Field, planned: list[Planned], done: list[Done]) -> None:
