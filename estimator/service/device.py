@@ -42,6 +42,7 @@ class Device:
         self.unsaved: list[Calibration] = []
         #: calibrations, encoded, that are said once they are kept
         self.unsaid: dict[str, bytes] = {}
+        self._told = ""  # the calibration that was said last
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last
@@ -101,11 +102,19 @@ class Device:
         if self._publishers or self._announced():
             self.latest = self.status(time_ns)
             self._publishers["status"].put(codec.encode_status(self.latest))
+            self._say_known()
 
-    def say_calibration(self, payload: bytes) -> None:
-        """Publish an encoded calibration."""
+    def say_calibration(self, calibration: str, payload: bytes) -> None:
+        """Publish an encoded calibration of this id."""
         if self._publishers or self._announced():
+            self._told = calibration
             self._publishers["calibration"].put(payload)
+
+    def _say_known(self) -> None:
+        """The calibration in use, where it was said by an estimator before us: whoever joins can look it up."""
+        known = self.session.calibration or self.session.prior
+        if known is not None and known.id != self._told and known.id not in self.unsaid:
+            self.say_calibration(known.id, codec.encode_calibration(known))
 
     def say_revision(self, revision: BiasRevision) -> None:
         """Publish what the bias of the past was, if there is anything in it that can be said."""

@@ -149,7 +149,7 @@ class Record:
             row = (c.device, "calibrate", c.id, c.who, "", words)
             time_ns = self._now_ns()
             self._keep(device.session, lambda: self._store.add_audit(time_ns, *row, accepted=False))
-            device.say_calibration(payload)
+            device.say_calibration(c.id, payload)
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
         """Every few seconds: calibrations that could not be saved yet, and the bias where it is known."""
@@ -243,7 +243,7 @@ class Record:
             if device.session.sequence.events.as_dict().get("calibration not saved"):
                 log.info("%s: calibration %s is saved", device.name, c.id)
         if (payload := device.unsaid.pop(c.id, None)) is not None:
-            device.say_calibration(payload)
+            device.say_calibration(c.id, payload)
 
     def _keep(
         self,

@@ -127,6 +127,7 @@ def test_it_calibrates_stores_and_publishes(ward: Ward, once: Stream) -> None:
     status = ward.latest()
     assert (status.state, status.quality) == (State.TRACKING, Quality.GOOD)
     assert status.samples_in == status.samples_out == len(once)
+    assert len(ward.client.calibrations(wait_s=0.05)) == 1, "said once"
 
 
 def test_a_reboot_asks_for_a_recalibration(ward: Ward, once: Stream, other_boot: Stream) -> None:
@@ -178,6 +179,7 @@ def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) ->
     assert {b.quality for b in after} == {Quality.GOOD}
     assert {b.calibration for b in after} == {before[-1].calibration}
     assert ward.latest().state is State.TRACKING
+    assert [c.id for c in ward.client.calibrations(wait_s=0.05)] == [before[-1].calibration], "said again for who joins"
     numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in before + after])
     np.testing.assert_array_equal(numbers, np.arange(len(once)))
     assert ward.subscriber.repeated > 0, "the cached samples were corrected again"
