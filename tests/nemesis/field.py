@@ -104,7 +104,8 @@ class Field:
         """Let no file of the estimator grow, or let them again."""
         most = 0 if full else resource.RLIM_INFINITY
         pid = self.ward.pid("estimator")
-        if pid is not None:
+        # Before Python has told the kernel that it would rather hear of it, such a limit ends the process.
+        if pid is not None and (not full or _ignores(pid, signal.SIGXFSZ)):
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
 
     # ---- what became of it ----------------------------------------------------------------------------------------
@@ -135,3 +136,9 @@ class Field:
         self.ward.close()
         for line in self.lines.values():
             line.close()
+
+
+def _ignores(pid: int, number: signal.Signals) -> bool:
+    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    ignored = next(int(line.split()[1], 16) for line in lines if line.startswith("SigIgn"))
+    return bool(ignored >> (number - 1) & 1)
