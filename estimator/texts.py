@@ -1,4 +1,4 @@
-"""What people read on the guide and the reports, in each language: one file each under web/texts, with the same keys."""
+"""What people read, in each language: one file each under web/texts, with the same keys."""
 
 import tomllib
 from collections.abc import Sequence
@@ -6,9 +6,12 @@ from functools import cache
 from pathlib import Path
 
 from estimator.guide.reasons import Words
+from estimator.sayings import Sayings
 
 #: the first is taken where none of them is asked for
 LANGUAGES = ("en", "zh")
+#: what stands between two sentences of estimator and bridge, by language
+_BETWEEN = {"zh": {"; ": "；", ": ": "：", ". ": "。", ", ": "，"}}
 _FOLDER = Path(__file__).parent / "web" / "texts"
 
 
@@ -19,6 +22,9 @@ class Texts:
         self.language = language
         with (_FOLDER / f"{language}.toml").open("rb") as file:
             self._texts = tomllib.load(file)
+        said = self._texts.get("said")
+        #: in other languages than their own, what estimator and bridge say
+        self.sayings = None if said is None else Sayings(said, _BETWEEN[language], self._texts["frame"]["foreign"])
 
     @property
     def name(self) -> str:
@@ -30,9 +36,14 @@ class Texts:
         section, _, name = key.partition(".")
         return str(self._texts[section][name]).format(**values)
 
+    def said(self, text: str) -> str:
+        """What estimator or bridge has said, in English."""
+        return text if self.sayings is None else self.sayings(text)
+
     def say(self, section: str, words: Words) -> str:
         """A sentence of the guide."""
-        return self(f"{section}.{words.key}", **words.values)
+        values = {name: self.said(value) for name, value in words.values.items()}
+        return self(f"{section}.{words.key}", **values)
 
 
 @cache

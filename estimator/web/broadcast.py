@@ -111,7 +111,7 @@ class Broadcast:
                 self._guarded(name, now, lambda name=name: self._tell(name, now, now_ns))  # type: ignore[misc] # done now
 
     def _begin(self, name: str, now: float) -> None:
-        self._topics[name] = topics.KINDS[name.partition("/")[0]](name, self._sources)
+        self._topics[name] = topics.KINDS[topics.kind_of(name)](name, self._sources)
         self._due[name] = now + self._topics[name].period_s
 
     def _tell(self, name: str, now: float, now_ns: int) -> None:
@@ -124,7 +124,7 @@ class Broadcast:
         try:
             work()
         except Exception as error:  # of whatever kind: a topic that fails is begun anew, and is no other's
-            if self.failed.add(name.partition("/")[0]) == 1:
+            if self.failed.add(topics.kind_of(name)) == 1:
                 log.exception("%s failed and begins anew (more of this kind are only counted)", name)
             else:
                 log.debug("%s failed again: %s", name, error)

@@ -1,12 +1,14 @@
 """The page of one device as plain values: its tile, facts, calibrations, boots, notes, and what happened. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite, nan
 
 from bridge.wire.messages import Calibration, DeviceInfo, State, Status
+from bridge.wire.refusal import in_words
 from estimator.guide.compare import stds
 from estimator.gyro import AXES
+from estimator.texts import Texts
 from estimator.web import words
 from estimator.web.known import Known, Story
 from estimator.web.tiles import Tile, tile, troubles
@@ -50,6 +52,7 @@ class DevicePage:
     """Everything the device page shows beside its moving pictures."""
 
     ward: str
+    title: str
     time_ns: int
     connected: bool
     troubles: Sequence[str]
@@ -64,36 +67,40 @@ class DevicePage:
     events: Sequence[Line]
 
 
-def device_page(known: Known, device: str, now: float, now_ns: int) -> DevicePage:
+def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) -> DevicePage:
     """What is to be shown now of a device that was heard of."""
     story = known.stories[device]
     row = known.row(device, now)
     status = story.status
     in_use = status.calibration if status else ""
+    shown = tile(row, story, now_ns, t)
     return DevicePage(
         ward=known.ward,
+        title=f"{device}: {shown.word} · {known.ward}",
         time_ns=now_ns,
         connected=known.connected,
-        troubles=troubles(known),
-        tile=tile(row, story, now_ns),
+        troubles=troubles(known, t),
+        tile=shown,
         progress=status.progress if status else 0.0,
         can_recalibrate=status is not None and status.state in _RECALIBRATES,
         can_cancel=status is not None and status.state in _CANCELS,
-        facts=_facts(story),
-        calibrations=[_calibration(c, in_use) for c in reversed(story.calibrations.values())],
-        boots=[Line(b.time_ns, words.clock(b.time_ns), b.what, b.cause) for b in reversed(story.boots.values())],
+        facts=_facts(story, t),
+        calibrations=[_calibration(c, in_use, t) for c in reversed(story.calibrations.values())],
+        boots=[
+            Line(b.time_ns, words.clock(b.time_ns), b.what, t.said(b.cause)) for b in reversed(story.boots.values())
+        ],
         notes=[Line(n.time_ns, words.clock(n.time_ns), n.who, n.text) for n in reversed(story.notes)],
-        events=[_event(mark) for mark in sorted(story.trail.marks, key=lambda mark: -mark.time_ns)[:20]],
+        events=[_event(mark, t) for mark in sorted(story.trail.marks, key=lambda mark: -mark.time_ns)[:20]],
     )
 
 
-def _calibration(c: Calibration, in_use: str) -> CalibrationLine:
+def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
     std = stds(c)
     return CalibrationLine(
         id=c.id,
         time_ns=c.time_ns,
         when=words.clock(c.time_ns),
-        verdict=c.verdict.name.lower(),
+        verdict=t(f"report.{c.verdict.name.lower()}"),
         method=c.method,
         who=c.who,
         scale=[interval(float(c.matrix[i, i]), std.get(f"k_{axis}", nan), 4) for i, axis in enumerate(AXES)],
@@ -101,10 +108,15 @@ def _calibration(c: Calibration, in_use: str) -> CalibrationLine:
             interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3) for i, axis in enumerate(AXES)
         ],
         turns=", ".join(
-            f"{AXES[t.axis]} {words.signed(degrees(t.angle), 0)}° closed to {degrees(t.closure_error):.2f}°"
-            for t in c.turns
+            t(
+                "words.axis",
+                axis=AXES[turn.axis],
+                angle=words.signed(degrees(turn.angle), 0),
+                closure=f"{degrees(turn.closure_error):.2f}",
+            )
+            for turn in c.turns
         ),
-        reason=c.reason,
+        reason=t.said(c.reason),
         in_use=c.id == in_use,
     )
 
@@ -115,38 +127,43 @@ def interval(value: float, std: float, digits: int) -> str:
     return f"{shown} ± {_SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
-def _event(mark: Mark) -> Line:
-    return Line(mark.time_ns, words.clock(mark.time_ns), mark.kind, mark.words)
+def _event(mark: Mark, t: Texts) -> Line:
+    said = mark.words if mark.kind == "note" else t.said(mark.words)
+    return Line(mark.time_ns, words.clock(mark.time_ns), t(f"event.{mark.kind}"), said)
 
 
-def _facts(story: Story) -> list[tuple[str, str]]:
+def _facts(story: Story, t: Texts) -> list[tuple[str, str]]:
     found: list[tuple[str, str]] = []
     if story.info is not None:
-        found += _hardware(story.info)
+        found += _hardware(story.info, t)
     if story.status is not None:
-        found += _counts(story.status)
-    return [(name, value) for name, value in found if value]
+        found += _counts(story.status, t)
+    return [(t(f"fact.{name}"), value) for name, value in found if value]
 
 
-def _hardware(info: DeviceInfo) -> list[tuple[str, str]]:
-    dropped = ", ".join(f"{count} {reason}" for reason, count in info.dropped.items())
+def _hardware(info: DeviceInfo, t: Texts) -> list[tuple[str, str]]:
+    sensors = ["gyro", *["accelerometer"] * info.has_accel, *["thermometer"] * info.has_temperature]
     return [
         ("model", f"{info.model} {info.firmware}".strip()),
-        ("read by", f"{info.bridge}, driver {info.driver}"),
+        ("read_by", t("fact.reader", bridge=info.bridge, driver=info.driver)),
         ("port", info.port),
         ("range", f"±{degrees(info.gyro_range):.0f} °/s" if info.gyro_range else ""),
-        ("sensors", ", ".join(["gyro", *["accelerometer"] * info.has_accel, *["thermometer"] * info.has_temperature])),
-        ("clock", "its own" if info.has_clock else "none: its samples are counted"),
-        ("trouble", info.trouble),
-        ("not published", dropped),
+        ("sensors", ", ".join(t(f"fact.{sensor}") for sensor in sensors)),
+        ("clock", t("fact.own_clock") if info.has_clock else t("fact.no_clock")),
+        ("trouble", t.said(info.trouble)),
+        ("not_published", _counted(info.dropped, t)),
     ]
 
 
-def _counts(status: Status) -> list[tuple[str, str]]:
+def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
     dropped = sum(status.dropped.values())
     return [
-        ("samples", f"{status.samples_in} in = {status.samples_out} corrected + {dropped} dropped"),
-        ("dropped", ", ".join(f"{count} {reason}" for reason, count in status.dropped.items())),
-        ("happened", ", ".join(f"{count} {name}" for name, count in sorted(status.events.items()) if count)),
-        ("scale in use", " ".join(f"{k:.4f}" for k in status.scale)),
+        ("samples", t("fact.law", taken=status.samples_in, out=status.samples_out, dropped=dropped)),
+        ("dropped", _counted(status.dropped, t)),
+        ("happened", _counted(dict(sorted(status.events.items())), t)),
+        ("scale", " ".join(f"{k:.4f}" for k in status.scale)),
     ]
+
+
+def _counted(counts: Mapping[str, int], t: Texts) -> str:
+    return ", ".join(f"{n} {t.said(in_words(label))}" for label, n in counts.items() if n)

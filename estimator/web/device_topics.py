@@ -20,7 +20,7 @@ from estimator.web.ward_topics import RATES_S
 _HEADING_S = 1.0
 
 
-@topics.kind("device", of_a_device=True)
+@topics.kind("device", of_a_device=True, worded=True)
 class DeviceTopic:
     """The device in words, whole every second; nothing while it was never heard of."""
 
@@ -28,12 +28,12 @@ class DeviceTopic:
 
     def __init__(self, topic: str, sources: Sources) -> None:
         self._topic, self._known = topic, sources.known
-        self._device = topic.partition("/")[2]
+        self._device, self._t = topics.device_of(topic), topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """The page as it is."""
         if self._device in self._known.stories:
-            yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns))
+            yield topics.text(self._topic, device_page(self._known, self._device, now, now_ns, self._t))
 
     frames = whole
 
@@ -48,7 +48,7 @@ class TraceTopic:
     period_s = RATES_S
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._device = topic, topic.partition("/")[2]
+        self._topic, self._device = topic, topics.device_of(topic)
         self._known, self._traces, self._heading = sources.known, Traces(), Heading()
         self._raw: Stream[SampleBatch] | None = None
         self._corrected: Corrected | None = None
@@ -104,7 +104,7 @@ class TrailTopic:
     period_s = 5.0
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known, self._device = topic, sources.known, topic.partition("/")[2]
+        self._topic, self._known, self._device = topic, sources.known, topics.device_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """The points in a binary frame, rests and marks as text."""
@@ -116,7 +116,7 @@ class TrailTopic:
             self._topic,
             {
                 "rests": [(begin / 1e9, end / 1e9) for begin, end in trail.rests],
-                "marks": [(mark.time_ns / 1e9, mark.kind, mark.words) for mark in trail.marks],
+                "marks": [(mark.time_ns / 1e9, mark.kind) for mark in trail.marks],
             },
         )
         columns = trail.points.copy()

@@ -7,10 +7,9 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from estimator.guide.guide import Guide
-from estimator.texts import LANGUAGES, texts
 from estimator.web.desk import Desk
 from estimator.web.guide_view import guide_view
-from estimator.web.language import keep, language
+from estimator.web.language import language
 from estimator.web.pages import show
 
 
@@ -24,9 +23,8 @@ async def calibrate(request: Request) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     await desk.remember(name)
-    guide, spoken = Guide(), language(request)
+    guide = Guide()
     if story.status is not None:
         guide.take_status(story.status)
     page = guide_view(guide.told(), desk.known, name, time.monotonic())
-    values = {"page": page, "told": page.say[spoken], "languages": [texts(one) for one in LANGUAGES]}
-    return keep(request, show(request, "guide.html", values, language=spoken))
+    return show(request, "guide.html", {"page": page, "told": page.say[language(request)]})

@@ -21,7 +21,7 @@ class GuideTopic:
     period_s = 0.1
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._device = topic, topic.partition("/")[2]
+        self._topic, self._device = topic, topics.device_of(topic)
         self._known, self._guide = sources.known, Guide()
         self._raw: Stream[SampleBatch] | None = sources.client.raw(self._device) if sources.client else None
         self._told, self._told_at = "", 0.0

@@ -46,6 +46,7 @@ class Said:
     progress: str
     turns: Sequence[Turn]
     compared: str
+    troubles: Sequence[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,6 @@ class GuideView:
 
     device: str
     ward: str
-    troubles: Sequence[str]
     step: str
     tone: str
     picture: str
@@ -91,7 +91,6 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
     return GuideView(
         device=device,
         ward=known.ward,
-        troubles=troubles(known),
         step=told.step,
         tone=_tone(told),
         picture=told.picture,
@@ -102,7 +101,7 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
         can_cancel=status is not None and status.state in CALIBRATING,
         calibration=calibration.id if calibration else "",
         result=rows(calibration, before) if calibration else (),
-        say={name: _said(told, calibration, before, texts(name)) for name in LANGUAGES},
+        say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},
     )
 
 
@@ -127,7 +126,7 @@ def against(calibration: Calibration, before: Calibration | None, t: Texts) -> s
     return t(f"guide.{'differs' if axes else 'same'}", when=words.clock(before.time_ns), axes=axes)
 
 
-def _said(told: Told, calibration: Calibration | None, before: Calibration | None, t: Texts) -> Said:
+def _said(told: Told, known: Known, calibration: Calibration | None, before: Calibration | None, t: Texts) -> Said:
     percent, angle = round(100 * told.ring), f"{abs(degrees(told.angle)):.0f}°"
     progress = {Step.TURNING: t("guide.turned", angle=angle), Step.TURN: t("guide.turned", angle="0°")}
     progress |= dict.fromkeys(_RESTS, t("guide.rest", percent=percent))
@@ -139,6 +138,7 @@ def _said(told: Told, calibration: Calibration | None, before: Calibration | Non
         progress=progress.get(told.step, ""),
         turns=_turns(told, t),
         compared=against(calibration, before, t) if calibration else "",
+        troubles=troubles(known, t),
     )
 
 

@@ -1,14 +1,14 @@
 """All that was heard of a ward and its devices: one place that every page and topic reads. Pure: time is an argument."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, Status, Verdict
 from bridge.wire.refusal import Tally
 from estimator import glance
 from estimator.glance import Glance
 from estimator.history import History
-from estimator.ward_view import Row, WardView
+from estimator.ward_view import UNKNOWN, WORDS, Row, WardView
 from estimator.web.trail import Mark, Trail
 
 #: so many devices are remembered; further ones are counted
@@ -139,11 +139,20 @@ class Known:
 
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
-        return self._view.rows(now)
+        rows = self._view.rows(now)
+        return rows if self.connected else sorted(map(self._unheard, rows), key=lambda row: row.order)
 
     def row(self, device: str, now: float) -> Row:
-        """One that was heard of."""
-        return self._view.row(device, now)
+        """One that was heard of; while there is no router it is not known how it is."""
+        row = self._view.row(device, now)
+        return row if self.connected else self._unheard(row)
+
+    def _unheard(self, row: Row) -> Row:
+        """The same while nothing can be heard: unknown, and never gone."""
+        status = self.stories[row.device].status
+        was = UNKNOWN if status is None else WORDS[status.state]
+        said = "" if was == UNKNOWN else f": it was {was} when it was heard last"
+        return replace(row, state=UNKNOWN, reason=f"the router is gone{said}")
 
     def glance(self) -> Glance:
         """The ward at one look."""

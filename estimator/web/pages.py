@@ -11,10 +11,11 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.templating import Jinja2Templates
 
-from estimator.texts import texts
+from estimator.texts import LANGUAGES, texts
 from estimator.web.desk import COOKIE, Desk
 from estimator.web.fault import Fault
 from estimator.web.form import fields
+from estimator.web.language import keep, language
 from estimator.web.tiles import ward_page
 from estimator.web.ward_topics import SPARKS, SPARKS_S
 
@@ -32,13 +33,8 @@ def routes() -> list[BaseRoute]:
     ]
 
 
-def show(
-    request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK, language: str = "en"
-) -> Response:
-    """A page, with what every page needs: the ward, who is logged in, and what is to be said to them once.
-
-    language: of the page, as far as it has texts in it.
-    """
+def show(request: Request, template: str, values: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> Response:
+    """A page in its reader's language, with what every page needs: the ward, who is logged in, what is said to them once."""
     desk = Desk.of(request)
     session = desk.session(request)
     frame = {
@@ -46,14 +42,15 @@ def show(
         "session": session,
         "said": session.take_said() if session else None,
         "can_log_in": bool(desk.settings.people),
-        "say": texts(language),
+        "say": texts(language(request)),
+        "languages": [texts(one) for one in LANGUAGES],
     }
-    return TEMPLATES.TemplateResponse(request, template, {**frame, **values}, status_code=status)
+    return keep(request, TEMPLATES.TemplateResponse(request, template, {**frame, **values}, status_code=status))
 
 
 async def ward(request: Request) -> Response:
     """The whole ward."""
-    page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns())
+    page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
     return show(request, "ward.html", {"page": page, "sparks": SPARKS, "sparks_s": SPARKS_S})
 
 

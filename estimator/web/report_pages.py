@@ -11,11 +11,11 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from estimator.history import History
-from estimator.texts import LANGUAGES, texts
+from estimator.texts import texts
 from estimator.web import reports, words
 from estimator.web.desk import Desk
 from estimator.web.fault import Fault
-from estimator.web.language import keep, language
+from estimator.web.language import language
 from estimator.web.pages import show
 
 
@@ -30,20 +30,19 @@ def routes() -> list[BaseRoute]:
 
 async def ward(request: Request) -> Response:
     """The ward now."""
-    desk, spoken = Desk.of(request), language(request)
-    page = reports.summary(desk.known, time.monotonic(), texts(spoken))
-    return _report(request, "report.html", page, spoken)
+    page = reports.summary(Desk.of(request).known, time.monotonic(), texts(language(request)))
+    return _report(request, "report.html", page)
 
 
 async def certificate(request: Request) -> Response:
     """One calibration, accepted or not."""
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
-    story, spoken = desk.story(name), language(request)
+    story = desk.story(name)
     await desk.remember(name)
     if (found := story.calibrations.get(number)) is None:
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", f"no calibration {number[:80]} of {name} is known")
-    page = reports.certificate(found, story, texts(spoken))
-    return _report(request, "certificate.html", page, spoken, picture=bool(reports.past(story, name).biases))
+    page = reports.certificate(found, story, texts(language(request)))
+    return _report(request, "certificate.html", page, picture=bool(reports.past(story, name).biases))
 
 
 async def bias(request: Request) -> Response:
@@ -65,11 +64,6 @@ def _drawn(of: History) -> bytes:
     return drawn.getvalue()
 
 
-def _report(request: Request, template: str, page: object, spoken: str, **more: object) -> Response:
-    values = {
-        "page": page,
-        "languages": [texts(one) for one in LANGUAGES],
-        "made": words.clock(time.time_ns()),
-        "version": version("truerate"),
-    }
-    return keep(request, show(request, template, {**values, **more}, language=spoken))
+def _report(request: Request, template: str, page: object, **more: object) -> Response:
+    values = {"page": page, "made": words.clock(time.time_ns()), "version": version("truerate")}
+    return show(request, template, {**values, **more})

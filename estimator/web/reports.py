@@ -14,7 +14,7 @@ from estimator.texts import Texts
 from estimator.web import words
 from estimator.web.guide_view import Axis, against, rows
 from estimator.web.known import Known, Story
-from estimator.web.tiles import NEEDS, TONES, troubles
+from estimator.web.tiles import NEEDS, toned, troubles, word
 
 #: times the least standard deviation of a bias beyond which a point says nothing beside it
 _UNSURE = 20.0
@@ -84,7 +84,7 @@ def certificate(calibration: Calibration, story: Story, t: Texts) -> Certificate
         ("when", words.clock(c.time_ns)),
         ("who", c.who or t("report.nobody")),
         ("method", c.method),
-        ("reason", c.reason),
+        ("reason", t.said(c.reason)),
         ("temperature", words.temperature(c.temperature_c)),
         ("noise", f"{noise} °/s" if np.any(c.noise_std) else ""),
         ("boot", f"{c.boot:016x}"),
@@ -122,18 +122,18 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
         before = last_before(made, story.calibrations.values()) if made else None
         lines[row.device] = Line(
             device=row.device,
-            state=t(f"state.{row.state.replace(' ', '_')}"),
-            tone="ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state],
-            reason=row.reason,
+            state=word(row.state, t),
+            tone=toned(row),
+            reason=t.said(row.reason),
             calibrated=words.clock(status.calibrated_time_ns) if status and status.calibrated_time_ns else "",
             who=made.who if made else "",
-            battery=words.battery(row.battery_percent, charging=row.charging),
+            battery=words.battery(row.battery_percent, t, charging=row.charging),
             result=rows(made, before) if made else (),
         )
     return Summary(
         tracking=sum(row.state == "tracking" for row in found),
         of=len(found),
-        troubles=troubles(known),
+        troubles=troubles(known, t),
         needs=[lines[row.device] for row in found if lines[row.device].tone in NEEDS],
         devices=[lines[name] for name in sorted(lines)],
     )

@@ -11,14 +11,17 @@ SESSIONS = 500
 
 @dataclass(slots=True)
 class Session:
-    """One person in one browser. `csrf` is in every form of theirs; `said` waits to be shown once, with whether it is good."""
+    """One person in one browser. `csrf` is in every form of theirs.
+
+    said waits to be shown once: whether it is good, of which device, and the estimator's words.
+    """
 
     name: str
     until: float
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
-    said: tuple[bool, str] | None = None
+    said: tuple[bool, str, str] | None = None
 
-    def take_said(self) -> tuple[bool, str] | None:
+    def take_said(self) -> tuple[bool, str, str] | None:
         """What is to be shown, once."""
         said, self.said = self.said, None
         return said

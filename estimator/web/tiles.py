@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from bridge.wire.messages import State
 from estimator.gyro import AXES
+from estimator.texts import Texts
 from estimator.ward_view import SILENT, TRACKING, UNKNOWN, URGENCY, Row, charge_it
 from estimator.web import words
 from estimator.web.known import Known, Story
@@ -28,11 +29,15 @@ _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One device, in words that can be shown as they are; the numbers are for sorting, None last."""
+    """One device, in words of one language that can be shown as they are; the numbers are for sorting, None last.
+
+    state: as programs know it, word: as people read it.
+    """
 
     id: str
     number: int
     state: str
+    word: str
     tone: str
     needs: bool
     reason: str
@@ -55,90 +60,107 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class WardPage:
-    """Everything the ward page shows. `troubles` are of the ward itself; `counts` how many are in which state."""
+    """Everything the ward page shows. `troubles` are of the ward itself; `counts` how many are in which state, and its word."""
 
     ward: str
+    count: str
+    title: str
     time_ns: int
     connected: bool
     tracking: int
     of: int
-    counts: Sequence[tuple[str, str, int]]
+    counts: Sequence[tuple[str, str, int, str]]
     troubles: Sequence[str]
     tiles: Sequence[Tile]
 
 
-def ward_page(known: Known, now: float, now_ns: int) -> WardPage:
+def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     """What is to be shown now: `now` in seconds of the clock messages were heard by, now_ns of the wall's."""
     rows = known.rows(now)
-    tiles = [tile(row, known.stories[row.device], now_ns) for row in rows]
-    counts = [(state, TONES[state], sum(row.state == state for row in rows)) for state in URGENCY]
+    tiles = [tile(row, known.stories[row.device], now_ns, t) for row in rows]
+    counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
+    tracking = sum(row.state == TRACKING for row in rows)
+    count = t("ward.count", tracking=tracking, of=len(rows))
     return WardPage(
         ward=known.ward,
+        count=count,
+        title=f"{t('ward.tracking', count=count)} · {known.ward}",
         time_ns=now_ns,
         connected=known.connected,
-        tracking=sum(row.state == TRACKING for row in rows),
+        tracking=tracking,
         of=len(rows),
         counts=[count for count in counts if count[2]],
-        troubles=troubles(known),
+        troubles=troubles(known, t),
         tiles=tiles,
     )
 
 
-def troubles(known: Known) -> list[str]:
+def word(state: str, t: Texts) -> str:
+    """A state as people read it."""
+    return t(f"state.{state.replace(' ', '_')}")
+
+
+def troubles(known: Known, t: Texts) -> list[str]:
     """What is wrong with the ward itself, in words; while there is no router nothing else can be known."""
     if not known.connected:
-        return ["The ward's router is not there: nothing is heard, and what is shown is what was known last."]
+        return [t("ward.no_router")]
     seen = known.glance()
-    found = [f"{words[:1].upper()}{words[1:]}." for words in seen.troubles]
-    found += [f"{device}: samples are not accounted for: {words}." for device, words in seen.law.items()]
+    found = [t("ward.trouble", words=f"{said[:1].upper()}{said[1:]}") for said in map(t.said, seen.troubles)]
+    found += [t("ward.unaccounted", device=device, words=t.said(words)) for device, words in seen.law.items()]
     if left_out := known.left_out.as_dict().get("devices"):
-        found.append(f"There are too many devices: {left_out} messages of further ones are left out.")
+        found.append(t("ward.too_many", n=left_out))
     return found
 
 
-def tile(row: Row, story: Story, now_ns: int) -> Tile:
+def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
     """One device."""
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
     calibrated_ns = status.calibrated_time_ns if status else 0
     calibrating = status is not None and status.state in _CALIBRATING
-    tone = "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
-    notices = [charge_it(row.battery_percent)] if row.low_battery and row.battery_percent is not None else []
-    notices += [f"{name}: {said}" for name, said in row.notices.items()]
+    tone = toned(row)
+    notices = [t.said(charge_it(row.battery_percent))] if row.low_battery and row.battery_percent is not None else []
+    notices += [t.said(f"{name}: {said}") for name, said in row.notices.items()]
     return Tile(
         id=row.device,
         number=story.number,
         state=row.state,
+        word=word(row.state, t),
         tone=tone,
         needs=tone in NEEDS,
-        reason=row.reason,
+        reason=t.said(row.reason),
         notices="; ".join(notices),
-        quality=row.quality,
+        quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
-        calibrated=words.ago(calibrated_ns, now_ns) if calibrated_ns else "not since it started" if status else "",
-        rest=words.ago(now_ns - round(row.evidence_age_s * 1e9), now_ns) if row.evidence_age_s is not None else "",
-        rate=words.rate(measured_hz or row.rate_hz, told_hz),
-        gaps=words.gaps(row.gaps, row.missing_samples) if status else "",
-        battery=words.battery(row.battery_percent, charging=row.charging),
+        calibrated=words.ago(calibrated_ns, now_ns, t) if calibrated_ns else t("words.uncalibrated") if status else "",
+        rest=words.ago(now_ns - round(row.evidence_age_s * 1e9), now_ns, t) if row.evidence_age_s is not None else "",
+        rate=words.rate(measured_hz or row.rate_hz, told_hz, t),
+        gaps=words.gaps(row.gaps, row.missing_samples, t) if status else "",
+        battery=words.battery(row.battery_percent, t, charging=row.charging),
         battery_low=row.low_battery,
         temperature=words.temperature(status.temperature_c) if status else "",
         turns="".join(AXES[axis] if axis in status.axes_done else "·" for axis in range(3))
         if status and calibrating
         else "",
-        rebooted=_rebooted(story, now_ns) if row.state != TRACKING else "",
+        rebooted=_rebooted(story, now_ns, t) if row.state != TRACKING else "",
         bias_std=max(status.bias_std) if status else None,
         calibrated_ns=calibrated_ns or None,
         battery_percent=row.battery_percent,
     )
 
 
-def _rebooted(story: Story, now_ns: int) -> str:
+def toned(row: Row) -> str:
+    """The tone of a device: a low battery asks for a person however well it is."""
+    return "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
+
+
+def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
     """That it has started anew and must be calibrated again; nothing of a device's first boot."""
     if not rebooted(story):
         return ""
     boot = story.boots[story.boot]
-    cause = f", {boot.cause}" if boot.cause else ""
-    return f"started again {words.ago(boot.time_ns, now_ns)}{cause}: it must be calibrated again"
+    ago = words.ago(boot.time_ns, now_ns, t)
+    return t("words.rebooted_by", ago=ago, cause=t.said(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
 
 
 def rebooted(story: Story) -> bool:

@@ -1,5 +1,7 @@
 """What can be watched: `ward`, `rates`, `bias`, `device/<id>`, `trace/<id>`. A topic is made when somebody watches it first.
 
+One that is made of words is named with its language, as `ward@zh`; without one it is English.
+
 A text frame is JSON with its topic in `topic`. A binary frame begins with the topic's name: its length as one byte, the
 name, zeros up to a multiple of eight bytes; numbers are little-endian.
 """
@@ -12,6 +14,7 @@ import msgspec
 
 from bridge.wire.keys import ID
 from estimator.client import Client
+from estimator.texts import LANGUAGES, Texts, texts
 from estimator.web.hub import Frame
 from estimator.web.known import Known
 
@@ -44,15 +47,19 @@ Make = Callable[[str, Sources], Topic]
 #: by the first part of the name, what makes a topic of the whole name; `/<id>` follows where a device is meant
 KINDS: dict[str, Make] = {}
 OF_A_DEVICE: set[str] = set()
+#: those that are told in a language
+WORDED: set[str] = set()
 
 
-def kind(name: str, *, of_a_device: bool = False) -> Callable[[Make], Make]:
+def kind(name: str, *, of_a_device: bool = False, worded: bool = False) -> Callable[[Make], Make]:
     """Make a kind of topic known under the first part of its name."""
 
     def add(make: Make) -> Make:
         KINDS[name] = make
         if of_a_device:
             OF_A_DEVICE.add(name)
+        if worded:
+            WORDED.add(name)
         return make
 
     return add
@@ -60,8 +67,25 @@ def kind(name: str, *, of_a_device: bool = False) -> Callable[[Make], Make]:
 
 def exists(topic: str) -> bool:
     """Whether there is such a topic."""
-    name, slash, device = topic.partition("/")
-    return name in KINDS and (bool(ID.match(device)) if name in OF_A_DEVICE else not slash)
+    bare, at, language = topic.partition("@")
+    name, slash, device = bare.partition("/")
+    spoken = name in WORDED and language in LANGUAGES if at else True
+    return name in KINDS and spoken and (bool(ID.match(device)) if name in OF_A_DEVICE else not slash)
+
+
+def kind_of(topic: str) -> str:
+    """The first part of its name."""
+    return topic.partition("@")[0].partition("/")[0]
+
+
+def device_of(topic: str) -> str:
+    """The device that is meant, or nothing."""
+    return topic.partition("@")[0].partition("/")[2]
+
+
+def texts_of(topic: str) -> Texts:
+    """In what it is told."""
+    return texts(topic.partition("@")[2] or LANGUAGES[0])
 
 
 def text(topic: str, content: Any) -> str:

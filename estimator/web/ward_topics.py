@@ -17,18 +17,18 @@ RATES_S = 0.06
 SPARKS, SPARKS_S = 40, 1200.0
 
 
-@topics.kind("ward")
+@topics.kind("ward", worded=True)
 class WardTopic:
     """All tiles, whole every second: a frame that is lost costs nothing."""
 
     period_s = 1.0
 
     def __init__(self, topic: str, sources: Sources) -> None:
-        self._topic, self._known = topic, sources.known
+        self._topic, self._known, self._t = topic, sources.known, topics.texts_of(topic)
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:
         """The page as it is."""
-        yield topics.text(self._topic, ward_page(self._known, now, now_ns))
+        yield topics.text(self._topic, ward_page(self._known, now, now_ns, self._t))
 
     frames = whole
 

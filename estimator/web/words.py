@@ -1,9 +1,10 @@
-"""Numbers as people read them. Degrees live here, not in the core."""
+"""Numbers as people read them, in their language. Degrees live here, not in the core."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import degrees, isfinite
 
+from estimator.texts import Texts
 from estimator.ward_view import age
 
 MINUS = "\N{MINUS SIGN}"
@@ -20,16 +21,17 @@ def bias(bias: Sequence[float], std: Sequence[float]) -> str:
     return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {degrees(max(std)):.{digits}f} °/s"
 
 
-def rate(measured_hz: float, told_hz: float) -> str:
+def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
     """`103.9 of 104 Hz`."""
     if not measured_hz:
-        return f"{told_hz:g} Hz told" if told_hz else ""
-    return f"{measured_hz:.1f} of {told_hz:g} Hz" if told_hz else f"{measured_hz:.1f} Hz"
+        return t("words.rate_told", told=f"{told_hz:g}") if told_hz else ""
+    measured = f"{measured_hz:.1f}"
+    return t("words.rate_of", measured=measured, told=f"{told_hz:g}") if told_hz else f"{measured} Hz"
 
 
-def gaps(count: int, missing: int) -> str:
+def gaps(count: int, missing: int, t: Texts) -> str:
     """`none`, or `3, 12 samples`."""
-    return f"{count}, {missing} samples" if count else "none"
+    return t("words.gaps", count=count, missing=missing) if count else t("words.no_gaps")
 
 
 def temperature(celsius: float) -> str:
@@ -37,14 +39,22 @@ def temperature(celsius: float) -> str:
     return f"{celsius:.1f} °C" if isfinite(celsius) else ""
 
 
-def battery(percent: float | None, *, charging: bool) -> str:
+def battery(percent: float | None, t: Texts, *, charging: bool) -> str:
     """`82 %`, with whether it is charging."""
-    return "" if percent is None else f"{percent:.0f} %{' charging' if charging else ''}"
+    if percent is None:
+        return ""
+    return t("words.charging", percent=f"{percent:.0f}") if charging else f"{percent:.0f} %"
 
 
-def ago(then_ns: int, now_ns: int) -> str:
+def ago(then_ns: int, now_ns: int, t: Texts) -> str:
     """`2 h ago`."""
-    return f"{age(max(0.0, (now_ns - then_ns) / 1e9))} ago"
+    return t("words.ago", age=lasting(max(0.0, (now_ns - then_ns) / 1e9), t))
+
+
+def lasting(seconds: float, t: Texts) -> str:
+    """`2 h`."""
+    n, _, unit = age(seconds).partition(" ")
+    return t(f"words.{unit}", n=n)
 
 
 def clock(time_ns: int) -> str:

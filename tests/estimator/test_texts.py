@@ -18,7 +18,7 @@ def fields(language: str) -> dict[str, list[str]]:
     return {
         f"{section}.{key}": sorted({name for _, name, _, _ in Formatter().parse(text) if name})
         for section, keys in sections.items()
-        if isinstance(keys, dict)
+        if isinstance(keys, dict) and section != "said"
         for key, text in keys.items()
     }
 

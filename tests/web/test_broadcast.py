@@ -160,6 +160,6 @@ def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
     assert trail[0, :3].tolist() == pytest.approx(np.degrees([0.1, 0.2, 0.3]).tolist())
     bias = np.frombuffer(binary["bias"], "<f4", offset=8).reshape(1, SPARKS, 6)
     assert bias[0, -1, :3].tolist() == pytest.approx(np.degrees([0.1, 0.2, 0.3]).tolist())
-    assert text["trail/chest"]["marks"][0][1:] == ["note", "nurse: sat up"]
+    assert text["trail/chest"]["marks"][0][1:] == ["note"]
     talk.close()
     broadcast.close()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
+from estimator.texts import texts
 from estimator.ward_view import URGENCY
 from estimator.web.attempts import ADDRESSES, FORGET_S, FREE, Attempts
 from estimator.web.device_page import device_page
@@ -20,6 +21,7 @@ from tests.estimator.test_correction import CALIBRATION
 from tests.web.talk import about, said
 
 S = 10**9
+EN = texts("en")
 NOW = 1_800_000_000 * S
 
 
@@ -39,39 +41,53 @@ def test_every_state_has_a_tone() -> None:
 
 
 def test_a_low_battery_needs_a_person_and_says_so() -> None:
-    page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW)
+    page = ward_page(known(about("a", battery_percent=9.0), said("a"), said("b")), 100.0, NOW, EN)
     assert [(tile.id, tile.tone, tile.needs) for tile in page.tiles] == [("a", "ask", True), ("b", "well", False)]
     assert page.tiles[0].notices == "its battery is at 9 %: charge it"
-    assert (page.tracking, page.of, page.counts) == (2, 2, [("tracking", "well", 2)])
+    assert (page.tracking, page.of, page.counts) == (2, 2, [("tracking", "well", 2, "tracking")])
 
 
 def test_a_reboot_is_said_until_it_is_calibrated_again() -> None:
     ward = known(about("a", boot=1, time_ns=NOW - 900 * S), said("a", boot=1, calibrated_time_ns=NOW))
     ward.take_info(about("a", boot=2, time_ns=NOW - 5 * S, boot_cause=BootCause.PORT_OPENED))
     ward.take_status(said("a", State.AWAITING_STILL, boot=2), 100.0)
-    (tile,) = ward_page(ward, 100.0, NOW).tiles
+    (tile,) = ward_page(ward, 100.0, NOW, EN).tiles
     assert tile.rebooted == "started again 5 s ago, its port was opened: it must be calibrated again"
     ward.take_status(said("a", State.DEGRADED, boot=2, calibrated_time_ns=NOW), 100.0)
-    assert ward_page(ward, 100.0, NOW).tiles[0].rebooted == ""
+    assert ward_page(ward, 100.0, NOW, EN).tiles[0].rebooted == ""
 
 
 def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
-    (tile,) = ward_page(known(said("a")), 110.0, NOW).tiles
+    (tile,) = ward_page(known(said("a")), 110.0, NOW, EN).tiles
     assert (tile.state, tile.tone) == ("silent", "bad")
     assert "10 s" in tile.reason
+
+
+def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
+    ward = known(said("a"), said("b", State.LOST), about("c"))
+    ward.connected = False
+    page = ward_page(ward, 500.0, NOW, EN)
+    assert {tile.id: (tile.state, tile.reason) for tile in page.tiles} == {
+        "a": ("unknown", "the router is gone: it was tracking when it was heard last"),
+        "b": ("unknown", "the router is gone: it was lost when it was heard last"),
+        "c": ("unknown", "the router is gone"),
+    }
+    assert page.troubles == [EN("ward.no_router")]
+    ward.connected = True
+    assert {tile.state for tile in ward_page(ward, 100.0, NOW, EN).tiles} == {"tracking", "lost", "unknown"}
 
 
 def test_too_many_devices_are_said() -> None:
     ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
     assert len(ward.stories) == DEVICES
-    assert any("too many devices: 3" in words for words in ward_page(ward, 100.0, NOW).troubles)
+    assert any("too many devices: 3" in words for words in ward_page(ward, 100.0, NOW, EN).troubles)
 
 
 def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     ward = known(about("a", boot=5), said("a", boot=5, calibration=CALIBRATION.id))
     ward.take_calibration(replace(CALIBRATION, device="a"))
     ward.take_calibration(replace(CALIBRATION, device="a"))
-    (line,) = device_page(ward, "a", 100.0, NOW).calibrations
+    (line,) = device_page(ward, "a", 100.0, NOW, EN).calibrations
     assert line.in_use
     k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
     assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ± {1.96 * k_std:.4f}"

@@ -11,9 +11,10 @@ from bridge.wire.keys import boot_id
 from bridge.wire.messages import Calibration
 from estimator import calibration_file
 from estimator.gyro import AXES
+from estimator.texts import LANGUAGES, texts
 from estimator.ward_view import TRACKING, Row, chosen
 from estimator.web.known import Known, Story
-from estimator.web.tiles import tile, troubles
+from estimator.web.tiles import NEEDS, toned, troubles
 
 Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
@@ -133,25 +134,25 @@ class Error(Struct, frozen=True):
     error: ErrorWords
 
 
-def devices(known: Known, rows: list[Row], only: list[str], now_ns: int) -> Devices:
+def devices(known: Known, rows: list[Row], only: list[str]) -> Devices:
     """Those of the rows that are chosen; head count and troubles are of the whole ward."""
     return Devices(
         ward=known.ward,
         connected=known.connected,
         tracking=sum(row.state == TRACKING for row in rows),
         of=len(rows),
-        troubles=troubles(known),
-        devices=[device(row, known.stories[row.device], now_ns) for row in chosen(rows, only)],
+        troubles=troubles(known, texts(LANGUAGES[0])),
+        devices=[device(row, known.stories[row.device]) for row in chosen(rows, only)],
     )
 
 
-def device(row: Row, story: Story, now_ns: int) -> Device:
+def device(row: Row, story: Story) -> Device:
     """One device."""
     status, info = story.status, story.info
     return Device(
         id=row.device,
         state=row.state,
-        needs_person=tile(row, story, now_ns).needs,
+        needs_person=toned(row) in NEEDS,
         reason=row.reason,
         notices=row.notices,
         quality=row.quality or None,

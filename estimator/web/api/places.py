@@ -13,7 +13,8 @@ from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 from estimator.web import form
 from estimator.web.api import answers, openapi
-from estimator.web.desk import CHALLENGE, VERBS, Desk
+from estimator.web.commanding import commands
+from estimator.web.desk import CHALLENGE, Desk
 from estimator.web.fault import Fault
 
 ROOT = "/api/v1"
@@ -27,7 +28,7 @@ def routes() -> list[BaseRoute]:
         Route(f"{ROOT}/devices", devices),
         Route(f"{ROOT}/devices/{{device}}", device),
         Route(f"{ROOT}/devices/{{device}}/calibrations", calibrations),
-        *(Route(f"{ROOT}/devices/{{device}}/{verb}", _commanding(verb), methods=["POST"]) for verb in VERBS),
+        *commands(f"{ROOT}/devices/{{device}}", command),
     ]
 
 
@@ -58,13 +59,13 @@ async def devices(request: Request) -> Response:
         )
     rows = desk.known.rows(time.monotonic())
     only = request.query_params.getlist("only")
-    return answer(answers.devices(desk.known, rows, only, time.time_ns()))
+    return answer(answers.devices(desk.known, rows, only))
 
 
 async def device(request: Request) -> Response:
     """One."""
     desk, name = Desk.of(request), _named(request)
-    return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name), time.time_ns()))
+    return answer(answers.device(desk.known.row(name, time.monotonic()), desk.story(name)))
 
 
 async def calibrations(request: Request) -> Response:
@@ -85,19 +86,15 @@ def _named(request: Request) -> str:
     return str(name)
 
 
-def _commanding(verb: str):  # type: ignore[no-untyped-def]
-    async def command(request: Request) -> Response:
-        """Ask the estimator; 409 when it does not do it."""
-        desk = Desk.of(request)
-        who = await _who(desk, request)
-        words = await _words(request)
-        reply = await desk.ask(_named(request), verb, who, words)
-        status = HTTPStatus.OK if reply.accepted else HTTPStatus.CONFLICT
-        if not reply.accepted:
-            raise Fault(status, "not_accepted", reply.message)
-        return answer(answers.Reply(accepted=True, message=reply.message))
-
-    return command
+async def command(request: Request, verb: str) -> Response:
+    """Ask the estimator; 409 when it does not do it."""
+    desk = Desk.of(request)
+    who = await _who(desk, request)
+    words = await _words(request)
+    reply = await desk.ask(_named(request), verb, who, words)
+    if not reply.accepted:
+        raise Fault(HTTPStatus.CONFLICT, "not_accepted", reply.message)
+    return answer(answers.Reply(accepted=True, message=reply.message))
 
 
 async def _who(desk: Desk, request: Request) -> str:

@@ -2,7 +2,7 @@
 
 import { chart, hour, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
-import { say, watch } from "./live.js";
+import { say, spoken, trouble, watch } from "./live.js";
 
 const AXES = ["x", "y", "z"], WINDOW_S = 20;
 const page = document.querySelector(".device"), id = page.dataset.id;
@@ -11,20 +11,20 @@ let trail = { rests: [], marks: [] };
 
 // ---- words ----
 
-watch(`device/${id}`, (now) => {
+watch(spoken(`device/${id}`), (now) => {
   fill(page, { ...now.tile, calibrating: now.progress < 1 });
   tone(page, now.tile.tone);
   $("progress").value = now.progress;
-  document.title = `${id}: ${now.tile.state} · ${now.ward}`;
-  $("troubles").replaceChildren(...now.troubles.map((words) => Object.assign(document.createElement("p"), { className: "banner bad", textContent: words })));
+  document.title = now.title;
+  trouble(now.troubles);
   if ($("recalibrate")) $("recalibrate").disabled = !now.can_recalibrate;
   if ($("cancel")) $("cancel").disabled = !now.can_cancel;
-  if (told !== now.tile.state) { if (told) say($("told"), `${id}: ${now.tile.state}. ${now.tile.reason}`); told = now.tile.state; }
-  rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? " in use" : ""), c.verdict, c.who, c.method, c.scale.join(", "), c.bias.join(", "), c.turns, c.reason], (c) => c.in_use);
+  if (told !== now.tile.word) { if (told) say($("told"), `${id}: ${now.tile.word}. ${now.tile.reason}`); told = now.tile.word; }
+  rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? ` ${page.dataset.inUse}` : ""), c.verdict, c.who, c.method, c.scale.join(", "), c.bias.join(", "), c.turns, c.reason], (c) => c.in_use);
   for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => [line.when, line.what, line.words]);
   facts(now.facts);
 }, { must: true });
-let told = page.querySelector('[data-f="state"]').textContent;
+let told = page.querySelector('[data-f="word"]').textContent;
 
 const shown = {};
 function rows(name, lines, cells, used = () => false) {
@@ -55,8 +55,8 @@ function facts(pairs) {
 // ---- rates ----
 
 const rates = AXES.map((axis) => chart($("rates"), {
-  label: `rate about ${axis}, as read and corrected`, title: axis, height: axis === "z" ? 172 : 150, clock: false, times: axis === "z",
-  series: [{ label: "as read", colour: "raw", dash: [3, 3], width: 2 }, { label: "corrected", colour: axis }],
+  label: $("rates").dataset.label.replace("{axis}", axis), title: axis, height: axis === "z" ? 172 : 150, clock: false, times: axis === "z",
+  series: [{ label: page.dataset.asRead, colour: "raw", dash: [3, 3], width: 2 }, { label: page.dataset.corrected, colour: axis }],
 }));
 const columns = { time: [], raw: [[], [], []], corrected: [[], [], []] };
 let newest = 0;
@@ -103,8 +103,8 @@ const number = (value) => (Number.isNaN(value) ? null : value);
 // ---- heading ----
 
 const headings = chart($("headings"), {
-  label: "how far the heading by raw rates is from that by corrected rates", title: "°", height: 150,
-  series: [{ label: "raw, away from corrected", colour: "raw", width: 2.5, dash: [3, 3] }, { label: "corrected, 1 σ", colour: "z" }, { label: "0", colour: "z", width: 0 }],
+  label: $("headings").dataset.label, title: "°", height: 150,
+  series: [{ label: page.dataset.asRead, colour: "raw", width: 2.5, dash: [3, 3] }, { label: "1 σ", colour: "z" }, { label: "0", colour: "z", width: 0 }],
   bands: [[2, 3, "z"]], range: (u, low, high) => [0, Math.max(1, high * 1.05)],
 });
 
@@ -113,8 +113,8 @@ function heading(now) {
   headings.figure.hidden = points.length < 2;
   headings.set([points.map((p) => p[0]), points.map((p) => p[1]), points.map((p) => p[2]), points.map(() => 0)]);
   if (!now.since) return;
-  const since = hour(now.since);
-  const words = `Since ${since}, when it last came to rest or when this page was opened: by its raw rates alone its heading would now be ${now.apart.toFixed(1)}° away; the bias leaves the corrected one unsure by ${now.std.toFixed(2)}°. It has turned by ${now.turned.toFixed(1)}° meanwhile.`;
+  const values = { since: hour(now.since), apart: now.apart.toFixed(1), std: now.std.toFixed(2), turned: now.turned.toFixed(1) };
+  const words = $("heading").dataset.words.replace(/\{(\w+)\}/g, (_, name) => values[name]);
   say($("heading"), words);
   headings.figure.setAttribute("aria-label", words);
 }
@@ -143,12 +143,12 @@ function around(u) {
 }
 
 const biases = AXES.map((axis) => chart($("biases"), {
-  label: `bias about ${axis}`, title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
-  series: [{ label: "bias", colour: axis, width: 2 }, { label: "+2σ", colour: axis, width: 0 }, { label: "−2σ", colour: axis, width: 0 }],
+  label: $("biases").dataset.label.replace("{axis}", axis), title: axis, height: axis === "z" ? 152 : 130, times: axis === "z", behind: happenings, range: around,
+  series: [{ label: "b", colour: axis, width: 2 }, { label: "+2σ", colour: axis, width: 0 }, { label: "−2σ", colour: axis, width: 0 }],
   bands: [[2, 3, axis]],
 }));
 const temperatures = chart($("temperatures"), {
-  label: "temperature", title: "°C", height: 120, behind: happenings, series: [{ label: "temperature", colour: "y", width: 2 }],
+  label: $("temperatures").dataset.label, title: "°C", height: 120, behind: happenings, series: [{ label: "°C", colour: "y", width: 2 }],
   range: (u, low, high) => (low === null ? [0, 1] : [Math.min(low, high - 1) - 0.2, high + 0.2]),
 });
 

@@ -1,6 +1,6 @@
 // The guide: what the server tells, shown; a new step is announced once, when it has lasted a moment.
 
-import { say, watch } from "./live.js";
+import { say, trouble, watch } from "./live.js";
 
 const CALM_MS = 400;
 const page = document.querySelector(".guide"), id = page.dataset.id, language = document.documentElement.lang;
@@ -23,7 +23,7 @@ watch(`guide/${id}`, (now) => {
   if ($("begin")) $("begin").hidden = !now.can_begin;
   if ($("cancel")) $("cancel").hidden = !now.can_cancel;
   result(now, said);
-  $("troubles").replaceChildren(...now.troubles.map((words) => Object.assign(document.createElement("p"), { className: "banner bad", textContent: words })));
+  trouble(said.troubles);
   document.title = `${said.head} · ${title}`;
   announce([said.rebooted, ...said.wrong, said.head, said.how].filter(Boolean).map((one) => one.replace(/[.。]?$/, ".")).join(" "));
 }, { must: true });

@@ -2,6 +2,9 @@
 // A topic that is vital must come every second: when it stops, the banner says so, and the page turns pale.
 
 const LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
+// of a topic that is told in words: the page's own language
+export const spoken = (topic) => `${topic}@${document.documentElement.lang}`;
+
 const takers = new Map(), vital = new Set();
 const banner = document.getElementById("lost");
 let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true;
@@ -57,6 +60,12 @@ function look() {
 
 export function say(element, words) {
   if (element.textContent !== words) element.textContent = words;
+}
+
+const troubles = document.getElementById("troubles");
+export function trouble(all) {
+  if (troubles.textContent === all.join("")) return;
+  troubles.replaceChildren(...all.map((words) => Object.assign(document.createElement("p"), { className: "banner bad", textContent: words })));
 }
 
 document.addEventListener("visibilitychange", () => {

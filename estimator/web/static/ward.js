@@ -1,7 +1,7 @@
 // The ward page: tiles kept true, those that need a person first, or as the reader has chosen.
 
 import { fill, shape, tone } from "./fields.js";
-import { say, watch } from "./live.js";
+import { say, spoken, trouble, watch } from "./live.js";
 import { Strip, spark } from "./pictures.js";
 
 const list = document.getElementById("tiles"), template = document.getElementById("tile");
@@ -29,7 +29,7 @@ function adopt(element, id) {
 
 for (const element of list.children) adopt(element, element.dataset.id);
 
-watch("ward", (now) => {
+watch(spoken("ward"), (now) => {
   page = now;
   tell(now);
   for (const fields of now.tiles) {
@@ -72,8 +72,8 @@ requestAnimationFrame(draw);
 
 const points = 40;
 watch("bias", (data) => {
-  const seconds = new Float64Array(data, 0, 1)[0], rows = new Float32Array(data, 8);
-  const words = `bias, ${seconds < 100 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`}`;
+  const seconds = new Float64Array(data, 0, 1)[0], rows = new Float32Array(data, 8), short = seconds < 100;
+  const words = list.dataset[short ? "seconds" : "minutes"].replace("{n}", Math.round(short ? seconds : seconds / 60));
   for (const tile of tiles.values()) {
     const at = tile.number * points * 6;
     say(tile.element.querySelector(".span"), words);
@@ -83,18 +83,10 @@ watch("bias", (data) => {
 
 function head(now) {
   const needs = now.tiles.filter((fields) => fields.needs).length;
-  say(document.querySelector('[data-f="count"]'), `${now.tracking} of ${now.of}`);
+  say(document.querySelector('[data-f="count"]'), now.count);
   say(document.querySelector('[data-f="needs"]'), String(needs));
-  document.title = `${now.tracking} of ${now.of} tracking · ${now.ward}`;
-  const troubles = document.getElementById("troubles");
-  if (troubles.textContent !== now.troubles.join("")) {
-    troubles.replaceChildren(...now.troubles.map((words) => {
-      const line = document.createElement("p");
-      line.className = "banner bad";
-      line.textContent = words;
-      return line;
-    }));
-  }
+  document.title = now.title;
+  trouble(now.troubles);
   document.getElementById("none").hidden = now.of > 0;
   chips(now.counts);
   share(now.counts, now.of);
@@ -104,7 +96,7 @@ function chips(counts) {
   const place = document.getElementById("counts");
   const states = counts.map(([state]) => state);
   for (const chip of [...place.children]) if (!states.includes(chip.dataset.only)) { only.delete(chip.dataset.only); chip.remove(); }
-  counts.forEach(([state, name, n], i) => {
+  counts.forEach(([state, name, n, words], i) => {
     let chip = [...place.children].find((one) => one.dataset.only === state);
     if (!chip) {
       chip = document.createElement("button");
@@ -114,7 +106,7 @@ function chips(counts) {
       chip.dataset.tone = name;
       chip.setAttribute("aria-pressed", "false");
       const word = document.createElement("span");
-      word.textContent = state;
+      word.textContent = words;
       chip.append(shape(name), word, " ", document.createElement("b"));
     }
     if (place.children[i] !== chip) place.insertBefore(chip, place.children[i] ?? null);
@@ -182,7 +174,7 @@ let states = null;
 function tell(now) {
   const said = new Map(now.tiles.map((fields) => [fields.id, fields.state]));
   if (states) {
-    const news = now.tiles.filter((fields) => states.get(fields.id) !== fields.state).map((fields) => `${fields.id}: ${fields.state}`);
+    const news = now.tiles.filter((fields) => states.get(fields.id) !== fields.state).map((fields) => `${fields.id}: ${fields.word}`);
     if (news.length) say(document.getElementById("told"), news.slice(0, 5).join(". "));
   }
   states = said;

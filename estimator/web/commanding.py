@@ -1,0 +1,24 @@
+"""Where commands are given: a place for each verb, for pages and for programs."""
+
+from collections.abc import Awaitable, Callable
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from estimator.web.desk import VERBS
+
+#: obeys a request for a verb
+Obey = Callable[[Request, str], Awaitable[Response]]
+
+
+def commands(under: str, obey: Obey) -> list[BaseRoute]:
+    """A place for each verb, below that of a device."""
+
+    def of(verb: str) -> Callable[[Request], Awaitable[Response]]:
+        async def command(request: Request) -> Response:
+            return await obey(request, verb)
+
+        return command
+
+    return [Route(f"{under}/{verb}", of(verb), methods=["POST"]) for verb in VERBS]
