@@ -29,6 +29,8 @@ from tests.web.talk import about, said
 WARD, DEVICES, RATE_HZ, BATCH_S = "bench", 60, 104.0, 0.05
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 _CHROMIUM = "/usr/bin/chromium"
+#: pages that are watched for growth, and over how many of the last minutes
+_WATCHED, _SLOPE_MINUTES = ("/", "/devices/bed-01-chest"), 20
 
 
 def talk(endpoint: str) -> None:
@@ -182,7 +184,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--viewers", type=int, default=50)
-    parser.add_argument("--minutes", type=float, default=0.0, help="watch the memory for so long")
+    parser.add_argument("--minutes", type=float, default=0.0, help="watch the memory for so long, and nothing else")
     parser.add_argument("--talk")
     parser.add_argument("--crowd")
     given = parser.parse_args()
@@ -210,9 +212,10 @@ def main() -> int:
                 console.print(
                     f"{DEVICES} devices at {RATE_HZ:g} Hz; nobody looks: {share(it.pid, given.seconds):.1%} of a core"
                 )
-                _measure(console, it.pid, url, given.seconds, given.viewers)
                 if given.minutes:
                     _growth(console, it.pid, url, given.minutes)
+                else:
+                    _measure(console, it.pid, url, given.seconds, given.viewers)
     return 0
 
 
@@ -251,13 +254,34 @@ def _measure(console: Console, pid: int, url: str, seconds: float, viewers: int)
 
 
 def _growth(console: Console, pid: int, url: str, minutes: float) -> None:
+    """Megabytes a minute of the server, and of the JavaScript of a ward page and a device's page that stay open."""
+    from playwright.sync_api import sync_playwright
+
     live = url.replace("http", "ws") + "/live"
-    arguments = ["-m", "tests.bench.dashboard", "--crowd", live, "--viewers", "3", "--seconds", str(minutes * 60)]
+    arguments = ["-m", "tests.bench.dashboard", "--crowd", live, "--viewers", "3", "--seconds", str(minutes * 60 + 60)]
     begun = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL)
-    for _ in range(10):
-        console.print(f"{memory_mb(pid):.1f} MB")
-        time.sleep(minutes * 6)
-    begun.wait()
+    rows: list[list[float]] = []
+    try:
+        with sync_playwright() as p:
+            flags = ["--no-sandbox", "--js-flags=--expose-gc", "--enable-precise-memory-info"]
+            browser = p.chromium.launch(executable_path=_CHROMIUM, args=flags)
+            pages = [browser.new_page(viewport={"width": 1280, "height": 900}) for _ in _WATCHED]
+            for page, path in zip(pages, _WATCHED, strict=True):
+                page.goto(url + path)
+            for minute in range(round(minutes) + 1):
+                heaps = [page.evaluate("gc(), performance.memory.usedJSHeapSize") / 1e6 for page in pages]
+                rows.append([memory_mb(pid), *heaps])
+                told = "".join(f", {path} {heap:.2f}" for path, heap in zip(_WATCHED, heaps, strict=True))
+                console.print(f"minute {minute}: server {rows[-1][0]:.1f} MB; heap after collection{told} MB")
+                pages[0].wait_for_timeout(60_000 if minute < round(minutes) else 0)
+            browser.close()
+    finally:
+        begun.terminate()
+        begun.wait(20)
+    last = np.array(rows)[-(_SLOPE_MINUTES + 1) :]
+    slopes = np.polyfit(np.arange(len(last)), last, 1)[0] if len(last) > 1 else np.full(last.shape[1], np.nan)
+    said = ", ".join(f"{what} {1000 * slope:+.1f}" for what, slope in zip(("server", *_WATCHED), slopes, strict=True))
+    console.print(f"growth over the last {len(last) - 1} minutes, kB a minute: {said}")
 
 
 if __name__ == "__main__":
