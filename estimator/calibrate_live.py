@@ -11,10 +11,12 @@ from rich.text import Text
 from bridge.columns import Column, Columns
 from bridge.wire.messages import Calibration, Status
 from estimator.client import Client
+from estimator.device_knobs import Treatment
 from estimator.guide.compare import compared, differing, last_before
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Step, Told
 from estimator.gyro import AXES
+from estimator.session import SessionKnobs
 from estimator.texts import Texts
 
 #: how often it looks
@@ -25,12 +27,20 @@ _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 
 
 def calibrate(
-    console: Console, client: Client, device: str, who: str, t: Texts, *, seconds: float | None = None
+    console: Console,
+    client: Client,
+    device: str,
+    who: str,
+    t: Texts,
+    *,
+    seconds: float | None = None,
+    knobs: SessionKnobs | None = None,
 ) -> int:
     """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
     samples, statuses = client.raw(device), client.follow(device)
     made = client.follow_calibrations(device)
-    guide, known = Guide(), dict[str, Calibration]()
+    knobs = knobs or Treatment().of(device)
+    guide, known = Guide(knobs.method, knobs.stillness), dict[str, Calibration]()
     asked, status, begin = False, None, time.monotonic()
     screen = Screen(console, t, device)
     try:
@@ -110,6 +120,8 @@ def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
         f"{AXES[axis]} {t(f'guide.{told.ways[axis]}')}: {t('guide.done' if axis in told.done else 'guide.next')}"
         for axis in sorted((*told.done, *told.needed))
     ]
+    if told.sides is not None:
+        turns = [t("guide.sides", seen=len(told.sides))]
     lines.append(Text("   ".join([*([turned] if turned else []), *turns]), "dim"))
     return lines
 

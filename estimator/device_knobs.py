@@ -1,8 +1,9 @@
 """How a kind of device is to be treated: its noise model turned into the knobs of stillness, prior and tracking."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
-from estimator.noise_model import NoiseModel
+from estimator.noise_model import GENERIC, NoiseModel, load_model
 from estimator.session import SessionKnobs
 
 #: readings a second at which the noise of one reading is guessed before a rest has shown it
@@ -22,3 +23,17 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
         stillness=replace(knobs.stillness, noise_guess=noise),
         track=replace(track, bias=bias, gravity=gravity),
     )
+
+
+class Treatment:
+    """How each device of a ward is treated, as its [estimator] table says; the same for whoever has to agree with it."""
+
+    def __init__(
+        self, usual: SessionKnobs | None = None, model: str = GENERIC, models: Mapping[str, str] | None = None
+    ) -> None:
+        self.usual = knobs_of(load_model(model), usual)
+        self._others = {device: knobs_of(load_model(other), usual) for device, other in (models or {}).items()}
+
+    def of(self, device: str) -> SessionKnobs:
+        """Of one device."""
+        return self._others.get(device, self.usual)

@@ -4,12 +4,14 @@ from dataclasses import replace
 from math import pi
 
 from bridge.wire.messages import SampleBatch, State, Status
+from estimator.batch.names import BY_MOVEMENTS, DEFAULT
 from estimator.batch.recognise import TurnKnobs
 from estimator.guide import reasons
 from estimator.guide.hand import Hand
 from estimator.guide.reasons import Words
 from estimator.guide.steps import Picture, Step, Told
 from estimator.gyro import AXES
+from estimator.stillness import StillnessKnobs
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
@@ -17,13 +19,18 @@ _CALIBRATED = (State.TRACKING, State.DEGRADED)
 _JUDGED_S = 2.0
 _FULL = 2 * pi
 _IGNORED = "movement ignored"
+#: what is wrong with a turn, and not with a movement between two poses
+_OF_TURNS = ("short", "long", "back_and_forth", "askew", "tilted", "rate", "slow", "old", "open")
+#: sides of a device
+SIDES = 6
 
 
 class Guide:
-    """One device, for as long as somebody looks."""
+    """One device, for as long as somebody looks: calibrated by `method`, and judged still by the estimator's own knobs."""
 
-    def __init__(self) -> None:
-        self.hand = Hand()
+    def __init__(self, method: str = DEFAULT, stillness: StillnessKnobs | None = None) -> None:
+        self.hand, self.method = Hand(stillness), method
+        self._sides: tuple[int, ...] = ()
         self._status: Status | None = None
         self._boot = 0
         self._rebooted = self._began = False
@@ -37,14 +44,17 @@ class Guide:
         self.hand.take(batch)
         if was_settled and not self.hand.settled:
             self._verdict = self._said()
+        if self.hand.settled and self.hand.upright is not None and self._sure:
+            self._sides = tuple(dict.fromkeys((*self._sides, 2 * self.hand.upright + self.hand.upside_down)))
 
     def take_status(self, status: Status) -> None:
         """The estimator's word on it; the same again changes nothing."""
         before, self._status = self._status, status
         if status.boot and status.boot != self._boot:
-            # Of a calibrated device it begins a calibration; in the middle of one it has undone it.
-            self._rebooted = bool(self._boot)
-            self._boot = status.boot
+            self._rebooted |= before is not None and before.state in CALIBRATING and bool(before.axes_done)
+            self._boot, self._sides = status.boot, ()
+        if status.axes_done and self._rebooted:
+            self._rebooted = False
         if before is not None and before.state is State.AWAITING_STILL and status.state is State.BIAS_ONLY:
             self._verdict = self._said()
         if status.state not in CALIBRATING:
@@ -53,11 +63,14 @@ class Guide:
         if begins or not self._began:
             self._began, self._before = True, status.calibration
         if begins:
+            self._sides = ()
             self.hand.begin_rest()  # what it rested before does not count
 
     def told(self) -> Told:
         """What is to be told now."""
-        return replace(self._now(), rebooted=self._rebooted, ways=(self._way(0), self._way(1), self._way(2)))
+        sides = self._sides if self.method in BY_MOVEMENTS else None
+        ways = self._way(0), self._way(1), self._way(2)
+        return replace(self._now(), rebooted=self._rebooted, ways=ways, sides=sides)
 
     def _now(self) -> Told:
         status = self._status
@@ -75,7 +88,7 @@ class Guide:
             return Told(Step.IDLE, Picture.WELL, Words("idle"), done=self._order(()))
         if status.calibration == self._before:
             who = reasons.said(status.reason)
-            return Told(Step.CANCELLED, Picture.WELL, Words("cancelled_old"), wrong=who)
+            return Told(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=who)
         return Told(Step.DONE, Picture.WELL, Words("done"), 1.0, done=self._order(()))
 
     def _under_way(self, status: Status) -> Told:
@@ -87,6 +100,8 @@ class Guide:
             return Told(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
             )  # fmt: skip
+        if self.method in BY_MOVEMENTS:
+            return self._between_poses(status)
         if hand.moved and self._judging(status):
             return self._turning(status, done, needed)
         axis = needed[0] if needed else 0
@@ -94,6 +109,20 @@ class Guide:
         return Told(
             Step.TURN, self._way(axis), Words(key, {"axis": AXES[axis]}), 0.0, 0.0, axis, done, needed, wrong,
         )  # fmt: skip
+
+    def _between_poses(self, status: Status) -> Told:
+        """A rest on each side, movements between them; the estimator says when they show the whole matrix."""
+        hand = self.hand
+        wrong = tuple(words for words in reasons.said(status.reason) if words.key not in _OF_TURNS)
+        if hand.still_s > 0 and not hand.settled:
+            return Told(Step.SETTLE, Picture.EDGE, Words("settle"), hand.rested, wrong=wrong)
+        key = self.method if len(self._sides) < SIDES else "more"
+        return Told(Step.POSE, Picture.POSE, Words(f"pose_{key}"), len(self._sides) / SIDES, wrong=wrong)
+
+    @property
+    def _sure(self) -> bool:
+        """Whether rests count now: a calibration is under way, and they are of this boot."""
+        return self._status is not None and self._status.state in CALIBRATING and self.hand.boot == self._status.boot
 
     def _turning(self, status: Status, done: tuple[int, ...], needed: tuple[int, ...]) -> Told:
         hand = self.hand

@@ -5,7 +5,7 @@ import numpy as np
 from bridge.wire.messages import Floats, SampleBatch, SampleFlag
 from estimator.batch.recognise import TurnKnobs
 from estimator.batch.stages import StageKnobs
-from estimator.stillness import Stillness, Window
+from estimator.stillness import Stillness, StillnessKnobs, Window
 
 #: part of the rotation about one axis from which on it can be named while it is being turned
 SHARE = 0.8
@@ -16,13 +16,14 @@ UPRIGHT = 0.8
 class Hand:
     """One device. Batches in; a boot that is another begins anew. Angles in rad, as read: no scale factor is applied."""
 
-    def __init__(self) -> None:
+    def __init__(self, stillness: StillnessKnobs | None = None) -> None:
+        self._knobs = stillness or StillnessKnobs()
         self.rest_s, self._nudge = StageKnobs().rest_s, TurnKnobs().nudge
         self._begin(None)
 
     def _begin(self, boot: int | None) -> None:
         self.boot = boot
-        self._stillness = Stillness()
+        self._stillness = Stillness(self._knobs)
         self._latest = self._until = -np.inf
         self._since: float | None = None
         self._sum, self._n, self._bias = np.zeros(3), 0, np.zeros(3)
@@ -34,6 +35,8 @@ class Hand:
         self.turned: Floats = np.zeros(3)
         #: the axis that stands upright where it rests, or None when that is not known
         self.upright: int | None = None
+        #: whether that axis points down
+        self.upside_down = False
 
     def take(self, batch: SampleBatch) -> None:
         """The next batch; what was there already, or is no number, is left out."""
@@ -94,3 +97,4 @@ class Hand:
         if window.accel_mean is not None:
             down = np.abs(window.accel_mean) / max(float(np.linalg.norm(window.accel_mean)), 1e-9)
             self.upright = int(np.argmax(down)) if down.max() > UPRIGHT else None
+            self.upside_down = self.upright is not None and bool(window.accel_mean[self.upright] < 0)

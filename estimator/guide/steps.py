@@ -10,11 +10,13 @@ class Step(StrEnum):
     """Where somebody is in a calibration by hand."""
 
     AWAY = "away"  # nothing comes from it
+    BROKEN = "broken"  # who would hear it does not answer: that is not the device's fault
     IDLE = "idle"  # it is calibrated, and nobody asks for anything
     WARM = "warm"  # it was just switched on
     PLACE = "place"  # put it against the edge, and let it rest
     TURN = "turn"  # turn it about an axis that is still needed
     TURNING = "turning"
+    POSE = "pose"  # of a method by movements: lay it on another side
     SETTLE = "settle"  # put down again: let it rest until the turn is judged
     DONE = "done"
     CANCELLED = "cancelled"  # an earlier calibration stays
@@ -27,6 +29,7 @@ class Picture(StrEnum):
     FLAT = "flat"
     ALONG = "along"
     ACROSS = "across"
+    POSE = "pose"
     WELL = "well"
     NOTHING = "nothing"
 
@@ -37,7 +40,9 @@ class Told:
 
     ring: 0 to 1, of the rest (PLACE, SETTLE) or of the whole turn (TURNING). angle: rad turned about `axis`, signed.
     axis: the one that is turned about, or is to be next. done, needed: axes, in the order they are best turned.
-    wrong: why the last try does not count; rebooted: it was switched off and on while it was calibrated.
+    wrong: why the last try does not count; rebooted: turns were lost as it was switched off and on.
+    sides: of a method by movements, on which of its six sides it has rested: 2 axis, and 1 more where that axis points down;
+    None where it is calibrated by turns.
     """
 
     step: Step
@@ -50,4 +55,5 @@ class Told:
     needed: tuple[int, ...] = ()
     wrong: tuple[Words, ...] = ()
     rebooted: bool = False
+    sides: tuple[int, ...] | None = None
     ways: tuple[Picture, Picture, Picture] = (Picture.ALONG, Picture.ACROSS, Picture.FLAT)

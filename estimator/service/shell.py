@@ -14,10 +14,9 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
-from estimator.device_knobs import knobs_of
+from estimator.device_knobs import Treatment
 from estimator.door import Door
 from estimator.lifecycle import Event
-from estimator.noise_model import load_model
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
@@ -67,8 +66,7 @@ class Service:
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._record = Record(store, self.counts, now_ns, clerk)
         usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
-        self._knobs = knobs_of(load_model(settings.model), usual)
-        self._knobs_of = {device: knobs_of(load_model(model), usual) for device, model in settings.models.items()}
+        self._treatment = Treatment(usual, settings.model, settings.models)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
@@ -168,7 +166,7 @@ class Service:
         if device is None:
             if not self._devices.room(now, len(batch)):
                 return
-            knobs = self._knobs_of.get(batch.device, self._knobs)
+            knobs = self._treatment.of(batch.device)
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):

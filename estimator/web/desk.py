@@ -16,6 +16,7 @@ from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.messages import CommandReply
 from estimator import history
 from estimator.client import Client
+from estimator.device_knobs import Treatment
 from estimator.service.store import Store, StoreError
 from estimator.web.attempts import Attempts
 from estimator.web.fault import Fault
@@ -38,8 +39,16 @@ VERBS = ("recalibrate", "cancel", "note")
 class Desk:
     """One dashboard."""
 
-    def __init__(self, known: Known, hub: Hub, settings: Dashboard, store: Path | None = None) -> None:
+    def __init__(
+        self,
+        known: Known,
+        hub: Hub,
+        settings: Dashboard,
+        store: Path | None = None,
+        treatment: Treatment | None = None,
+    ) -> None:
         self.known, self.hub, self.settings = known, hub, settings
+        self.treatment = treatment or Treatment()
         self.sessions = Sessions(settings.session_hours * 3600)
         #: for commands, in a session of the bus of its own; None while no router was ever there
         self.control: Client | None = None

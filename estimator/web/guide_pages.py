@@ -23,8 +23,9 @@ async def calibrate(request: Request) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     story = desk.story(name)
     await desk.remember(name)
-    guide = Guide()
+    knobs = desk.treatment.of(name)
+    guide = Guide(knobs.method, knobs.stillness)
     if story.status is not None:
         guide.take_status(story.status)
     page = guide_view(guide.told(), desk.known, name, time.monotonic())
-    return show(request, "guide.html", {"page": page, "told": page.say[language(request)]})
+    return show(request, "guide.html", {"page": page, "told": page.say[language(request)], "quiet": True})

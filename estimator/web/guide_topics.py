@@ -22,7 +22,7 @@ class GuideTopic:
 
     def __init__(self, topic: str, sources: Sources) -> None:
         self._topic, self._device = topic, topics.device_of(topic)
-        self._known, self._guide = sources.known, Guide()
+        self._known, self._guide = sources.known, _guide(sources, self._device)
         self._raw: Stream[SampleBatch] | None = sources.client.raw(self._device) if sources.client else None
         self._told, self._told_at = "", 0.0
 
@@ -56,3 +56,8 @@ class GuideTopic:
 
     def _frame(self, now: float) -> str:
         return topics.text(self._topic, guide_view(self._guide.told(), self._known, self._device, now))
+
+
+def _guide(sources: Sources, device: str) -> Guide:
+    knobs = sources.treatment.of(device)
+    return Guide(knobs.method, knobs.stillness)

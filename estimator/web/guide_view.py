@@ -1,12 +1,12 @@
 """What the guide tells as plain values, in every language: the page shows them as they are. Pure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, degrees, isfinite
 
 from bridge.wire.messages import Calibration, State
 from estimator.guide.compare import compared, differing, last_before
-from estimator.guide.guide import CALIBRATING
+from estimator.guide.guide import CALIBRATING, SIDES
 from estimator.guide.hand import Hand
 from estimator.guide.reasons import Words
 from estimator.guide.steps import Picture, Step, Told
@@ -16,7 +16,7 @@ from estimator.ward_view import SILENT
 from estimator.web import words
 from estimator.web.device_page import interval
 from estimator.web.known import Known
-from estimator.web.tiles import rebooted, troubles
+from estimator.web.tiles import troubles
 
 _RESTS = (Step.PLACE, Step.SETTLE)
 _OVER = (Step.IDLE, Step.DONE, Step.CANCELLED)
@@ -81,11 +81,9 @@ class GuideView:
 def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
     """What is to be shown now of a device that was heard of."""
     story = known.stories[device]
-    if known.row(device, now).state == SILENT or not known.connected:
-        told = Told(Step.AWAY, Picture.NOTHING, Words("away"), rebooted=told.rebooted)
     status = story.status
-    if status is not None and status.state in (State.WARMING, *CALIBRATING) and rebooted(story):
-        told = replace(told, rebooted=True)
+    if known.row(device, now).state == SILENT or known.deaf(device):
+        told = Told(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
     calibration = story.calibrations.get(status.calibration) if status and told.step in _OVER else None
     before = None if calibration is None else last_before(calibration, story.calibrations.values())
     return GuideView(
@@ -129,6 +127,7 @@ def against(calibration: Calibration, before: Calibration | None, t: Texts) -> s
 def _said(told: Told, known: Known, calibration: Calibration | None, before: Calibration | None, t: Texts) -> Said:
     percent, angle = round(100 * told.ring), f"{abs(degrees(told.angle)):.0f}°"
     progress = {Step.TURNING: t("guide.turned", angle=angle), Step.TURN: t("guide.turned", angle="0°")}
+    progress[Step.POSE] = t("guide.sides", seen=len(told.sides or ()))
     progress |= dict.fromkeys(_RESTS, t("guide.rest", percent=percent))
     return Said(
         head=t.say("head", told.head),
@@ -145,6 +144,8 @@ def _said(told: Told, known: Known, calibration: Calibration | None, before: Cal
 def _turns(told: Told, t: Texts) -> list[Turn]:
     found = []
     turning = told.step in (Step.TURN, Step.TURNING, Step.SETTLE)
+    if told.sides is not None and told.step not in _OVER:
+        return [_side(side, told.sides, t) for side in range(SIDES)]
     for axis in (*told.done, *told.needed):
         mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
         picture = told.ways[axis]
@@ -152,9 +153,17 @@ def _turns(told: Told, t: Texts) -> list[Turn]:
     return sorted(found, key=lambda turn: (turn.picture != Picture.FLAT, turn.axis))
 
 
+def _side(side: int, seen: Sequence[int], t: Texts) -> Turn:
+    """One of the six on which it is to rest."""
+    mark, way = "done" if side in seen else "next", "down" if side % 2 else "up"
+    return Turn(AXES[side // 2], Picture.POSE, mark, t(f"guide.{way}"), t(f"guide.{mark}"))
+
+
 def _tone(told: Told) -> str:
-    if told.step is Step.AWAY:
+    if told.step in (Step.AWAY, Step.BROKEN):
         return "bad"
+    if told.step is Step.CANCELLED:
+        return "ask"
     if told.step in _OVER:
         return "well"
     return "ask" if told.wrong else "busy"
@@ -166,4 +175,6 @@ def _centre(told: Told) -> str:
         return "✓" if told.ring >= 1 else f"{ceil((1 - told.ring) * _REST_S)} s"
     if told.step in (Step.TURN, Step.TURNING):
         return f"{abs(degrees(told.angle)):.0f}°"
+    if told.step is Step.POSE:
+        return f"{len(told.sides or ())}/{SIDES}"
     return ""

@@ -154,6 +154,13 @@ class Known:
         said = "" if was == UNKNOWN else f": it was {was} when it was heard last"
         return replace(row, state=UNKNOWN, reason=f"the router is gone{said}")
 
+    def deaf(self, device: str) -> bool:
+        """Whether nothing of a device can be heard by fault of the ward: router, estimator, or its bridge are gone."""
+        info = self.stories[device].info
+        estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
+        none = bool(estimators) and not any(estimators.values())
+        return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
+
     def glance(self) -> Glance:
         """The ward at one look."""
         statuses = {name: story.status for name, story in self.stories.items() if story.status}

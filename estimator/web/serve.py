@@ -17,7 +17,9 @@ from bridge.config import listening
 from bridge.pki.member import Role
 from bridge.process import connected
 from estimator.client import Client
-from estimator.config import Ward
+from estimator.config import Estimator, Ward
+from estimator.device_knobs import Treatment
+from estimator.session import SessionKnobs
 from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
@@ -34,11 +36,13 @@ log = logging.getLogger(__name__)
 class Server:
     """A dashboard of one ward; `connect` may come at any time after."""
 
-    def __init__(self, ward: str, settings: Dashboard, store: Path | None = None) -> None:
+    def __init__(
+        self, ward: str, settings: Dashboard, store: Path | None = None, treatment: Treatment | None = None
+    ) -> None:
         known, hub = Known(ward), Hub()
-        self.desk = Desk(known, hub, settings, store)
+        self.desk = Desk(known, hub, settings, store, treatment)
         self._ward = ward
-        self._broadcast = Broadcast(hub, topics.Sources(known))
+        self._broadcast = Broadcast(hub, topics.Sources(known, treatment=self.desk.treatment))
         self.app = application(self.desk, self._broadcast)
         self._address = listening(settings.listen)
         self.uvicorn = _Uvicorn(
@@ -97,9 +101,14 @@ def run(ward: Ward) -> int:
             "%s is reached over the network without TLS: passwords can be read on the way; see docs/dashboard.md",
             settings.listen,
         )
-    server = Server(ward.ward, settings, store)
+    server = Server(ward.ward, settings, store, _treatment(ward.estimator))
     asyncio.run(_serve(server, ward))
     return 0
+
+
+def _treatment(told: Estimator | None) -> Treatment:
+    """As the estimator of the same file treats its devices; without one, as it does where nothing is said."""
+    return Treatment(SessionKnobs(method=told.method), told.model, told.models) if told else Treatment()
 
 
 async def _serve(server: Server, ward: Ward) -> None:

@@ -7,13 +7,14 @@ name, zeros up to a multiple of eight bytes; numbers are little-endian.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import msgspec
 
 from bridge.wire.keys import ID
 from estimator.client import Client
+from estimator.device_knobs import Treatment
 from estimator.texts import LANGUAGES, Texts, texts
 from estimator.web.hub import Frame
 from estimator.web.known import Known
@@ -25,6 +26,7 @@ class Sources:
 
     known: Known
     client: Client | None = None
+    treatment: Treatment = field(default_factory=Treatment)
 
 
 class Topic(Protocol):

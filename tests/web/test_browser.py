@@ -1,10 +1,12 @@
 """The pages in a real browser, as a person uses them; pictures of every state are left in out/screenshots."""
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -89,6 +91,26 @@ def serious(page: Page) -> list[str]:
     return found
 
 
+#: what is English in every language: code, keys of a file, names of products
+_CODE = re.compile(r"`[^`]*`|\[dashboard\]|JavaScript|sim-imu [\d.]+|all is well")
+#: two words of a sentence
+_ENGLISH = re.compile(r"[A-Za-z]{2,} [a-z]{2,}")
+_SHOWN = """() => {
+  const found = [document.title];
+  for (const one of document.querySelectorAll("body *")) {
+    if (["SCRIPT", "STYLE", "NOSCRIPT"].includes(one.tagName)) continue;
+    for (const child of one.childNodes) if (child.nodeType === Node.TEXT_NODE) found.push(child.textContent);
+    for (const name of ["aria-label", "aria-valuetext", "alt", "placeholder", "title"]) found.push(one.getAttribute(name) ?? "");
+  }
+  return found.concat([...document.querySelectorAll("noscript")].map((one) => one.textContent.replace(/<[^>]*>/g, "")));
+}"""
+
+
+def english(page: Page) -> list[str]:
+    """English sentences on a page, seen or heard by a screen reader, but for code and what people have written."""
+    return [words for words in page.evaluate(_SHOWN) if _ENGLISH.search(_CODE.sub("", words))]
+
+
 def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     names = ward(site)
     site.talk(
@@ -140,6 +162,8 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     for bus in site.buses:
         bus.detach()
     expect(page.locator("#troubles")).to_contain_text("router is not there")
+    expect(page.locator(".tile .state").first).to_have_text("unknown")
+    expect(page.locator(".tile .reason").first).to_contain_text("the router is gone: it was")
     shot("ward-without-router")
     site.stop()
     expect(page.locator("#lost")).to_contain_text("what is shown is old", timeout=10_000)
@@ -261,3 +285,81 @@ def test_a_page_that_is_not_there(page: Page, shot: Shot) -> None:
     expect(page.locator(".reason")).to_have_text("no device nobody was heard; there are: none")
     shot("fault")
     assert serious(page) == []
+
+
+def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: Shot) -> None:
+    names = ward(site, 8)
+    lost = "no samples for 12.0 s: its bridge bridge is gone: does it run, does it reach the router?"
+    reasons = {
+        State.LOST: lost,
+        State.DEGRADED: "at rest it reads 1.20 °/s off: turning slowly, or the bias jumped",
+        State.TURNING: "turn about x taken; still needed: y, z",
+        State.AWAITING_STILL: "hold the device still for 3 seconds",
+    }
+    for name, (state, reason) in zip(names, reasons.items(), strict=False):
+        site.talk(replace(said(name, state, boot=5, time_ns=now_ns()), reason=reason, dropped={"out_of_range": 0}))
+    site.talk(
+        about(names[4], boot=5, time_ns=now_ns(), battery_percent=9.0, notices={"rate": "measured 99 Hz, told 104 Hz"})
+    )
+    name = names[5]
+    busy = "/dev/ttyUSB0: busy; minicom (process 12) has it open: close that one"
+    site.talk(
+        about(name, boot=6, boot_cause=BootCause.POWER_UP, time_ns=now_ns(), trouble=busy, dropped={"malformed": 3}),
+        replace(CALIBRATION, device=name, boot=6, time_ns=now_ns(), who="nurse"),
+        Note(name, 6, now_ns(), "nurse", "坐起来了"),
+        tracking(name, dropped={"duplicate": 2}, events={"gaps": 3, "zaru: outside the gate": 1}),
+        tracking(name, boot=6, dropped={"duplicate": 2}, events={"gaps": 3, "zaru: outside the gate": 2}),
+    )
+    page.goto("/?lang=zh")
+    expect(page.get_by_role("heading", level=1)).to_have_text("4 / 8 台正常跟踪")
+    page.wait_for_timeout(1500)
+    assert english(page) == []
+    shot("ward-zh")
+    assert serious(page) == []
+    page.goto(f"/devices/{name}")  # the language is remembered
+    expect(page.locator("#events")).to_contain_text("超出门限")
+    rates(site, name, 2.0)
+    expect(page.locator("#heading")).to_contain_text("仅用原始读数")
+    assert english(page) == []
+    shot("device-zh")
+    assert serious(page) == []
+    for path in (f"/devices/{name}/calibrate", f"/devices/{name}/calibrations/{CALIBRATION.id}/certificate", "/report"):
+        page.goto(path)
+        assert english(page) == []
+        assert serious(page) == []
+    page.goto("/devices/nobody")
+    expect(page.get_by_role("heading", level=1)).to_have_text("没有成功")
+    assert english(page) == []
+    shot("fault-zh")
+    assert serious(page) == []
+    page.goto(f"/login?to=/devices/{names[2]}")
+    page.get_by_label("姓名").fill("nurse")
+    page.get_by_label("密码").fill("wrong password")
+    page.locator("main button").click()
+    expect(page.locator("#wrong")).to_have_text("姓名或密码不对")
+    assert english(page) == []
+    shot("login-zh")
+    assert serious(page) == []
+    page.get_by_label("密码").fill(PASSWORD)
+    page.locator("main button").click()
+    taken, refused = "turn about x taken; still needed: y, z", f"{names[2]} is warming: it will be calibrated anyway"
+    for reply in (CommandReply("", accepted=True, message=taken), CommandReply("", accepted=False, message=refused)):
+        site.talk.answer = Mock(return_value=reply)
+        page.get_by_role("button", name="重新校准").click()
+        expect(page.locator("#said")).to_be_visible()
+        assert english(page) == []
+    shot("device-answer-zh")
+    assert serious(page) == []
+    site.talk.die()
+    page.goto("/")
+    expect(page.locator("#troubles")).to_contain_text("没有估计器在运行")
+    for bus in site.buses:
+        bus.detach()
+    expect(page.locator("#troubles")).to_contain_text("病区的路由器不在")
+    expect(page.locator(".tile .reason").first).to_contain_text("路由器不在")
+    assert english(page) == []
+    shot("ward-without-router-zh")
+    assert serious(page) == []
+    site.stop()
+    expect(page.locator("#lost")).to_contain_text("显示的内容是旧的", timeout=10_000)
+    assert english(page) == []

@@ -1,5 +1,6 @@
 """A calibration by hand with the page alone, in a real browser: a good one, a failed turn, a cancel, a reboot."""
 
+import time
 from collections.abc import Callable
 from math import radians
 
@@ -8,10 +9,14 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from bridge.sim.motion import Piece, Still, Turn
-from tests.estimator.stream import NAME
+from estimator.session import DeviceSession, SessionKnobs
+from tests.estimator.batch.sessions import in_poses
+from tests.estimator.guide.scripted import BATCH
+from tests.estimator.stream import NAME, feed
 from tests.web.conftest import PASSWORD, Site
 from tests.web.played import Played
-from tests.web.test_browser import serious
+from tests.web.talk import about
+from tests.web.test_browser import english, serious
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
 Shot = Callable[[str], None]
@@ -109,8 +114,10 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: S
     played.play_piece(6)
     open_guide(page, "It is calibrated")
     expect(page.locator("#rows tr")).to_have_count(3)
+    expect(page.locator("#how")).to_contain_text("log in, and press Begin")
     shot("guide-idle")
     log_in(page)
+    expect(page.locator("#how")).to_contain_text("press Begin. Then")
     page.get_by_role("button", name="Begin").focus()
     page.keyboard.press("Enter")
     expect(page.locator("#do")).to_have_text(PLACE)
@@ -123,6 +130,10 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: S
     expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
     expect(page.get_by_role("button", name="Begin")).to_be_visible()
     expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
+    # What was answered is said by the step itself, and nothing of it tells that this worked.
+    expect(page.locator("#said")).to_have_count(0)
+    expect(page.locator(".guide")).to_have_attribute("data-tone", "ask")
+    expect(page.locator(".picture:visible .good")).to_have_count(0)
     shot("guide-cancelled")
     assert serious(page) == []
 
@@ -135,15 +146,15 @@ def test_a_reboot_in_the_middle_is_said(page: Page, played: Played, shot: Shot) 
     expect(page.locator("#rebooted")).to_be_hidden()
     played.switch_on(rests_between(turn(2), turn(0), turn(1)), seed=2)
     played.play(0.5)
-    expect(page.locator("#rebooted")).to_have_text(
-        "It was switched off and on: the turns so far are lost. Begin again."
-    )
+    expect(page.locator("#rebooted")).to_contain_text("Start with the first one; nothing has to be pressed.")
     expect(page.locator("#turns [data-mark='done']")).to_have_count(0)
     shot("guide-rebooted")
     assert serious(page) == []
+    played.play_piece(2)
+    expect(page.locator("#turns [data-mark='done']")).to_have_count(1)
+    expect(page.locator("#rebooted")).to_be_hidden()
     played.play_piece(6)
     expect(page.locator("#do")).to_have_text(DONE)
-    expect(page.locator("#rebooted")).to_be_hidden()
 
 
 def test_two_tablets_and_two_languages(page: Page, site: Site, browser: Browser, played: Played, shot: Shot) -> None:
@@ -175,3 +186,53 @@ def test_a_device_that_is_gone_is_said(page: Page, played: Played, shot: Shot) -
     expect(page.locator("#do")).to_have_text("Nothing is heard of it")
     shot("guide-away")
     assert serious(page) == []
+
+
+def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(
+    page: Page, site: Site, played: Played, shot: Shot
+) -> None:
+    played.switch_on(rests_between(turn(2)))
+    open_guide(page)
+    played.play_piece(1, 0.6)
+    expect(page.locator("#do")).to_have_text("Go on, all the way round")
+    site.talk.die()
+    expect(page.locator("#do")).to_have_text("The ward's computer does not answer", timeout=1500)
+    expect(page.locator("#how")).to_contain_text("The device is well")
+    page.goto(page.url + "?lang=zh")
+    expect(page.locator("#do")).to_have_text("病区的电脑没有回应")
+    assert english(page) == []
+    shot("guide-broken-zh")
+    assert serious(page) == []
+
+
+def test_poses_instead_of_turns(page: Page, site: Site, shot: Shot) -> None:
+    of = in_poses(7, 14, after=4)
+    site.server.desk.treatment.usual = SessionKnobs(method="transitions")
+    session = DeviceSession(NAME, site.server.desk.treatment.usual)
+    site.talk(about(NAME, boot=1))
+    sent = of.batches(range(BATCH, len(of), BATCH))
+
+    def play(until_s: float) -> None:
+        while sent and sent[0].device_time[-1] < until_s:
+            batch = sent.pop(0)
+            made = feed(session, [batch])
+            site.talk(batch)
+            if made.calibration is not None:
+                site.talk(made.calibration)
+            if made.changed:
+                site.talk(session.status(time.time_ns()))
+            time.sleep(0.004)
+
+    play(2.2)
+    open_guide(page)
+    play(8.0)
+    expect(page.locator("#do")).to_have_text("Lay it on another side, and let go")
+    expect(page.locator("#turns li")).to_have_count(6)
+    expect(page.locator(".picture:visible")).to_have_attribute("data-picture", "pose")
+    shot("guide-pose")
+    assert serious(page) == []
+    page.goto(page.url + "?lang=zh")
+    expect(page.locator("#turns li")).to_have_count(6)
+    assert english(page) == []
+    play(np.inf)
+    expect(page.locator("#do")).to_have_text("完成：设备已校准")

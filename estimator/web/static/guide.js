@@ -2,17 +2,19 @@
 
 import { say, trouble, watch } from "./live.js";
 
-const CALM_MS = 400;
+const CALM_MS = 400, OVER = new Set(["idle", "done", "cancelled", "away", "broken"]);
 const page = document.querySelector(".guide"), id = page.dataset.id, language = document.documentElement.lang;
 const $ = (name) => document.getElementById(name);
 const title = document.title;
 
 watch(`guide/${id}`, (now) => {
-  const said = now.say[language];
+  const said = now.say[language], how = now.step === "idle" && page.dataset.idle ? page.dataset.idle : said.how;
   page.dataset.tone = now.tone;
+  if (page.dataset.step !== now.step) document.getElementById("said")?.remove(); // an answer is of the step before
   page.dataset.step = now.step;
+  awake(!OVER.has(now.step));
   say($("do"), said.head);
-  say($("how"), said.how);
+  say($("how"), how);
   lines($("wrong").lastElementChild, said.wrong);
   $("wrong").hidden = !said.wrong.length;
   say($("rebooted"), said.rebooted);
@@ -25,7 +27,7 @@ watch(`guide/${id}`, (now) => {
   result(now, said);
   trouble(said.troubles);
   document.title = `${said.head} · ${title}`;
-  announce([said.rebooted, ...said.wrong, said.head, said.how].filter(Boolean).map((one) => one.replace(/[.。]?$/, ".")).join(" "));
+  announce([said.rebooted, ...said.wrong, said.head, how].filter(Boolean).map((one) => one.replace(/[.。]?$/, ".")).join(" "));
 }, { must: true });
 
 function lines(place, words) {
@@ -78,6 +80,25 @@ function result(now, said) {
     return line;
   }));
 }
+
+// ---- nobody touches the screen while hands are busy: it must not go dark ----
+
+let lock = null, wanted = false;
+async function awake(on) {
+  if (on === wanted) return;
+  wanted = on;
+  if (!on) { lock?.release(); lock = null; return; }
+  try {
+    lock = await navigator.wakeLock?.request("screen") ?? null; // only where the page is secure
+    lock?.addEventListener("release", () => { lock = null; });
+  } catch { lock = null; }
+}
+
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden || !wanted) return;
+  wanted = false;
+  awake(true);
+});
 
 // ---- what is told to those who cannot see it ----
 

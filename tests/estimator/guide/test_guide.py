@@ -1,5 +1,6 @@
 """What a person is told while a scripted hand calibrates a simulated device."""
 
+from dataclasses import replace
 from math import degrees
 
 import numpy as np
@@ -9,9 +10,11 @@ from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Picture, Step, Told
-from estimator.session import DeviceSession
-from tests.estimator.guide.scripted import batches, follow, steps, turned
-from tests.estimator.stream import NAME, calibration
+from estimator.session import DeviceSession, SessionKnobs
+from estimator.stillness import StillnessKnobs
+from tests.estimator.batch.sessions import in_poses
+from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned
+from tests.estimator.stream import NAME, calibration, feed
 
 ONE_TURN = ["turn", "turning", "settle"]
 
@@ -116,16 +119,58 @@ def test_a_cancel_before_anything_is_there_begins_again() -> None:
     assert told[-1].step is Step.DONE
 
 
-def test_a_reboot_in_the_middle_is_said_until_it_is_made_good() -> None:
+def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
     device, guide = DeviceSession(NAME), Guide()
     first = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
     assert first[-1].done == (0, 2)
     assert not any(one.rebooted for one in first)
     second = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1), seed=2), boot=2))
     assert steps(second) == ["warm", "place", *ONE_TURN, *ONE_TURN, *ONE_TURN, "done"]
-    assert all(one.rebooted for one in second if one.step is not Step.DONE)
-    assert second[-1].rebooted is False
+    assert all(one.rebooted == (not one.done) for one in second)
     assert all(one.done == () for one in second if one.step in (Step.WARM, Step.PLACE))
+
+
+def test_a_reboot_that_lost_nothing_is_none() -> None:
+    device, guide = DeviceSession(NAME), Guide()
+    follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
+    second = follow(guide, device, batches(turned(seed=2), boot=2))
+    assert second[-1].step is Step.TURN
+    assert not any(one.rebooted for one in second)
+
+
+def test_a_method_by_movements_wants_sides_and_no_turns() -> None:
+    of = in_poses(7, 14, after=4)
+    knobs = SessionKnobs(method="transitions")
+    device, guide = DeviceSession("chest", knobs), Guide(knobs.method, knobs.stillness)
+    told = follow(guide, device, of.batches(range(BATCH, len(of), BATCH)))
+    assert {one.step for one in told} == {Step.WARM, Step.PLACE, Step.POSE, Step.SETTLE, Step.DONE}
+    poses = [one for one in told if one.step is Step.POSE]
+    assert {one.picture for one in poses} == {Picture.POSE}
+    seen = [len(one.sides or ()) for one in poses]
+    assert seen == sorted(seen)
+    assert seen[-1] >= 5
+    assert keys(told) == set()
+    assert told[-1].step is Step.DONE
+
+
+def test_its_ring_agrees_with_an_estimator_that_takes_the_device_for_noisier() -> None:
+    """A noisy device rests only for the one who knows that it is noisy: estimator and guide have to know alike."""
+    stream = turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))
+    noisy = replace(stream, gyro=stream.gyro + np.random.default_rng(3).normal(0, np.radians(1.2), stream.gyro.shape))
+    knobs = SessionKnobs(stillness=StillnessKnobs(noise_guess=np.radians(1.2), std_ceiling=np.radians(3.0)))
+    device, right, wrong = DeviceSession(NAME, knobs), Guide(stillness=knobs.stillness), Guide()
+    agreed = []
+    for batch in batches(noisy)[:60]:
+        feed(device, [batch])
+        for guide in (right, wrong):
+            guide.take_samples(batch)
+            guide.take_status(device.status(batch.receive_time_ns))
+        agreed.append((right.hand.settled, wrong.hand.settled, device.life.state is State.BIAS_ONLY))
+    ours, default, estimator = np.array(agreed).T
+    assert not default.any()
+    assert abs(int(ours.argmax()) - int(estimator.argmax())) <= 3
+    assert ours.any()
+    assert estimator.any()
 
 
 def test_one_who_comes_in_the_middle_sees_the_step() -> None:
