@@ -53,6 +53,7 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
         lifespan=lifespan,
     )
     app.state.desk = desk
+    app.router.redirect_slashes = False  # a place has one name, and what is none is told as such
     return app
 
 
@@ -77,6 +78,12 @@ async def _not_there(request: Request, error: Exception) -> Response:
 def _answer(request: Request, fault: Fault) -> Response:
     if request.url.path.startswith(places.ROOT):
         return places.refused(fault)
-    response = pages.show(request, "fault.html", {"fault": fault}, fault.status)
+    response = pages.show(request, "fault.html", {"fault": fault, "back": _back(request)}, fault.status)
     response.headers.update(fault.headers)
     return response
+
+
+def _back(request: Request) -> str:
+    """The page of the device that was meant, where it is one that was heard of."""
+    device = request.path_params.get("device", "")
+    return f"/devices/{device}" if device in Desk.of(request).known.stories else "/"

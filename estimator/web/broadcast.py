@@ -98,6 +98,9 @@ class Broadcast:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, lambda heard=self._heard: heard.hear(now))  # type: ignore[misc] # done now
         for name in self._hub.wanted():
+            device = topics.device_of(name)
+            if device and device not in self._sources.known.stories:
+                continue  # anybody can make names up; of one that was never heard nothing is listened for
             self._last_watched[name] = now
             if name not in self._topics and now >= self._due.get(name, now):
                 self._guarded(name, now, lambda name=name: self._begin(name, now))  # type: ignore[misc] # done now

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
+from unicodedata import category
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection, Request
@@ -84,8 +85,10 @@ class Desk:
     async def let_in(self, request: Request, name: str, password: str) -> None:
         """Return if it is the right password; else Fault, as for too many tries."""
         address = request.client.host if request.client else ""
+        if not name or not password:
+            raise Fault(HTTPStatus.BAD_REQUEST, "empty", "Both name and password are needed.")
         async with self._one_at_a_time:
-            wait_s = self._attempts.wait_s(address, time.monotonic())
+            wait_s = self._attempts.wait_s(address, name[:64], time.monotonic())
             if wait_s > 0:
                 raise Fault(
                     HTTPStatus.TOO_MANY_REQUESTS,
@@ -94,10 +97,10 @@ class Desk:
                     {"Retry-After": f"{wait_s:.0f}"},
                 )
             if not await run_in_threadpool(self._passwords.right, name, password):
-                self._attempts.failed(address, time.monotonic())
+                self._attempts.failed(address, name[:64], time.monotonic())
                 log.warning("a wrong name or password from %s", address)
                 raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.", CHALLENGE)
-            self._attempts.succeeded(address)
+            self._attempts.succeeded(address, name[:64])
 
     # ---- devices --------------------------------------------------------------------------------------------------
 
@@ -113,6 +116,7 @@ class Desk:
     async def ask(self, device: str, verb: str, who: str, words: str = "") -> CommandReply:
         """What the estimator answers to a command; Fault when nobody answers."""
         self.story(device)
+        words = plain(words)
         if len(words) > MAX_SENTENCE or not words.isprintable():
             raise Fault(
                 HTTPStatus.BAD_REQUEST,
@@ -131,7 +135,9 @@ class Desk:
         try:
             return await run_in_threadpool(commands[verb], device, who, words)
         except BusError as error:
-            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer", f"No estimator answers: {error}.") from error
+            log.warning("%s: no answer to %s: %s", device, verb, error)
+            message = "The estimator does not answer: nothing was done. Try again, or tell the engineer."
+            raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer", message) from error
 
     async def remember(self, device: str) -> None:
         """Add what the store has of a device, where the store is at hand."""
@@ -143,6 +149,12 @@ class Desk:
             self.known.take_past(await run_in_threadpool(_past, self._store, device))
         except (StoreError, OSError) as error:
             log.warning("the store %s cannot be read: %s", self._store, error)
+
+
+def plain(words: str) -> str:
+    """As it is kept: every kind of blank is a blank, and what only joins or directs letters is left out."""
+    kinds = ((letter, category(letter)) for letter in words)
+    return "".join(" " if kind == "Zs" else letter for letter, kind in kinds if kind != "Cf")
 
 
 def _past(path: Path, device: str) -> history.History:

@@ -8,10 +8,13 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from bridge.wire.checks import MAX_SENTENCE
+from bridge.wire.messages import CommandReply
+from estimator.guide.guide import CALIBRATING
 from estimator.texts import texts
 from estimator.web.commanding import commands
 from estimator.web.desk import Desk
 from estimator.web.device_page import device_page
+from estimator.web.fault import Fault
 from estimator.web.form import fields
 from estimator.web.language import language
 from estimator.web.pages import own, show
@@ -39,6 +42,20 @@ async def command(request: Request, verb: str) -> Response:
     desk, name = Desk.of(request), request.path_params["device"]
     given = await fields(request)
     session = desk.checked(request, given.get("csrf", ""))
-    reply = await desk.ask(name, verb, session.name, given.get("words", ""))
-    session.said = reply.accepted, name, reply.message
+    try:
+        reply = await _asked(desk, name, verb, session.name, given.get("words", ""))
+        session.said = reply.accepted, name, reply.message
+    except Fault as fault:
+        if fault.status is HTTPStatus.NOT_FOUND:
+            raise
+        session.said, session.draft = (False, name, fault.message), given.get("words", "")[:MAX_SENTENCE]
     return RedirectResponse(own(given.get("to", f"/devices/{name}")), HTTPStatus.SEE_OTHER)
+
+
+async def _asked(desk: Desk, name: str, verb: str, who: str, words: str) -> CommandReply:
+    """The estimator's answer; a page that is not fresh must not undo the turns that somebody else has made meanwhile."""
+    status = desk.story(name).status
+    if verb == "recalibrate" and status is not None and status.state in CALIBRATING and status.axes_done:
+        message = "turns are done already and would be lost: cancel first to begin anew"
+        return CommandReply("", accepted=False, message=message)
+    return await desk.ask(name, verb, who, words)

@@ -1,22 +1,32 @@
 """What a page's form or a program's JSON says, within bounds."""
 
+import asyncio
 from http import HTTPStatus
 from urllib.parse import parse_qsl
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 
 from estimator.web.fault import Fault
 
 MAX_BYTES = 16_384
+#: seconds a body may take to come
+PATIENCE_S = 10.0
 
 
 async def body(request: Request) -> bytes:
     """All of it; Fault when it is more than any of ours."""
     found = b""
-    async for part in request.stream():
-        found += part
-        if len(found) > MAX_BYTES:
-            raise Fault(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", f"More than {MAX_BYTES} bytes are not taken.")
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            async for part in request.stream():
+                found += part
+                if len(found) > MAX_BYTES:
+                    raise Fault(
+                        HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", f"More than {MAX_BYTES} bytes are not taken."
+                    )
+    except (TimeoutError, ClientDisconnect):
+        message = "The body came too slowly, or not to its end."
+        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", message) from None
     return found
 
 

@@ -60,7 +60,7 @@ class Guard:
         if scope["type"] == "http" and scope["method"] in _SAFE:
             return None
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and _netloc(origin) != host.lower():
             return "A page of another origin asks."
         if origin is None and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
             return "A page of another site asks."
@@ -68,7 +68,10 @@ class Guard:
 
     def _ours(self, host: str) -> bool:
         try:
-            name = urlsplit(f"//{host}").hostname or ""
+            split = urlsplit(f"//{host}")
+            name = split.hostname or ""
+            if split.username is not None or split.port == 0:  # a port that is none is a ValueError
+                return False
         except ValueError:
             return False
         if name in self._hosts:
@@ -78,3 +81,11 @@ class Guard:
         except ValueError:
             return False
         return True  # an address cannot be led elsewhere
+
+
+def _netloc(origin: str) -> str | None:
+    """Host and port of an origin; None of what is none."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return None

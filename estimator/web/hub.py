@@ -13,9 +13,10 @@ TOPICS = 16
 
 
 class Viewer:
-    """One browser: what it watches and what waits to be sent to it."""
+    """One browser: from where, what it watches and what waits to be sent to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, address: str = "") -> None:
+        self.address = address
         self.topics: set[str] = set()
         self.dropped = 0
         self._waiting: OrderedDict[str, deque[Frame]] = OrderedDict()
@@ -62,9 +63,13 @@ class Hub:
         #: viewers by topic that have just begun to watch it: they get the whole of it first
         self.newcomers: dict[str, set[Viewer]] = {}
 
-    def add(self) -> Viewer:
+    def of(self, address: str) -> int:
+        """How many viewers there are from an address."""
+        return sum(viewer.address == address for viewer in self.viewers)
+
+    def add(self, address: str = "") -> Viewer:
         """A viewer that watches nothing yet."""
-        viewer = Viewer()
+        viewer = Viewer(address)
         self.viewers.add(viewer)
         return viewer
 
@@ -78,7 +83,10 @@ class Hub:
         """From now on it watches exactly these."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
-            self.newcomers.get(topic, set()).discard(viewer)
+            waiting = self.newcomers.get(topic, set())
+            waiting.discard(viewer)
+            if not waiting:
+                self.newcomers.pop(topic, None)
         for topic in set(topics) - viewer.topics:
             viewer.topics.add(topic)
             self.newcomers.setdefault(topic, set()).add(viewer)

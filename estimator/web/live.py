@@ -11,8 +11,8 @@ from estimator.web import hub, topics
 from estimator.web.desk import Desk
 from estimator.web.hub import Viewer
 
-#: viewers at a time; a further one is asked to come later
-VIEWERS = 500
+#: viewers at a time, and of one address; a further one is asked to come later
+VIEWERS, OF_ONE = 500, 100
 _LATER, _WRONG = 1013, 1007
 
 
@@ -30,11 +30,12 @@ def routes() -> list[BaseRoute]:
 async def live(socket: WebSocket) -> None:
     """Serve one viewer until it is gone."""
     desk = Desk.of(socket)
-    if len(desk.hub.viewers) >= VIEWERS:
+    address = socket.client.host if socket.client else ""
+    await socket.accept()  # a browser is told the reason of what was begun alone
+    if len(desk.hub.viewers) >= VIEWERS or desk.hub.of(address) >= OF_ONE:
         await socket.close(_LATER, "too many viewers")
         return
-    await socket.accept()
-    viewer = desk.hub.add()
+    viewer = desk.hub.add(address)
     sending = asyncio.create_task(_send(socket, viewer))
     try:
         while True:

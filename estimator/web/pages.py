@@ -41,6 +41,7 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
         "ward": desk.known.ward,
         "session": session,
         "said": session.take_said() if session else None,
+        "draft": session.take_draft() if session else "",
         "can_log_in": bool(desk.settings.people),
         "say": texts(language(request)),
         "languages": [texts(one) for one in LANGUAGES],
@@ -55,8 +56,11 @@ async def ward(request: Request) -> Response:
 
 
 async def login_form(request: Request) -> Response:
-    """Ask who it is."""
-    return show(request, "login.html", {"to": own(request.query_params.get("to", "/")), "name": "", "wrong": ""})
+    """Ask who it is, unless that is known."""
+    to = own(request.query_params.get("to", "/"))
+    if Desk.of(request).session(request) is not None:
+        return RedirectResponse(to, HTTPStatus.SEE_OTHER)
+    return show(request, "login.html", {"to": to, "name": "", "wrong": ""})
 
 
 async def login(request: Request) -> Response:
@@ -93,5 +97,6 @@ async def logout(request: Request) -> Response:
 
 
 def own(path: str) -> str:
-    """A path of ours to go on to; never another site."""
-    return path if path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable() else "/"
+    """A path of ours to go on to; never another site, and not back to where one logs in or out."""
+    ours = path.startswith("/") and not path.startswith(("//", "/\\", "/login", "/logout")) and path.isprintable()
+    return path if ours else "/"

@@ -21,6 +21,14 @@ class Session:
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     said: tuple[bool, str, str] | None = None
 
+    #: the text of a note that was not taken: nobody has to write it again
+    draft: str = ""
+
+    def take_draft(self) -> str:
+        """What is to be written again, once."""
+        draft, self.draft = self.draft, ""
+        return draft
+
     def take_said(self) -> tuple[bool, str, str] | None:
         """What is to be shown, once."""
         said, self.said = self.said, None

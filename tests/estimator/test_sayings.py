@@ -191,7 +191,7 @@ its battery is at 9 %: charge it
 device a is unknown: nothing was heard of it; known are b, c and 3 more
 this device's gyro reads 14.7 % low: the library Arduino_LSM9DS1 takes range / 32768 for the sensitivity, the datasheet of the LSM9DS1 says 70 mdps a count. Its readings stay as sent; expect a scale factor k near 1.15, which a calibration finds
 no device x was heard; there are: a, b
-No estimator answers: nobody answers w/rpc/a/note; is the service that should answer running?.
+The estimator does not answer: nothing was done. Try again, or tell the engineer.
 """  # noqa: E501 - as they are said
 
 

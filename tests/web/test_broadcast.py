@@ -163,3 +163,23 @@ def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
     assert text["trail/chest"]["marks"][0][1:] == ["note"]
     talk.close()
     broadcast.close()
+
+
+def test_nothing_is_listened_for_of_a_device_nobody_has_heard_of() -> None:
+    broker, hub, sources = MemoryBroker(), Hub(), Sources(Known(WARD))
+    talk, broadcast = Talk(broker), Broadcast(hub, sources)
+    broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
+    viewer = hub.add()
+    invented = [f"trace/made-up-{i}" for i in range(10)]
+    hub.watch(viewer, [*invented, "trace/chest"])
+    for step in range(5):
+        broadcast.step(float(step), S)
+    assert not broadcast._topics
+    assert not broadcast._last_watched
+    talk(said("chest", boot=1, time_ns=S))
+    for step in range(5, 8):
+        broadcast.step(float(step), S)
+    assert list(broadcast._topics) == ["trace/chest"]
+    hub.remove(viewer)
+    assert not hub.newcomers
+    talk.hush()

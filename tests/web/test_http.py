@@ -12,8 +12,9 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.wire.messages import CommandReply, Status
+from bridge.wire.messages import CommandReply, State, Status
 from estimator import calibration_file
+from estimator.web import live
 from estimator.web.attempts import FREE
 from estimator.web.serve import Server
 from estimator.web.settings import Dashboard
@@ -153,14 +154,71 @@ def test_the_cookie_is_for_the_server_alone(asking: Asking) -> None:
 
 
 def test_passwords_cannot_be_tried_for_ever(asking: Asking) -> None:
-    for name in ["nurse", "nobody", "nurse", "x" * 5000, "nurse"][:FREE]:
-        answer = asking.client.post("/login", data={"name": name, "password": "wrong"})
+    for data in ({}, {"name": "nurse"}, {"password": PASSWORD}):
+        assert asking.client.post("/login", data=data).status_code == 400, "nothing was tried"
+    assert asking.client.post("/login", data={"name": "x" * 5000, "password": "wrong"}).status_code == 401
+    for _ in range(FREE):
+        answer = asking.client.post("/login", data={"name": "nurse", "password": "wrong"})
         assert answer.status_code == 401
         assert "The name or the password is wrong." in answer.text
     late = asking.client.post("/login", data={"name": "nurse", "password": PASSWORD})
     assert late.status_code == 429
     assert 0 < int(late.headers["retry-after"]) <= 30
     assert error(asking.client.post("/api/v1/devices/chest/cancel", headers=BEARER)) == (429, "too_many_tries")
+
+
+def test_what_is_no_address_is_refused(asking: Asking) -> None:
+    client = asking.client
+    for origin in ("http://[::1", "http://evil.example:x", "://", ""):
+        answer = client.post("/login", data={"name": "nurse", "password": PASSWORD}, headers={"Origin": origin})
+        assert answer.status_code == 403, origin
+    for host in ("x@localhost", "1.2.3.4:99999", "[::1"):
+        assert client.get("/", headers={"Host": host}).status_code == 400, host
+    assert error(client.get("/api/v1/devices/")) == (404, "not_found")
+    for path in ("/api/v1/devices?only=", "/api/v1/devices/chest?only=x"):
+        assert error(client.get(path)) == (400, "unknown_parameter")
+
+
+def test_a_note_of_any_keyboard_is_kept(asking: Asking) -> None:
+    words = "病人\u3000坐起来了\u00a0👨\u200d👩"
+    assert asking.client.post("/api/v1/devices/chest/note", headers=BEARER, json={"words": words}).status_code == 200
+    assert asking.talk.asked == [("chest", "note", "nurse", "病人 坐起来了 👨👩")]
+
+
+def test_a_note_that_nobody_took_is_not_lost(asking: Asking) -> None:
+    csrf = asking.log_in()
+    asking.talk.close()
+    answer = asking.client.post("/devices/chest/note", data={"csrf": csrf, "words": "sat up <b>"})
+    assert answer.headers["location"] == "/devices/chest"
+    page = asking.client.get("/devices/chest").text
+    assert "The estimator does not answer: nothing was done." in page
+    assert 'value="sat up &lt;b&gt;"' in page
+    assert "sat up" not in asking.client.get("/devices/chest").text
+
+
+def test_turns_that_are_made_are_not_lost_by_a_page_that_is_not_fresh(asking: Asking) -> None:
+    csrf = asking.log_in()
+    asking.hear(said("wrist", State.TURNING, boot=5, time_ns=time.time_ns(), axes_done=(2,)))
+    asking.client.post("/devices/wrist/recalibrate", data={"csrf": csrf})
+    assert asking.talk.asked == []
+    assert "would be lost" in asking.client.get("/devices/wrist").text
+
+
+def test_a_login_leads_on_and_not_back_to_itself(asking: Asking) -> None:
+    assert "/login?to=" not in asking.client.get("/login").text
+    data = {"name": "nurse", "password": PASSWORD, "to": "/login"}
+    assert asking.client.post("/login", data=data).headers["location"] == "/"
+    assert asking.client.get("/login?to=/devices/chest").headers["location"] == "/devices/chest"
+
+
+def test_one_address_does_not_take_all_places(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "OF_ONE", 1)
+    with asking.client.websocket_connect(LIVE) as first:
+        first.send_text('{"watch": ["ward"]}')
+        first.receive_text()
+        with asking.client.websocket_connect(LIVE) as second, pytest.raises(WebSocketDisconnect) as gone:
+            second.receive_text()
+        assert gone.value.code == 1013
 
 
 def test_programs_get_what_people_see(asking: Asking) -> None:

@@ -8,7 +8,7 @@ import pytest
 from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
-from estimator.web.attempts import ADDRESSES, FORGET_S, FREE, Attempts
+from estimator.web.attempts import FORGET_S, FREE, FREE_OF_ALL, REMEMBERED, Attempts
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, Known
@@ -221,16 +221,22 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
 def test_tries_are_forgiven_and_forgotten() -> None:
     attempts = Attempts()
     for _ in range(FREE):
-        assert attempts.wait_s("a", 0.0) == 0.0
-        attempts.failed("a", 0.0)
-    assert attempts.wait_s("a", 0.0) == pytest.approx(FORGET_S)
-    assert attempts.wait_s("b", 0.0) == 0.0
-    assert attempts.wait_s("a", FORGET_S) == 0.0
-    attempts.succeeded("a")
-    assert attempts.wait_s("a", 0.0) == 0.0
-    for i in range(2 * ADDRESSES):
-        attempts.failed(str(i), 0.0)
-    assert len(attempts._until) == ADDRESSES
+        assert attempts.wait_s("a", "nurse", 0.0) == 0.0
+        attempts.failed("a", "nurse", 0.0)
+    assert attempts.wait_s("a", "nurse", 0.0) == pytest.approx(FORGET_S)
+    assert attempts.wait_s("b", "nurse", 0.0) == 0.0
+    assert attempts.wait_s("a", "script", 0.0) == 0.0
+    assert attempts.wait_s("a", "nurse", FORGET_S) == 0.0
+    attempts.succeeded("a", "script")
+    assert attempts.wait_s("a", "nurse", 0.0) > 0.0, "one's right password does not forgive another's wrong ones"
+    attempts.succeeded("a", "nurse")
+    assert attempts.wait_s("a", "nurse", 0.0) == 0.0
+    for i in range(FREE_OF_ALL):
+        attempts.failed("c", f"name {i}", 0.0)
+    assert attempts.wait_s("c", "nurse", 0.0) > 0.0, "nor can names be tried for ever"
+    for i in range(2 * REMEMBERED):
+        attempts.failed(str(i), "nurse", 0.0)
+    assert len(attempts._until) == REMEMBERED
 
 
 def test_a_session_ends_by_itself() -> None:

@@ -71,7 +71,7 @@ _ONLY = {
     "name": "only",
     "in": "query",
     "description": "in this state (`degraded` …), or with this id (* and ? stand for anything); may be given again",
-    "schema": {"type": "array", "items": {"type": "string"}},
+    "schema": {"type": "array", "items": {"type": "string", "minLength": 1}},
 }
 
 
@@ -90,6 +90,7 @@ def _post(verb: str, words: str) -> dict[str, Any]:
         401: "nobody, or a wrong secret",
         403: "not of this session",
         404: "no such device was heard of",
+        408: "the body did not come to its end",
         409: "the estimator does not do it, and says why",
         413: "too long",
         415: "not JSON",

@@ -50,15 +50,11 @@ async def document(request: Request) -> Response:  # noqa: ARG001 - an endpoint
 async def devices(request: Request) -> Response:
     """All of them, or with ?only= those in a state, or whose id matches."""
     desk = Desk.of(request)
-    unknown = set(request.query_params) - {"only"}
-    if unknown:
-        raise Fault(
-            HTTPStatus.BAD_REQUEST,
-            "unknown_parameter",
-            f"There is no parameter {min(unknown)[:40]!r}; there is 'only'.",
-        )
+    _parameters(request, "only")
     rows = desk.known.rows(time.monotonic())
     only = request.query_params.getlist("only")
+    if "" in only:
+        raise Fault(HTTPStatus.BAD_REQUEST, "unknown_parameter", "'only' is empty; it takes a state, or an id.")
     return answer(answers.devices(desk.known, rows, only))
 
 
@@ -75,9 +71,18 @@ async def calibrations(request: Request) -> Response:
     return answer(answers.calibrations(name, desk.story(name)))
 
 
+def _parameters(request: Request, *known: str) -> None:
+    unknown = set(request.query_params) - set(known)
+    if unknown:
+        there = f"there is {', '.join(map(repr, known))}" if known else "there are none here"
+        message = f"There is no parameter {min(unknown)[:40]!r}; {there}."
+        raise Fault(HTTPStatus.BAD_REQUEST, "unknown_parameter", message)
+
+
 def _named(request: Request) -> str:
     """The device of the path; Fault when it is no id, or none that was heard of."""
     name = request.path_params["device"]
+    _parameters(request)
     try:
         check_id(name, "device")
     except Refusal as refusal:

@@ -27,7 +27,7 @@ export function chart(place, { label, title, height = 130, series, bands = [], b
     made.plot = new uPlot({
       width: width(figure), height, pxAlign: false, cursor: { show: false }, legend: { show: false },
       scales: { x: { time: clock }, y: range ? { range } : {} },
-      axes: [{ ...axis, values, ...(times ? {} : { values: (u, ticks) => ticks.map(() => "") }), size: times ? 28 : 6 }, { ...axis, label: title, labelFont: "600 13px system-ui, sans-serif", labelSize: 20, size: 58 }],
+      axes: [{ ...axis, values, ...(times ? {} : { values: (u, ticks) => ticks.map(() => "") }), size: times ? 28 : 6, ...(clock ? { space: 96 } : {}) }, { ...axis, label: title, labelFont: "600 13px system-ui, sans-serif", labelSize: 20, size: 58 }],
       series: [{}, ...series.map((one) => ({ label: one.label, stroke: one.colour ? () => css(one.colour) : undefined, dash: one.dash, width: one.width ?? 1.5,
         points: { show: false }, spanGaps: false }))],
       bands: bands.map(([high, low, colour]) => ({ series: [high, low], fill: () => `color-mix(in srgb, ${css(colour)} 22%, transparent)` })),

@@ -1,13 +1,13 @@
 // One websocket a page. watch(topic, take) asks for a topic; take gets what a JSON frame says, or a DataView of a binary one.
 // A topic that is vital must come every second: when it stops, the banner says so, and the page turns pale.
 
-const LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
+const LATER = 1013, LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
 // of a topic that is told in words: the page's own language
 export const spoken = (topic) => `${topic}@${document.documentElement.lang}`;
 
 const takers = new Map(), vital = new Set();
 const banner = document.getElementById("lost");
-let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true;
+let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true, full = false;
 
 export function watch(topic, take, { must = false } = {}) {
   takers.set(topic, take);
@@ -30,8 +30,9 @@ function connect() {
   opened.binaryType = "arraybuffer";
   opened.onopen = () => { tries = 0; ask(); };
   opened.onmessage = (event) => take(event.data);
-  opened.onclose = () => {
+  opened.onclose = (event) => {
     if (socket !== opened) return;
+    full = event.code === LATER;
     socket = null;
     setTimeout(connect, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
   };
@@ -55,7 +56,7 @@ function look() {
   if (!silent) lost = heard;
   document.body.classList.toggle("old", silent);
   banner.hidden = !silent;
-  if (silent) say(banner, banner.dataset.words.replace("{seconds}", Math.round((now - lost) / 1000)));
+  if (silent) say(banner, full ? banner.dataset.full : banner.dataset.words.replace("{seconds}", Math.round((now - lost) / 1000)));
 }
 
 export function say(element, words) {
