@@ -119,8 +119,8 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
     calibrated_ns = status.calibrated_time_ns if status else 0
     calibrating = status is not None and status.state in _CALIBRATING
     tone = toned(row)
-    notices = [t.said(charge_it(row.battery_percent))] if row.low_battery and row.battery_percent is not None else []
-    notices += [t.said(f"{name}: {said}") for name, said in row.notices.items()]
+    notices = [charge_it(row.battery_percent)] if row.low_battery and row.battery_percent is not None else []
+    notices += [f"{name}: {said}" for name, said in row.notices.items()]
     return Tile(
         id=row.device,
         number=story.number,
@@ -129,7 +129,7 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
         tone=tone,
         needs=tone in NEEDS,
         reason=t.said(row.reason),
-        notices="; ".join(notices),
+        notices=t.said("; ".join(notices)),
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=words.ago(calibrated_ns, now_ns, t) if calibrated_ns else t("words.uncalibrated") if status else "",

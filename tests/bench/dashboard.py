@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -29,6 +29,8 @@ from tests.web.talk import about, said
 WARD, DEVICES, RATE_HZ, BATCH_S = "bench", 60, 104.0, 0.05
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 _CHROMIUM = "/usr/bin/chromium"
+#: beside each other, as on a ward in the morning
+_TABLETS = 20
 #: pages that are watched for growth, and over how many of the last minutes
 _WATCHED, _SLOPE_MINUTES = ("/", "/devices/bed-01-chest"), 20
 
@@ -115,10 +117,10 @@ def share(pid: int, seconds: float) -> float:
     return (cpu_s(pid) - before) / (time.monotonic() - begin)
 
 
-async def view(url: str, seconds: float, counts: list[int]) -> None:
+async def view(url: str, seconds: float, counts: list[int], topics: Sequence[str] = ("ward", "rates", "bias")) -> None:
     """One viewer that reads all it gets."""
     async with connect(url, max_size=None) as socket:
-        await socket.send(json.dumps({"watch": ["ward", "rates", "bias"]}))
+        await socket.send(json.dumps({"watch": list(topics)}))
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 frames = 0
@@ -147,6 +149,17 @@ def crowd(url: str, viewers: int, seconds: float) -> None:
 
     asyncio.run(all_of_them())
     print(f"{min(counts) / seconds:.1f} {max(counts) / seconds:.1f}")
+
+
+def guided(url: str, tablets: int, seconds: float) -> None:
+    """Tablets that follow the guide, each of another device."""
+
+    async def all_of_them() -> None:
+        counts: list[int] = []
+        topics = [[f"guide/bed-{n // 3:02d}-{('chest', 'wrist', 'ankle')[n % 3]}"] for n in range(tablets)]
+        await asyncio.gather(*(view(url, seconds, counts, topic) for topic in topics))
+
+    asyncio.run(all_of_them())
 
 
 def redraws(url: str, path: str, mark: str, seconds: float, height: int) -> tuple[float, float, float]:
@@ -187,9 +200,13 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=0.0, help="watch the memory for so long, and nothing else")
     parser.add_argument("--talk")
     parser.add_argument("--crowd")
+    parser.add_argument("--tablets", type=int, default=0)
     given = parser.parse_args()
     if given.talk:
         talk(given.talk)
+        return 0
+    if given.tablets:
+        guided(given.crowd, given.tablets, given.seconds)
         return 0
     if given.crowd:
         crowd(given.crowd, given.viewers, given.seconds)
@@ -240,7 +257,17 @@ def _measure(console: Console, pid: int, url: str, seconds: float, viewers: int)
             f" server {used:.1%}"
         )
     live = url.replace("http", "ws") + "/live"
-    arguments = ["-m", "tests.bench.dashboard", "--crowd", live, "--viewers"]
+    arguments = ["-m", "tests.bench.dashboard", "--crowd", live, "--tablets"]
+    idle = share(pid, seconds)
+    begun = subprocess.Popen([sys.executable, *arguments, str(_TABLETS), "--seconds", str(seconds)])
+    time.sleep(2.0)
+    used = share(pid, seconds - 3.0)
+    begun.wait()
+    console.print(
+        f"{_TABLETS} tablets, each guiding a device of its own: server {used:.1%} of a core, {idle:.1%} without; "
+        f"{(used - idle) / _TABLETS:.2%} a tablet"
+    )
+    arguments[-1] = "--viewers"
     for n in (1, viewers):
         begun = subprocess.Popen(
             [sys.executable, *arguments, str(n), "--seconds", str(seconds)], stdout=subprocess.PIPE
