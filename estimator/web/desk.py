@@ -57,6 +57,8 @@ class Desk:
         self._one_at_a_time = asyncio.Lock()
         #: a picture takes a moment of a core: one at a time, and whoever asks for more waits
         self.drawing = asyncio.Lock()
+        #: the picture that was drawn last, and when, by device
+        self.drawn: dict[str, tuple[float, bytes]] = {}
         self._store = store
         self._past_at: dict[str, float] = {}
 

@@ -82,6 +82,9 @@ class Known:
         #: ids of what is alive now, by `bridge` and `estimator`; written by a thread of the bus
         self.alive: dict[str, dict[str, bool]] = {"bridge": {}, "estimator": {}}
         self._view = WardView()
+        #: statuses and infos so far, and what the ward looked like by them
+        self._news = 0
+        self._glanced: tuple[int, dict[str, list[str]], Glance] | None = None
 
     def story(self, device: str) -> Story | None:
         """Of a device that was heard of; None of one that is one too many."""
@@ -98,6 +101,7 @@ class Known:
             story.status = status
             story.trail.take(status)
             self._view.take_status(status, now)
+            self._news += 1
 
     def take_info(self, info: DeviceInfo) -> None:
         """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
@@ -109,6 +113,7 @@ class Known:
             what = f"{info.model} {info.firmware}".strip()
             story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
         self._view.take_info(info)
+        self._news += 1
 
     def take_calibration(self, calibration: Calibration) -> None:
         """A calibration as it was published."""
@@ -163,7 +168,11 @@ class Known:
 
     def glance(self) -> Glance:
         """The ward at one look."""
+        alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
+        if self._glanced is not None and self._glanced[:2] == (self._news, alive):
+            return self._glanced[2]  # twenty guides ask for it ten times a second
         statuses = {name: story.status for name, story in self.stories.items() if story.status}
         infos = {name: story.info for name, story in self.stories.items() if story.info}
-        alive = {kind: [name for name, there in found.copy().items() if there] for kind, found in self.alive.items()}
-        return glance.glance(self.ward, statuses, infos, alive["bridge"], alive["estimator"])
+        found = glance.glance(self.ward, statuses, infos, alive["bridge"], alive["estimator"])
+        self._glanced = self._news, alive, found
+        return found

@@ -14,6 +14,8 @@ from estimator.web.hub import Viewer
 #: viewers at a time, and of one address; a further one is asked to come later
 VIEWERS, OF_ONE = 500, 100
 _LATER, _WRONG = 1013, 1007
+#: seconds between two wishes of a viewer: each makes whole frames, and others wait meanwhile
+WISHES_S = 0.25
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True):
@@ -40,6 +42,7 @@ async def live(socket: WebSocket) -> None:
     try:
         while True:
             desk.hub.watch(viewer, _wished(await socket.receive_text()))
+            await asyncio.sleep(WISHES_S)  # what comes meanwhile is held back
     except (WebSocketDisconnect, KeyError):
         pass  # it is gone, or speaks in bytes
     except ValueError as error:

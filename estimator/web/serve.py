@@ -68,6 +68,7 @@ class Server:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {error}; --listen takes another") from error
+        log.info("the dashboard of ward %s is at http://%s:%s", self._ward, host, listener.getsockname()[1])
         with listener:
             await self.uvicorn.serve([listener])
 
@@ -130,7 +131,6 @@ async def _serve(server: Server, ward: Ward) -> None:
 
     finding = threading.Thread(target=find, name="find a router", daemon=True)
     finding.start()
-    log.info("the dashboard of ward %s is at http://%s", ward.ward, ward.dashboard.listen)
     try:
         await server.serve()
     finally:

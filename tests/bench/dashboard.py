@@ -162,7 +162,7 @@ def guided(url: str, tablets: int, seconds: float) -> None:
     asyncio.run(all_of_them())
 
 
-def redraws(url: str, path: str, mark: str, seconds: float, height: int) -> tuple[float, float, float]:
+def redraws(url: str, path: str, seconds: float, height: int) -> tuple[float, float, float]:
     """Redraws a second in Chromium, its share of a core, and kilobytes loaded."""
     from playwright.sync_api import sync_playwright
 
@@ -173,11 +173,10 @@ def redraws(url: str, path: str, mark: str, seconds: float, height: int) -> tupl
         page.on("response", lambda response: sizes.append(len(response.body())))
         page.goto(url + path)
         page.wait_for_timeout(3000)
-        page.evaluate("performance.clearMarks()")
-        before = _browser_s()
+        before, drawn = _browser_s(), page.evaluate("redraws")
         page.wait_for_timeout(seconds * 1000)
         used = (_browser_s() - before) / seconds
-        found = page.evaluate(f"performance.getEntriesByName('{mark}').length")
+        found = page.evaluate("redraws") - drawn
         browser.close()
     return found / seconds, used, sum(sizes) / 1000
 
@@ -248,9 +247,9 @@ def _wait(url: str) -> None:
 
 def _measure(console: Console, pid: int, url: str, seconds: float, viewers: int) -> None:
     # A usual screen, one so high that every tile is seen and drawn, and a device's page.
-    for path, mark, height in (("/", "rates", 1200), ("/", "rates", 4000), ("/devices/bed-01-chest", "trace", 1200)):
+    for path, height in (("/", 1200), ("/", 4000), ("/devices/bed-01-chest", 1200)):
         before, begin = cpu_s(pid), time.monotonic()
-        each, browser, kilobytes = redraws(url, path, mark, seconds, height)
+        each, browser, kilobytes = redraws(url, path, seconds, height)
         used = (cpu_s(pid) - before) / (time.monotonic() - begin)
         console.print(
             f"{path}, 1920 by {height}: {each:.1f} redraws/s in Chromium ({browser:.0%} of a core), {kilobytes:.0f} kB;"

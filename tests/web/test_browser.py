@@ -135,6 +135,11 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     page.get_by_role("button", name="need a person 3").click()
     page.get_by_label("Find").fill("chest")
     expect(page.locator(".tile:visible")).to_have_count(7)
+    expect(page.locator("#unlike")).to_be_hidden()
+    page.get_by_label("Find").fill("zzz")
+    expect(page.locator("#unlike")).to_contain_text("No device is like that.")
+    page.get_by_role("button", name="Show all").click()
+    expect(page.locator(".tile:visible")).to_have_count(20)
     page.get_by_label("Find").fill("")
     page.get_by_label("Order").select_option("id")
     expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
@@ -198,6 +203,9 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
     assert page.evaluate(drawn)
+    # A picture is as wide as its place, though it was made while that was hidden, and nothing was resized since.
+    assert page.evaluate("""[...document.querySelectorAll(".charts:not([hidden]) figure:not([hidden])")].every((figure) =>
+      Math.abs(figure.querySelector(".uplot").offsetWidth - figure.clientWidth) <= 1)""")
     shot("device")
     assert serious(page) == []
     expect(page.get_by_role("link", name="Log in to recalibrate")).to_be_visible()

@@ -67,6 +67,18 @@ def test_from_the_table_to_the_verdict_without_a_click(page: Page, played: Playe
     expect(page.locator("#do")).to_have_text("Go on, all the way round")
     expect(page.locator('#turns [data-mark="now"] .axis-name')).to_have_text("z")
     shot("guide-turning")
+    # At arm's length all of it is on the screen of a phone, upright or on its side, and text of twice the size fits.
+    for width, height in ((320, 568), (390, 740), (740, 360)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.locator(".stage").evaluate("(stage) => stage.scrollIntoView()")
+        box = page.locator("#ring").bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= height, (width, height, box)
+    page.set_viewport_size({"width": 390, "height": 740})
+    page.evaluate("document.documentElement.style.fontSize = '34px'")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.evaluate("document.documentElement.style.fontSize = ''")
+    page.set_viewport_size({"width": 1280, "height": 900})
     assert serious(page) == []
     played.play_piece(2, 0.3)
     expect(page.locator("#do")).to_have_text("Now let go of it")

@@ -13,6 +13,14 @@ function width(place) {
   return Math.max(200, place.clientWidth);
 }
 
+// One that is made while it is hidden has no width yet, and gets it when it is shown.
+const widths = new ResizeObserver((entries) => {
+  for (const one of charts) {
+    if (entries.some((entry) => entry.target === one.figure) && one.figure.clientWidth && one.plot.width !== width(one.figure))
+      one.plot.setSize({ width: width(one.figure), height: one.plot.height });
+  }
+});
+
 // series: [{ label, colour, dash, fill, width }]; bands between pairs of series; behind(u) draws below the lines.
 export function chart(place, { label, title, height = 130, series, bands = [], behind, range, clock = true, times = true }) {
   const figure = document.createElement("figure");
@@ -37,6 +45,7 @@ export function chart(place, { label, title, height = 130, series, bands = [], b
   made.set = (data) => { made.data = data; made.plot.setData(data); };
   made.draw();
   charts.add(made);
+  widths.observe(figure);
   return made;
 }
 
@@ -65,5 +74,4 @@ export function post(u, at, colour) {
   u.ctx.restore();
 }
 
-addEventListener("resize", () => charts.forEach((one) => one.plot.setSize({ width: width(one.figure), height: one.plot.height })));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach((one) => one.draw()));
