@@ -5,7 +5,7 @@ import getpass
 import os
 from pathlib import Path
 
-from bridge.config import LOCAL, ConfigError
+from bridge.config import LOCAL, ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
 from bridge.wire.keys import check_id
@@ -31,14 +31,23 @@ def live(given: argparse.Namespace) -> int:
     """Guide one; 0 when it is calibrated."""
     from estimator.calibrate_live import calibrate  # noqa: PLC0415
     from estimator.client import Client  # noqa: PLC0415
+    from estimator.config import Ward  # noqa: PLC0415
+    from estimator.device_knobs import treatment  # noqa: PLC0415
     from estimator.texts import chosen, texts  # noqa: PLC0415
 
     if given.file is not None:
         raise ConfigError("a recording or --live DEVICE, not both")
     ward, routers = ward_of(given, Role.COMMANDER)
+    told = load(given.config, Ward) if given.config else None
     terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")
     t = texts(chosen((given.lang or "", terminal[:2])))
     with Client(routers, ward=ward) as client:
         return calibrate(
-            plain_console(), client, check_id(given.live, "device"), getpass.getuser(), t, seconds=given.seconds
+            plain_console(),
+            client,
+            check_id(given.live, "device"),
+            getpass.getuser(),
+            t,
+            seconds=given.seconds,
+            knobs=treatment(told.estimator if told else None).of(given.live),
         )

@@ -2,9 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from estimator.noise_model import GENERIC, NoiseModel, load_model
 from estimator.session import SessionKnobs
+
+if TYPE_CHECKING:
+    from estimator.config import Estimator
 
 #: readings a second at which the noise of one reading is guessed before a rest has shown it
 _USUAL_HZ = 100.0
@@ -37,3 +41,10 @@ class Treatment:
     def of(self, device: str) -> SessionKnobs:
         """Of one device."""
         return self._others.get(device, self.usual)
+
+
+def treatment(told: "Estimator | None") -> Treatment:
+    """As the estimator of the same file treats its devices; without one, as it does where nothing is said."""
+    if told is None:
+        return Treatment()
+    return Treatment(SessionKnobs(method=told.method, warming_s=told.warming_s), told.model, told.models)

@@ -14,7 +14,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
-from estimator.device_knobs import Treatment
+from estimator.device_knobs import treatment
 from estimator.door import Door
 from estimator.lifecycle import Event
 from estimator.service.boots import Boots
@@ -65,8 +65,7 @@ class Service:
         self.counts = Tally()
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._record = Record(store, self.counts, now_ns, clerk)
-        usual = SessionKnobs(method=settings.method, warming_s=settings.warming_s)
-        self._treatment = Treatment(usual, settings.model, settings.models)
+        self._treatment = treatment(settings)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())

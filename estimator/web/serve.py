@@ -17,9 +17,8 @@ from bridge.config import listening
 from bridge.pki.member import Role
 from bridge.process import connected
 from estimator.client import Client
-from estimator.config import Estimator, Ward
-from estimator.device_knobs import Treatment
-from estimator.session import SessionKnobs
+from estimator.config import Ward
+from estimator.device_knobs import Treatment, treatment
 from estimator.web import device_topics, guide_topics, topics, ward_topics
 from estimator.web.app import application
 from estimator.web.broadcast import Broadcast
@@ -102,14 +101,9 @@ def run(ward: Ward) -> int:
             "%s is reached over the network without TLS: passwords can be read on the way; see docs/dashboard.md",
             settings.listen,
         )
-    server = Server(ward.ward, settings, store, _treatment(ward.estimator))
+    server = Server(ward.ward, settings, store, treatment(ward.estimator))
     asyncio.run(_serve(server, ward))
     return 0
-
-
-def _treatment(told: Estimator | None) -> Treatment:
-    """As the estimator of the same file treats its devices; without one, as it does where nothing is said."""
-    return Treatment(SessionKnobs(method=told.method), told.model, told.models) if told else Treatment()
 
 
 async def _serve(server: Server, ward: Ward) -> None:
