@@ -8,6 +8,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
+from bridge.bus.contract import BusError
 from bridge.columns import Column, Columns
 from bridge.wire.messages import Calibration, Status
 from estimator.client import Client
@@ -68,9 +69,20 @@ def calibrate(
         pass
     finally:
         screen.close()
+        if asked and guide.told().step not in (Step.DONE, Step.CANCELLED, Step.IDLE):
+            _give_up(console, client, device, who)
         for stream in (samples, statuses, made):
             stream.close()
     return _end(console, t, guide.told(), status, known)
+
+
+def _give_up(console: Console, client: Client, device: str, who: str) -> None:
+    """Take back what was asked for: the device would wait for ever."""
+    try:
+        said = client.cancel(device, who).message
+    except BusError as error:
+        said = f"the calibration is still under way: {error}"
+    console.print(Text(f"{device}: {said}", "dim"))
 
 
 class Screen:

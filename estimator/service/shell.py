@@ -32,7 +32,7 @@ from estimator.service.store import Store
 from estimator.service.totals import Totals
 from estimator.service.turns import Turns
 from estimator.service.vitals import Vitals
-from estimator.session import Outcome, SessionKnobs
+from estimator.session import Outcome
 
 log = logging.getLogger(__name__)
 

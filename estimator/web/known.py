@@ -8,6 +8,7 @@ from bridge.wire.refusal import Tally
 from estimator import glance
 from estimator.glance import Glance
 from estimator.history import History
+from estimator.lifecycle import AWAY
 from estimator.ward_view import UNKNOWN, WORDS, Row, WardView
 from estimator.web.trail import Mark, Trail
 
@@ -39,6 +40,8 @@ class Story:
     status: Status | None = None
     info: DeviceInfo | None = None
     trail: Trail = field(default_factory=Trail)
+    #: when it was said last that samples come from it; 0 when it never was
+    heard_ns: int = 0
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
     boots: dict[int, Boot] = field(default_factory=dict)
@@ -99,6 +102,8 @@ class Known:
         """The estimator's word on a device, heard at `now` seconds."""
         if (story := self.story(status.device)) is not None:
             story.status = status
+            if status.state not in AWAY:
+                story.heard_ns = max(story.heard_ns, status.time_ns)
             story.trail.take(status)
             self._view.take_status(status, now)
             self._news += 1

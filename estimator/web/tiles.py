@@ -53,6 +53,7 @@ class Tile:
     temperature: str
     turns: str
     rebooted: str
+    stale: str
     bias_std: float | None
     calibrated_ns: int | None
     battery_percent: float | None
@@ -143,6 +144,7 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
         if status and calibrating
         else "",
         rebooted=_rebooted(story, now_ns, t) if row.state != TRACKING else "",
+        stale=_stale(row, story, now_ns, t),
         bias_std=max(status.bias_std) if status else None,
         calibrated_ns=calibrated_ns or None,
         battery_percent=row.battery_percent,
@@ -161,6 +163,12 @@ def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
     boot = story.boots[story.boot]
     ago = words.ago(boot.time_ns, now_ns, t)
     return t("words.rebooted_by", ago=ago, cause=t.said(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
+
+
+def _stale(row: Row, story: Story, now_ns: int, t: Texts) -> str:
+    """Of when the numbers are, where they are not of now."""
+    silent = row.state in ("lost", SILENT, UNKNOWN) and story.status is not None
+    return t("words.as_of", ago=words.ago(story.heard_ns, now_ns, t)) if silent and story.heard_ns else ""
 
 
 def rebooted(story: Story) -> bool:

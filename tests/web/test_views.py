@@ -61,6 +61,8 @@ def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     (tile,) = ward_page(known(said("a")), 110.0, NOW, EN).tiles
     assert (tile.state, tile.tone) == ("silent", "bad")
     assert "10 s" in tile.reason
+    assert ward_page(known(said("a")), 100.0, NOW, EN).tiles[0].stale == ""
+    assert ward_page(known(said("a", time_ns=NOW - 12 * S)), 110.0, NOW, EN).tiles[0].stale == "as of 12 s ago"
 
 
 def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
