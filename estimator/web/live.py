@@ -43,8 +43,8 @@ async def live(socket: WebSocket) -> None:
         while True:
             desk.hub.watch(viewer, _wished(await socket.receive_text()))
             await asyncio.sleep(WISHES_S)  # what comes meanwhile is held back
-    except (WebSocketDisconnect, KeyError):
-        pass  # it is gone, or speaks in bytes
+    except (WebSocketDisconnect, KeyError, RuntimeError):
+        pass  # it is gone, as whoever sends to it may have seen first, or speaks in bytes
     except ValueError as error:
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(_WRONG, str(error)[:100])

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -54,6 +55,9 @@ def test_from_an_open_page_to_the_verdict(tmp_path: Path, browser: Browser) -> N
             terminal = subprocess.Popen(
                 [*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL
             )
+        while not told.stat().st_size:  # it says that nothing is heard of it: it listens
+            time.sleep(0.05)
+            assert terminal.poll() is None
         ward.plug(NAME, device, speed=SPEED, lossless=True)
         expect(page.locator("#do")).to_have_text("Done: it is calibrated")
         expect(page.locator("#rows tr")).to_have_count(3)
