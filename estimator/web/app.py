@@ -20,7 +20,7 @@ from estimator.web.api import places
 from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
 from estimator.web.fault import Fault
-from estimator.web.guard import Guard
+from estimator.web.guard import Guard, dress
 
 STATIC = Path(__file__).parent / "static"
 
@@ -49,9 +49,10 @@ def application(desk: Desk, broadcast: Broadcast) -> Starlette:
     app = Starlette(
         routes=routes(),
         middleware=[Middleware(Guard, hosts=desk.settings.hosts), Middleware(GZipMiddleware, minimum_size=2000)],
-        exception_handlers={Fault: _refused, HTTPException: _not_there},
+        exception_handlers={Fault: _refused, HTTPException: _not_there, Exception: _failed},
         lifespan=lifespan,
     )
+    app.router.redirect_slashes = False  # to a place made of what the client calls us
     app.state.desk = desk
     app.router.redirect_slashes = False  # a place has one name, and what is none is told as such
     return app
@@ -73,6 +74,14 @@ async def _not_there(request: Request, error: Exception) -> Response:
         status, status.phrase.lower().replace(" ", "_"), words.get(status, error.detail), dict(error.headers or {})
     )
     return _answer(request, fault)
+
+
+async def _failed(request: Request, error: Exception) -> Response:  # noqa: ARG001 - it is logged by the server
+    """Answered outside the guard, who would dress it."""
+    words = "That failed here, and is in the dashboard's log."
+    answer = _answer(request, Fault(HTTPStatus.INTERNAL_SERVER_ERROR, "failed", words))
+    dress(request.url.path, answer.headers)
+    return answer
 
 
 def _answer(request: Request, fault: Fault) -> Response:

@@ -2,37 +2,54 @@
 
 from collections import OrderedDict
 
-#: wrong passwords of a name, and of all names, that are forgiven at once from an address
-FREE, FREE_OF_ALL = 5, 25
-#: how long each takes to be forgotten
+#: each wrong password is forgotten after so long
 FORGET_S = 30.0
-#: addresses, and names tried from them, that are remembered
+#: wrong passwords that are taken at once: for a name from one address, from that address for all names (behind it may be a
+#: whole ward), and for a name from everywhere, which no single address uses up: nobody locks others out alone
+FREE, ADDRESS_FREE, NAME_FREE = 5, 20, 50
+#: of each, so many are remembered
 REMEMBERED = 4096
 
 
 class Attempts:
-    """Wrong passwords by address and name. A right one clears its name's count there, and nobody else's."""
+    """Wrong passwords by address and by name.
+
+    A right one clears its name there and nothing else: who has a password of their own cannot guess others for ever.
+    """
 
     def __init__(self) -> None:
-        self._until: OrderedDict[tuple[str, str], float] = OrderedDict()
+        self._both, self._addresses, self._names = _Owed(FREE), _Owed(ADDRESS_FREE), _Owed(NAME_FREE)
 
     def wait_s(self, address: str, name: str, now: float) -> float:
-        """Seconds until another try for a name is taken from an address; 0 when now."""
-        of_all, of_name = (self._until.get(key, now) - now for key in _keys(address, name))
-        return max(0.0, of_name - (FREE - 1) * FORGET_S, of_all - (FREE_OF_ALL - 1) * FORGET_S)
+        """Seconds until another try is taken; 0 when now."""
+        both = self._both.wait_s((address, name), now)
+        return max(both, self._addresses.wait_s((address,), now), self._names.wait_s((name,), now))
 
     def failed(self, address: str, name: str, now: float) -> None:
         """A wrong password came."""
-        for key in _keys(address, name):
-            self._until[key] = max(self._until.pop(key, now), now) + FORGET_S
-        while len(self._until) > REMEMBERED:
-            self._until.popitem(last=False)
+        self._both.add((address, name), now)
+        self._addresses.add((address,), now)
+        self._names.add((name,), now)
 
     def succeeded(self, address: str, name: str) -> None:
         """The right one came."""
-        self._until.pop((address, name), None)
+        self._both.clear((address, name))
 
 
-def _keys(address: str, name: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Of all names, and of this one: nobody is called nothing."""
-    return (address, ""), (address, name)
+class _Owed:
+    """Time owed by each: every wrong password adds to it, and it passes by itself."""
+
+    def __init__(self, free: int) -> None:
+        self._free_s = (free - 1) * FORGET_S
+        self._until: OrderedDict[tuple[str, ...], float] = OrderedDict()
+
+    def wait_s(self, who: tuple[str, ...], now: float) -> float:
+        return max(0.0, self._until.get(who, now) - now - self._free_s)
+
+    def add(self, who: tuple[str, ...], now: float) -> None:
+        self._until[who] = max(self._until.pop(who, now), now) + FORGET_S
+        while len(self._until) > REMEMBERED:
+            self._until.popitem(last=False)
+
+    def clear(self, who: tuple[str, ...]) -> None:
+        self._until.pop(who, None)

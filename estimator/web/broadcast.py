@@ -25,6 +25,8 @@ HEAR_S = 0.2
 LINGER_S = 5.0
 #: what failed is begun anew after so long
 AGAIN_S = 2.0
+#: topics of devices at a time: most of them hold subscriptions, which cost threads
+TOPICS = 256
 #: a round that is so late has lost its place: frames are left out, not made up for
 LATE_S = 1.0
 
@@ -74,8 +76,8 @@ class Broadcast:
         self._last_watched: dict[str, float] = {}
         self._heard: Heard | None = None
         self._hear_at = 0.0
-        #: topics that failed, by kind
-        self.failed = Tally()
+        #: topics that failed, by kind; times that one found no room
+        self.failed, self.left_out = Tally(), Tally()
 
     def connect(self, client: Client, control: Client) -> None:
         """A router is there for the first time; what is watched already begins anew."""
@@ -98,20 +100,32 @@ class Broadcast:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, lambda heard=self._heard: heard.hear(now))  # type: ignore[misc] # done now
         for name in self._hub.wanted():
-            device = topics.device_of(name)
-            if device and device not in self._sources.known.stories:
-                continue  # anybody can make names up; of one that was never heard nothing is listened for
-            self._last_watched[name] = now
-            if name not in self._topics and now >= self._due.get(name, now):
+            if name not in self._topics and now >= self._due.get(name, now) and self._may_begin(name, now):
                 self._guarded(name, now, lambda name=name: self._begin(name, now))  # type: ignore[misc] # done now
             if name in self._topics and name in self._hub.newcomers:
                 whole = self._topics[name].whole
                 self._guarded(name, now, lambda n=name, of=whole: self._hub.greet(n, of(now, now_ns)))  # type: ignore[misc] # done now
+            if name in self._topics:
+                self._last_watched[name] = now
         for name in list(self._topics):
             if now - self._last_watched[name] > LINGER_S:
                 self._end(name)
             elif now >= self._due[name]:
                 self._guarded(name, now, lambda name=name: self._tell(name, now, now_ns))  # type: ignore[misc] # done now
+
+    def _may_begin(self, name: str, now: float) -> bool:
+        """A device that was never heard of waits until it is; so does what there is no room for."""
+        device = topics.device_of(name)
+        if not device:
+            return True
+        if device not in self._sources.known.stories:
+            return False
+        if sum(bool(topics.device_of(topic)) for topic in self._topics) < TOPICS:
+            return True
+        self._due[name] = now + AGAIN_S
+        if self.left_out.add("topics") == 1:
+            log.warning("%d topics of devices are watched: %s waits (more that wait are only counted)", TOPICS, name)
+        return False
 
     def _begin(self, name: str, now: float) -> None:
         self._topics[name] = topics.KINDS[topics.kind_of(name)](name, self._sources)

@@ -6,6 +6,7 @@ import secrets
 import time
 from collections.abc import Callable
 from http import HTTPStatus
+from math import ceil
 from pathlib import Path
 from unicodedata import category
 
@@ -14,22 +15,23 @@ from starlette.requests import HTTPConnection, Request
 
 from bridge.bus.contract import BusError
 from bridge.wire.checks import MAX_SENTENCE
-from bridge.wire.messages import CommandReply
+from bridge.wire.messages import Calibration, CommandReply
 from estimator import history
 from estimator.client import Client
 from estimator.device_knobs import Treatment
 from estimator.service.store import Store, StoreError
+from estimator.web import cookie
+from estimator.web.address import neighbourhood
 from estimator.web.attempts import Attempts
 from estimator.web.fault import Fault
 from estimator.web.hub import Hub
-from estimator.web.known import Known, Story
+from estimator.web.known import CALIBRATIONS, Known, Story
 from estimator.web.passwords import Passwords
 from estimator.web.sessions import Session, Sessions
 from estimator.web.settings import Dashboard
 
 log = logging.getLogger(__name__)
 
-COOKIE = "truerate"
 #: how long what a store said of a device is taken for all there is
 PAST_S = 30.0
 #: how a program says who it is; no browser asks a person because of it
@@ -50,7 +52,7 @@ class Desk:
     ) -> None:
         self.known, self.hub, self.settings = known, hub, settings
         self.treatment = treatment or Treatment()
-        self.sessions = Sessions(settings.session_hours * 3600)
+        self.sessions = Sessions(settings.session_hours * 3600, settings.idle_minutes * 60)
         #: for commands, in a session of the bus of its own; None while no router was ever there
         self.control: Client | None = None
         self._attempts, self._passwords = Attempts(), Passwords(settings.people)
@@ -60,6 +62,7 @@ class Desk:
         #: the picture that was drawn last, and when, by device
         self.drawn: dict[str, tuple[float, bytes]] = {}
         self._store = store
+        self._reading = asyncio.Lock()
         self._past_at: dict[str, float] = {}
 
     @classmethod
@@ -73,7 +76,7 @@ class Desk:
 
     def session(self, connection: HTTPConnection) -> Session | None:
         """Who is logged in, by the cookie."""
-        return self.sessions.find(connection.cookies.get(COOKIE), time.monotonic())
+        return self.sessions.find(cookie.found(connection), time.monotonic())
 
     def checked(self, connection: HTTPConnection, csrf: str) -> Session:
         """Who gives a command, by cookie and by what their own page says beside it; else Fault."""
@@ -86,23 +89,24 @@ class Desk:
 
     async def let_in(self, request: Request, name: str, password: str) -> None:
         """Return if it is the right password; else Fault, as for too many tries."""
-        address = request.client.host if request.client else ""
         if not name or not password:
             raise Fault(HTTPStatus.BAD_REQUEST, "empty", "Both name and password are needed.")
+        address = neighbourhood(request.client.host if request.client else "")
+        counted = name[:64]
         async with self._one_at_a_time:
-            wait_s = self._attempts.wait_s(address, name[:64], time.monotonic())
+            wait_s = self._attempts.wait_s(address, counted, time.monotonic())
             if wait_s > 0:
                 raise Fault(
                     HTTPStatus.TOO_MANY_REQUESTS,
                     "too_many_tries",
-                    f"Too many wrong passwords came from there; wait {wait_s:.0f} seconds.",
-                    {"Retry-After": f"{wait_s:.0f}"},
+                    f"Too many wrong passwords came; wait {ceil(wait_s)} seconds.",
+                    {"Retry-After": f"{ceil(wait_s)}"},
                 )
             if not await run_in_threadpool(self._passwords.right, name, password):
-                self._attempts.failed(address, name[:64], time.monotonic())
+                self._attempts.failed(address, counted, time.monotonic())
                 log.warning("a wrong name or password from %s", address)
                 raise Fault(HTTPStatus.UNAUTHORIZED, "wrong_password", "The name or the password is wrong.", CHALLENGE)
-            self._attempts.succeeded(address, name[:64])
+            self._attempts.succeeded(address, counted)
 
     # ---- devices --------------------------------------------------------------------------------------------------
 
@@ -151,6 +155,28 @@ class Desk:
             self.known.take_past(await run_in_threadpool(_past, self._store, device))
         except (StoreError, OSError) as error:
             log.warning("the store %s cannot be read: %s", self._store, error)
+
+    async def calibrations(self, device: str) -> list[Calibration]:
+        """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""
+        await self.remember(device)
+        heard = self.story(device).calibrations
+        if len(heard) < CALIBRATIONS or self._store is None or not self._store.is_file():
+            return list(heard.values())
+        try:
+            async with self._reading:
+                stored = await run_in_threadpool(_calibrations, self._store, device)
+        except (StoreError, OSError) as error:
+            log.warning("the store %s cannot be read: %s", self._store, error)
+            stored = []
+        return sorted(({one.id: one for one in stored} | heard).values(), key=lambda one: one.time_ns)
+
+
+def _calibrations(path: Path, device: str) -> list[Calibration]:
+    store = Store.reading(path)
+    try:
+        return store.calibrations(device)
+    finally:
+        store.close()
 
 
 def plain(words: str) -> str:

@@ -9,24 +9,23 @@ from starlette.requests import ClientDisconnect, Request
 from estimator.web.fault import Fault
 
 MAX_BYTES = 16_384
-#: seconds a body may take to come
-PATIENCE_S = 10.0
+#: a body of ours is on the way for moments only
+WHOLE_S = 10.0
 
 
 async def body(request: Request) -> bytes:
-    """All of it; Fault when it is more than any of ours."""
+    """All of it; Fault when it is more than any of ours, is too long on the way, or ends too early."""
     found = b""
     try:
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(WHOLE_S):
             async for part in request.stream():
                 found += part
                 if len(found) > MAX_BYTES:
-                    raise Fault(
-                        HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", f"More than {MAX_BYTES} bytes are not taken."
-                    )
+                    words = f"More than {MAX_BYTES} bytes are not taken."
+                    raise Fault(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "too_large", words)
     except (TimeoutError, ClientDisconnect):
-        message = "The body came too slowly, or not to its end."
-        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", message) from None
+        words = "The body came too slowly, or not to its end."
+        raise Fault(HTTPStatus.REQUEST_TIMEOUT, "incomplete", words, {"Connection": "close"}) from None
     return found
 
 

@@ -1,12 +1,16 @@
 """What every answer carries and every request is asked, whatever the page: host, origin, and headers that bind the browser."""
 
+from http import HTTPStatus
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
+from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
+
+from estimator.web.api import places
+from estimator.web.fault import Fault
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; "
@@ -20,6 +24,8 @@ HEADERS = {
 _SAFE = ("GET", "HEAD", "OPTIONS")
 #: what the policy's code of a websocket says: this is not taken from there
 _POLICY = 1008
+#: of a page that asks, by that of what it asks
+_SCHEMES = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
 
 
 class Guard:
@@ -33,46 +39,45 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        if (refusal := self._refused(scope)) is not None:
-            if scope["type"] == "websocket":
-                await WebSocket(scope, receive, send).close(_POLICY, refusal)
-            else:
-                await PlainTextResponse(refusal + "\n", 400 if "host" in refusal else 403)(scope, receive, send)
-            return
 
         async def dressed(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in HEADERS.items():
-                    headers.setdefault(name, value)
-                static = scope["path"].startswith("/static/")
-                headers.setdefault("Cache-Control", "no-cache" if static else "no-store")
+                dress(scope["path"], MutableHeaders(scope=message))
             await send(message)
 
-        await self._app(scope, receive, dressed)
+        if (refusal := self._refused(scope)) is None:
+            await self._app(scope, receive, dressed)
+        elif scope["type"] == "websocket":
+            await WebSocket(scope, receive, send).close(_POLICY, refusal.code)
+        else:
+            await _answer(scope["path"], refusal)(scope, receive, dressed)
 
-    def _refused(self, scope: Scope) -> str | None:
+    def _refused(self, scope: Scope) -> Fault | None:
         """Why it is not taken, or None. A name that is not ours may be a foreign page's, led to our address."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._ours(host):
-            return f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
+            words = f"This is not the host {host[:80]!r}; name it in `hosts` of [dashboard]."
+            return Fault(HTTPStatus.BAD_REQUEST, "foreign_host", words)
         if scope["type"] == "http" and scope["method"] in _SAFE:
             return None
-        origin = headers.get("origin")
-        if origin is not None and _netloc(origin) != host.lower():
-            return "A page of another origin asks."
+        ours, origin = f"{_SCHEMES[scope['scheme']]}://{host.lower()}", headers.get("origin")
+        if origin is not None and origin.lower() != ours:
+            words = f"A page of another origin asks: {origin[:80]!r} is not {ours}."
+            if origin.lower() == f"https:{ours.partition(':')[2]}":
+                words += " Where a proxy ends TLS, `behind_proxy` of [dashboard] and X-Forwarded-Proto say so."
+            return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", words)
         if origin is None and headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-            return "A page of another site asks."
+            return Fault(HTTPStatus.FORBIDDEN, "foreign_origin", "A page of another site asks.")
         return None
 
     def _ours(self, host: str) -> bool:
         try:
-            split = urlsplit(f"//{host}")
-            name = split.hostname or ""
-            if split.username is not None or split.port == 0:  # a port that is none is a ValueError
-                return False
+            parts = urlsplit(f"//{host}")
+            name, _ = parts.hostname or "", parts.port
         except ValueError:
+            return False
+        if parts.netloc != host or "@" in host:
             return False
         if name in self._hosts:
             return True
@@ -83,9 +88,15 @@ class Guard:
         return True  # an address cannot be led elsewhere
 
 
-def _netloc(origin: str) -> str | None:
-    """Host and port of an origin; None of what is none."""
-    try:
-        return urlsplit(origin).netloc.lower()
-    except ValueError:
-        return None
+def dress(path: str, headers: MutableHeaders) -> None:
+    """What an answer carries beside its own."""
+    for name, value in HEADERS.items():
+        headers.setdefault(name, value)
+    headers.setdefault("Cache-Control", "no-cache" if path.startswith("/static/") else "no-store")
+
+
+def _answer(path: str, fault: Fault) -> Response:
+    """No page: it would be one of ours under a foreign name."""
+    if path.startswith(places.ROOT):
+        return places.refused(fault)
+    return PlainTextResponse(fault.message + "\n", fault.status)

@@ -10,6 +10,8 @@ Frame = bytes | str
 WAITING = 4
 #: topics of one viewer
 TOPICS = 16
+#: viewers at a time, and of those from one address, behind which may be a whole ward
+VIEWERS, OF_ONE_ADDRESS = 500, 100
 
 
 class Viewer:
@@ -63,9 +65,13 @@ class Hub:
         #: viewers by topic that have just begun to watch it: they get the whole of it first
         self.newcomers: dict[str, set[Viewer]] = {}
 
-    def of(self, address: str) -> int:
-        """How many viewers there are from an address."""
-        return sum(viewer.address == address for viewer in self.viewers)
+    def full(self, address: str) -> str:
+        """Why no viewer more is taken from an address; nothing when one is."""
+        if len(self.viewers) >= VIEWERS:
+            return f"{VIEWERS} pages look already; this one tries again"
+        if sum(viewer.address == address for viewer in self.viewers) >= OF_ONE_ADDRESS:
+            return f"{OF_ONE_ADDRESS} pages look already from {address}; this one tries again"
+        return ""
 
     def add(self, address: str = "") -> Viewer:
         """A viewer that watches nothing yet."""
@@ -83,9 +89,9 @@ class Hub:
         """From now on it watches exactly these."""
         for topic in viewer.topics - set(topics):
             viewer.forget(topic)
-            waiting = self.newcomers.get(topic, set())
-            waiting.discard(viewer)
-            if not waiting:
+            newcomers = self.newcomers.get(topic, set())
+            newcomers.discard(viewer)
+            if not newcomers:
                 self.newcomers.pop(topic, None)
         for topic in set(topics) - viewer.topics:
             viewer.topics.add(topic)

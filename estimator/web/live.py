@@ -2,26 +2,40 @@
 
 import asyncio
 import contextlib
+import time
 
 import msgspec
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from estimator.web import hub, topics
+from estimator.web import topics
+from estimator.web.address import neighbourhood
 from estimator.web.desk import Desk
-from estimator.web.hub import Viewer
+from estimator.web.hub import TOPICS, Hub, Viewer
 
-#: viewers at a time, and of one address; a further one is asked to come later
-VIEWERS, OF_ONE = 500, 100
-_LATER, _WRONG = 1013, 1007
-#: seconds between two wishes of a viewer: each makes whole frames, and others wait meanwhile
-WISHES_S = 0.25
+#: whoever has not said what it watches by then is no page of ours
+FIRST_S = 15.0
+#: wishes of one viewer: so many at once, then one in so long; more wait in the network, and cost nobody else
+WISHES, WISH_S = 16, 0.25
+_LATER, _WRONG, _SILENT = 1013, 1007, 1008
 
 
 class Wish(msgspec.Struct, forbid_unknown_fields=True):
     """From now on exactly these."""
 
     watch: list[str]
+
+
+class Pace:
+    """How long to wait after each wish. Pure: time is an argument."""
+
+    def __init__(self) -> None:
+        self._until = 0.0
+
+    def wait_s(self, now: float) -> float:
+        """One more has come."""
+        self._until = max(self._until, now) + WISH_S
+        return max(0.0, self._until - now - WISHES * WISH_S)
 
 
 def routes() -> list[BaseRoute]:
@@ -31,28 +45,41 @@ def routes() -> list[BaseRoute]:
 
 async def live(socket: WebSocket) -> None:
     """Serve one viewer until it is gone."""
-    desk = Desk.of(socket)
-    address = socket.client.host if socket.client else ""
-    await socket.accept()  # a browser is told the reason of what was begun alone
-    if len(desk.hub.viewers) >= VIEWERS or desk.hub.of(address) >= OF_ONE:
-        await socket.close(_LATER, "too many viewers")
+    desk, address = Desk.of(socket), neighbourhood(socket.client.host if socket.client else "")
+    await socket.accept()
+    if words := desk.hub.full(address):
+        await socket.close(_LATER, words)
         return
     viewer = desk.hub.add(address)
     sending = asyncio.create_task(_send(socket, viewer))
     try:
-        while True:
-            desk.hub.watch(viewer, _wished(await socket.receive_text()))
-            await asyncio.sleep(WISHES_S)  # what comes meanwhile is held back
+        await _obey(socket, desk.hub, viewer)
     except (WebSocketDisconnect, KeyError, RuntimeError):
         pass  # it is gone, as whoever sends to it may have seen first, or speaks in bytes
+    except TimeoutError:
+        await _close(socket, _SILENT, "it was not said what to watch")
     except ValueError as error:
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-            await socket.close(_WRONG, str(error)[:100])
+        await _close(socket, _WRONG, str(error)[:100])
     finally:
         desk.hub.remove(viewer)
         sending.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await sending
+
+
+async def _obey(socket: WebSocket, hub: Hub, viewer: Viewer) -> None:
+    """Let it watch what it wishes, as often as it may."""
+    async with asyncio.timeout(FIRST_S):
+        hub.watch(viewer, _wished(await socket.receive_text()))
+    pace = Pace()
+    while True:
+        hub.watch(viewer, _wished(await socket.receive_text()))
+        await asyncio.sleep(pace.wait_s(time.monotonic()))
+
+
+async def _close(socket: WebSocket, code: int, words: str) -> None:
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.close(code, words)
 
 
 async def _send(socket: WebSocket, viewer: Viewer) -> None:
@@ -71,6 +98,6 @@ def _wished(text: str) -> list[str]:
     except msgspec.MsgspecError as error:
         raise ValueError(f"not understood: {error}") from None
     unknown = [topic for topic in wish.watch if not topics.exists(topic)]
-    if unknown or len(wish.watch) > hub.TOPICS:
-        raise ValueError(f"no such topic: {unknown[0][:40]!r}" if unknown else f"at most {hub.TOPICS} topics")
+    if unknown or len(wish.watch) > TOPICS:
+        raise ValueError(f"no such topic: {unknown[0][:40]!r}" if unknown else f"at most {TOPICS} topics")
     return wish.watch

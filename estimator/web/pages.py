@@ -12,7 +12,8 @@ from starlette.routing import BaseRoute, Route
 from starlette.templating import Jinja2Templates
 
 from estimator.texts import LANGUAGES, texts
-from estimator.web.desk import COOKIE, Desk
+from estimator.web import cookie
+from estimator.web.desk import Desk
 from estimator.web.fault import Fault
 from estimator.web.form import fields
 from estimator.web.language import keep, language
@@ -75,14 +76,8 @@ async def login(request: Request) -> Response:
         page.headers.update(fault.headers)
         return page
     response = RedirectResponse(to, HTTPStatus.SEE_OTHER)
-    response.set_cookie(
-        COOKIE,
-        desk.sessions.begin(name, time.monotonic()),
-        max_age=round(desk.settings.session_hours * 3600),
-        httponly=True,
-        samesite="strict",
-        secure=request.url.scheme == "https",
-    )
+    value = desk.sessions.begin(name, time.monotonic(), instead=cookie.found(request))
+    cookie.give(response, request, value, desk.settings.session_hours)
     return response
 
 
@@ -90,9 +85,9 @@ async def logout(request: Request) -> Response:
     """End the session."""
     desk = Desk.of(request)
     desk.checked(request, (await fields(request)).get("csrf", ""))
-    desk.sessions.end(request.cookies.get(COOKIE, ""))
+    desk.sessions.end(cookie.found(request))
     response = RedirectResponse("/", HTTPStatus.SEE_OTHER)
-    response.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    cookie.take(response, request)
     return response
 
 

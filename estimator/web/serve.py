@@ -6,10 +6,7 @@ import logging
 import signal
 import socket
 import threading
-from collections.abc import Iterator
 from pathlib import Path
-
-import uvicorn
 
 from bridge.bus.contract import Bus
 from bridge.bus.self_test import self_test
@@ -25,6 +22,7 @@ from estimator.web.broadcast import Broadcast
 from estimator.web.desk import Desk
 from estimator.web.hub import Hub
 from estimator.web.known import Known
+from estimator.web.listener import CONNECTIONS, Listener, make_room
 from estimator.web.settings import Dashboard
 
 __all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
@@ -36,7 +34,12 @@ class Server:
     """A dashboard of one ward; `connect` may come at any time after."""
 
     def __init__(
-        self, ward: str, settings: Dashboard, store: Path | None = None, treatment: Treatment | None = None
+        self,
+        ward: str,
+        settings: Dashboard,
+        store: Path | None = None,
+        treatment: Treatment | None = None,
+        connections: int = CONNECTIONS,
     ) -> None:
         known, hub = Known(ward), Hub()
         self.desk = Desk(known, hub, settings, store, treatment)
@@ -44,20 +47,7 @@ class Server:
         self._broadcast = Broadcast(hub, topics.Sources(known, treatment=self.desk.treatment))
         self.app = application(self.desk, self._broadcast)
         self._address = listening(settings.listen)
-        self.uvicorn = _Uvicorn(
-            uvicorn.Config(
-                self.app,
-                ws="websockets-sansio",
-                ws_max_size=8192,
-                ws_per_message_deflate=False,  # what is encoded once is not to be squeezed for each viewer
-                proxy_headers=settings.behind_proxy,
-                server_header=False,
-                access_log=False,
-                log_config=None,
-                log_level="warning",
-                timeout_graceful_shutdown=2,
-            )
-        )
+        self.uvicorn = Listener(self.app, behind_proxy=settings.behind_proxy, connections=connections)
 
     async def serve(self) -> None:
         """Until `stop`; raises OSError where it cannot listen."""
@@ -83,15 +73,6 @@ class Server:
         self.desk.control = commands
 
 
-class _Uvicorn(uvicorn.Server):
-    """Signals are ours to obey: it would let them end the process before the bus is closed."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leave them as they are."""
-        yield
-
-
 def run(ward: Ward) -> int:
     """Serve until SIGINT or SIGTERM; a missing router is waited for, and said on every page meanwhile. The exit code."""
     settings = ward.dashboard
@@ -101,7 +82,7 @@ def run(ward: Ward) -> int:
             "%s is reached over the network without TLS: passwords can be read on the way; see docs/dashboard.md",
             settings.listen,
         )
-    server = Server(ward.ward, settings, store, treatment(ward.estimator))
+    server = Server(ward.ward, settings, store, treatment(ward.estimator), make_room())
     asyncio.run(_serve(server, ward))
     return 0
 

@@ -18,6 +18,7 @@ class Session:
 
     name: str
     until: float
+    idle_until: float
     csrf: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     said: tuple[bool, str, str] | None = None
 
@@ -38,26 +39,30 @@ class Session:
 class Sessions:
     """By cookie; the cookies themselves are not kept, only their hashes."""
 
-    def __init__(self, length_s: float) -> None:
-        self._length_s = length_s
+    def __init__(self, length_s: float, idle_s: float) -> None:
+        self._length_s, self._idle_s = length_s, idle_s
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
-    def begin(self, name: str, now: float) -> str:
-        """The cookie of a new one."""
+    def begin(self, name: str, now: float, instead: str | None = None) -> str:
+        """The cookie of a new one, which ends the one that browser had."""
+        self.end(instead or "")
         cookie = secrets.token_urlsafe(32)
-        self._sessions[_hashed(cookie)] = Session(name, now + self._length_s)
+        self._sessions[_hashed(cookie)] = Session(name, now + self._length_s, now + self._idle_s)
         while len(self._sessions) > SESSIONS:
             self._sessions.popitem(last=False)
         return cookie
 
     def find(self, cookie: str | None, now: float) -> Session | None:
-        """Whose cookie it is; None when nobody's, or no more."""
+        """Whose cookie it is, who is not idle then; None when nobody's, or no more."""
         if not cookie:
             return None
         session = self._sessions.get(_hashed(cookie))
-        if session is not None and now >= session.until:
+        if session is None:
+            return None
+        if now >= min(session.until, session.idle_until):
             self.end(cookie)
             return None
+        session.idle_until = now + self._idle_s
         return session
 
     def end(self, cookie: str) -> None:

@@ -34,6 +34,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     behind_proxy: bool = False
     #: how long a person stays logged in
     session_hours: float = 8.0
+    #: and how long without a page or a command: others may hold the tablet by then
+    idle_minutes: float = 30.0
 
     def __post_init__(self) -> None:
         try:
@@ -50,6 +52,8 @@ class Dashboard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 )
         if not 0.05 <= self.session_hours <= 168:
             raise ValueError(f"session_hours is {self.session_hours:g}; 0.05 to 168 is taken")
+        if not 1 <= self.idle_minutes <= 10_080:
+            raise ValueError(f"idle_minutes is {self.idle_minutes:g}; 1 to 10080 is taken")
 
     @property
     def local(self) -> bool:

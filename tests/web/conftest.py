@@ -34,11 +34,11 @@ class Site:
     stop: Callable[[], None]
 
 
-def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None) -> Site:
+def served(people: tuple[Person, ...] = PEOPLE, store: Path | None = None, *, behind_proxy: bool = False) -> Site:
     """A dashboard in a thread, connected; ended by `stop`."""
     broker, port = MemoryBroker(), free_port()
     talk = Talk(broker)
-    server = Server(WARD, Dashboard(listen=f"127.0.0.1:{port}", people=people), store)
+    server = Server(WARD, Dashboard(listen=f"127.0.0.1:{port}", people=people, behind_proxy=behind_proxy), store)
     buses = MemoryBus(broker), MemoryBus(broker)
 
     async def serve() -> None:

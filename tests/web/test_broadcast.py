@@ -96,6 +96,48 @@ def test_a_topic_ends_when_nobody_looks_for_a_while(counted: type[Counted]) -> N
     assert not broadcast._topics
 
 
+def test_nothing_is_begun_for_a_device_that_was_never_heard_and_nothing_is_kept_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fresh: type[Counted] = type("Fresh", (Counted,), {})
+    monkeypatch.setitem(topics.KINDS, "trace", fresh)
+    hub, sources = Hub(), Sources(Known(WARD))
+    broadcast, viewer = Broadcast(hub, sources), hub.add()
+    for i in range(100):
+        hub.watch(viewer, [f"trace/ghost-{i}"])
+        broadcast.step(float(i), 0)
+    assert fresh.begun == 0
+    assert [*broadcast._topics, *broadcast._last_watched, *broadcast._due] == []
+    assert list(hub.newcomers) == ["trace/ghost-99"]
+    sources.known.story("ghost-99")
+    broadcast.step(100.0, 0)
+    assert fresh.begun == 1
+    assert taken(viewer) == ["whole"]
+
+
+def test_so_many_topics_of_devices_and_those_of_the_ward_always(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    fresh: type[Counted] = type("Fresh", (Counted,), {})
+    for kind in ("trace", "ward"):
+        monkeypatch.setitem(topics.KINDS, kind, fresh)
+    monkeypatch.setattr("estimator.web.broadcast.TOPICS", 2)
+    hub, sources = Hub(), Sources(Known(WARD))
+    broadcast, first, second = Broadcast(hub, sources), hub.add(), hub.add()
+    for name in "abc":
+        sources.known.story(name)
+    hub.watch(first, ["trace/a", "trace/b"])
+    broadcast.step(0.0, 0)
+    hub.watch(second, ["trace/c", "ward"])
+    broadcast.step(1.0, 0)
+    assert set(broadcast._topics) == {"trace/a", "trace/b", "ward"}
+    assert "trace/c waits" in caplog.text
+    hub.remove(first)
+    broadcast.step(2.0 + LINGER_S, 0)
+    broadcast.step(2.0 + LINGER_S + AGAIN_S, 0)
+    assert set(broadcast._topics) == {"trace/c", "ward"}
+
+
 def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
     counted: type[Counted], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -163,23 +205,3 @@ def test_what_a_page_is_told_can_be_read_as_it_is_described() -> None:
     assert text["trail/chest"]["marks"][0][1:] == ["note"]
     talk.close()
     broadcast.close()
-
-
-def test_nothing_is_listened_for_of_a_device_nobody_has_heard_of() -> None:
-    broker, hub, sources = MemoryBroker(), Hub(), Sources(Known(WARD))
-    talk, broadcast = Talk(broker), Broadcast(hub, sources)
-    broadcast.connect(Client(ward=WARD, bus=MemoryBus(broker)), Client(ward=WARD, bus=MemoryBus(broker)))
-    viewer = hub.add()
-    invented = [f"trace/made-up-{i}" for i in range(10)]
-    hub.watch(viewer, [*invented, "trace/chest"])
-    for step in range(5):
-        broadcast.step(float(step), S)
-    assert not broadcast._topics
-    assert not broadcast._last_watched
-    talk(said("chest", boot=1, time_ns=S))
-    for step in range(5, 8):
-        broadcast.step(float(step), S)
-    assert list(broadcast._topics) == ["trace/chest"]
-    hub.remove(viewer)
-    assert not hub.newcomers
-    talk.hush()

@@ -27,6 +27,7 @@ def ward(text: str, folder: Path) -> Ward:
         ('listen = "nowhere"', "an address looks like '127.0.0.1:8090'"),
         ('hosts = ["http://x"]', "is no name"),
         ("session_hours = 0", "0.05 to 168"),
+        ("idle_minutes = 0", "1 to 10080"),
         ('[[dashboard.people]]\nname = "Nurse"\npassword = "x"', "is not valid"),
         ('[[dashboard.people]]\nname = "nurse"\npassword = "secret"', "`truerate dashboard password` makes one"),
         (2 * f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"\n', "two people are called 'nurse'"),

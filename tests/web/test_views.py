@@ -8,11 +8,9 @@ import pytest
 from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
-from estimator.web.attempts import FORGET_S, FREE, FREE_OF_ALL, REMEMBERED, Attempts
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, Known
-from estimator.web.sessions import Sessions
 from estimator.web.strips import Strips
 from estimator.web.tiles import TONES, ward_page
 from estimator.web.traces import ALONE_S, Traces
@@ -215,39 +213,3 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     heading.restart(NOW / S + 1)
     heading.restart(NOW / S + 1)
     assert heading.apart == 0.0
-
-
-# ---- who may ------------------------------------------------------------------------------------------------------------
-
-
-def test_tries_are_forgiven_and_forgotten() -> None:
-    attempts = Attempts()
-    for _ in range(FREE):
-        assert attempts.wait_s("a", "nurse", 0.0) == 0.0
-        attempts.failed("a", "nurse", 0.0)
-    assert attempts.wait_s("a", "nurse", 0.0) == pytest.approx(FORGET_S)
-    assert attempts.wait_s("b", "nurse", 0.0) == 0.0
-    assert attempts.wait_s("a", "script", 0.0) == 0.0
-    assert attempts.wait_s("a", "nurse", FORGET_S) == 0.0
-    attempts.succeeded("a", "script")
-    assert attempts.wait_s("a", "nurse", 0.0) > 0.0, "one's right password does not forgive another's wrong ones"
-    attempts.succeeded("a", "nurse")
-    assert attempts.wait_s("a", "nurse", 0.0) == 0.0
-    for i in range(FREE_OF_ALL):
-        attempts.failed("c", f"name {i}", 0.0)
-    assert attempts.wait_s("c", "nurse", 0.0) > 0.0, "nor can names be tried for ever"
-    for i in range(2 * REMEMBERED):
-        attempts.failed(str(i), "nurse", 0.0)
-    assert len(attempts._until) == REMEMBERED
-
-
-def test_a_session_ends_by_itself() -> None:
-    sessions = Sessions(60.0)
-    cookie = sessions.begin("nurse", 0.0)
-    found = sessions.find(cookie, 59.0)
-    assert found is not None
-    assert found.name == "nurse"
-    assert sessions.find(cookie + "x", 0.0) is None
-    assert sessions.find(None, 0.0) is None
-    assert sessions.find(cookie, 60.0) is None
-    assert sessions.find(cookie, 0.0) is None

@@ -1,5 +1,6 @@
 """What programs are answered: the types are the contract, in SI, and the OpenAPI document is made of them. Pure."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Annotated
@@ -15,6 +16,9 @@ from estimator.texts import LANGUAGES, texts
 from estimator.ward_view import TRACKING, Row, chosen
 from estimator.web.known import Known, Story
 from estimator.web.tiles import NEEDS, toned, troubles
+
+#: calibrations that are answered at once, and the most that may be asked for
+PAGE, MOST = 50, 500
 
 Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Meta(min_length=3, max_length=3)]
@@ -80,7 +84,7 @@ class OneCalibration(Struct, frozen=True):
     device: str
     boot: str
     time: str
-    who: str
+    who: str | None
     in_use: bool
     format: str
     version: int
@@ -102,10 +106,11 @@ class OneCalibration(Struct, frozen=True):
 
 
 class Calibrations(Struct, frozen=True):
-    """Of one device, the latest first, accepted or not."""
+    """Of one device, the latest first, accepted or not; `next` is to be given as `before` for the older ones, null is the end."""
 
     device: str
     calibrations: list[OneCalibration]
+    next: str | None
 
 
 class Words(Struct, frozen=True, forbid_unknown_fields=True):
@@ -182,10 +187,15 @@ def device(row: Row, story: Story) -> Device:
     )
 
 
-def calibrations(name: str, story: Story) -> Calibrations:
-    """All that are known."""
+def calibrations(name: str, story: Story, found: Sequence[Calibration], limit: int) -> Calibrations:
+    """The last of those that were found, which are oldest first."""
     in_use = story.status.calibration if story.status else ""
-    return Calibrations(name, [_calibration(c, in_use) for c in reversed(story.calibrations.values())])
+    page = found[-limit:]
+    return Calibrations(
+        device=name,
+        calibrations=[_calibration(c, in_use) for c in reversed(page)],
+        next=page[0].id if len(page) < len(found) else None,
+    )
 
 
 def _calibration(c: Calibration, in_use: str) -> OneCalibration:
@@ -193,7 +203,7 @@ def _calibration(c: Calibration, in_use: str) -> OneCalibration:
         "device": c.device,
         "boot": boot_id(c.boot),
         "time": iso(c.time_ns),
-        "who": c.who,
+        "who": c.who or None,
         "in_use": c.id == in_use,
     }
     return msgspec.convert({**calibration_file.as_json(c), **about}, OneCalibration)

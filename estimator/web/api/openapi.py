@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from bridge.wire.keys import ID
-from estimator.web.api.answers import Calibrations, Device, Devices, Error, Reply, Words
+from estimator.web.api.answers import MOST, PAGE, Calibrations, Device, Devices, Error, Reply, Words
 
 _REF = "#/components/schemas/{name}"
 _DEVICE = {
@@ -28,14 +28,16 @@ _COMMANDS = {
 def document() -> dict[str, Any]:
     """All of it."""
     _, schemas = msgspec.json.schema_components((Devices, Device, Calibrations, Reply, Words, Error), ref_template=_REF)
-    of_one = {400: "no id of a device", 404: "no such device was heard of"}
+    of_one = {400: "no id of a device, or a parameter", 404: "no such device was heard of"}
     return {
         "openapi": "3.1.0",
         "info": {
             "title": "truerate",
             "version": version("truerate"),
             "description": "The devices of a ward. Everybody may look; commands need a name and a secret. "
-            "Rates are rad/s, times ISO 8601 in UTC; null is not known.",
+            "Rates are rad/s, times ISO 8601 in UTC; null is not known. A parameter that is not told is refused. "
+            "Beside what is told of each place, every place answers an `Error` with 400 to a foreign `Host`, with 405 to "
+            "another method, and with 500 where the dashboard itself fails.",
             "license": {"name": "MIT", "identifier": "MIT"},
         },
         "paths": {
@@ -45,12 +47,21 @@ def document() -> dict[str, Any]:
                     "All devices, those that need a person first",
                     Devices,
                     [_ONLY],
-                    {400: "no such parameter"},
+                    {400: "no such parameter", 404: "no such state, and no such device was heard of"},
                 )
             },
             "/api/v1/devices/{device}": {"get": _get("getDevice", "One device", Device, [_DEVICE], of_one)},
             "/api/v1/devices/{device}/calibrations": {
-                "get": _get("listCalibrations", "Its calibrations, the latest first", Calibrations, [_DEVICE], of_one)
+                "get": _get(
+                    "listCalibrations",
+                    "Its calibrations, the latest first",
+                    Calibrations,
+                    [_DEVICE, _BEFORE, _LIMIT],
+                    {
+                        400: "no id of a device, or no such parameter",
+                        404: "no such device, or no such calibration of it",
+                    },
+                )
             },
             **{f"/api/v1/devices/{{device}}/{verb}": {"post": _post(verb, words)} for verb, words in _COMMANDS.items()},
         },
@@ -73,6 +84,18 @@ _ONLY = {
     "description": "in this state (`degraded` …), or with this id (* and ? stand for anything); may be given again",
     "schema": {"type": "array", "items": {"type": "string", "minLength": 1}},
 }
+_BEFORE = {
+    "name": "before",
+    "in": "query",
+    "description": "those that are older than the calibration of this id: `next` of an answer",
+    "schema": {"type": "string", "minLength": 1},
+}
+_LIMIT = {
+    "name": "limit",
+    "in": "query",
+    "description": "how many at most",
+    "schema": {"type": "integer", "minimum": 1, "maximum": MOST, "default": PAGE},
+}
 
 
 def _get(name: str, words: str, kind: type, parameters: list[dict[str, Any]], errors: dict[int, str]) -> dict[str, Any]:
@@ -88,9 +111,9 @@ def _post(verb: str, words: str) -> dict[str, Any]:
     errors = {
         400: "not understood",
         401: "nobody, or a wrong secret",
-        403: "not of this session",
+        403: "not of this session, or from a page of another origin",
         404: "no such device was heard of",
-        408: "the body did not come to its end",
+        408: "the body came too slowly, or not to its end",
         409: "the estimator does not do it, and says why",
         413: "too long",
         415: "not JSON",

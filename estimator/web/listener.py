@@ -1,0 +1,164 @@
+"""HTTP over uvicorn: what is listened with, and how long a connection may take: the only file with uvicorn."""
+
+import asyncio
+import contextlib
+import logging
+import resource
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import h11
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from bridge.wire.refusal import Tally
+from estimator.web.address import neighbourhood
+
+log = logging.getLogger(__name__)
+
+#: a request of ours is whole, and an answer read, within moments; whoever is slower than this is let go
+WHOLE_S = 15.0
+#: connections at a time, and of those from one address; twice the viewers, who have others beside their websocket
+CONNECTIONS, OF_ONE_ADDRESS = 1000, 250
+#: files beside those: the bus, the store, what Python reads
+_OTHER_FILES = 200
+#: where a reverse proxy of ours asks from
+_PROXIES = ("127.0.0.1", "::1")
+_FULL = b"Too many connections are open; try again in a while.\n"
+_REFUSAL = (
+    b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 15\r\n"
+    b"Content-Type: text/plain; charset=utf-8\r\nContent-Length: %d\r\n\r\n%b" % (len(_FULL), _FULL)
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How many connections are taken; proxies are addresses that are not limited; refused counts by why."""
+
+    connections: int = CONNECTIONS
+    proxies: tuple[str, ...] = ()
+    refused: Tally = field(default_factory=Tally)
+
+
+class _Bounded(H11Protocol):
+    """That of uvicorn, which waits for ever for a request, and takes any number of connections; a subclass sets `limits`."""
+
+    limits: ClassVar[Limits]
+    _waits: asyncio.TimerHandle | None = None
+    _served = False
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override] # as uvicorn's
+        super().connection_made(transport)
+        if words := self._too_many():
+            if self.limits.refused.add("too many") == 1:
+                log.warning("a connection is refused: %s (more are only counted)", words)
+            transport.write(_REFUSAL)
+            transport.close()
+        self._look()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._look()
+
+    def on_response_complete(self) -> None:
+        self._served = True
+        super().on_response_complete()
+        self._look()
+
+    def timeout_keep_alive_handler(self) -> None:
+        super().timeout_keep_alive_handler()
+        self._look()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self._look()
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._look()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._stop()
+
+    def _look(self) -> None:
+        """Time runs while the client is waited for; between two requests uvicorn's own limit holds."""
+        if self.transport.get_protocol() is not self or not self._client_is_waited_for():
+            self._stop()
+        elif self._waits is None:
+            self._waits = self.loop.call_later(WHOLE_S, self._let_go)
+
+    def _client_is_waited_for(self) -> bool:
+        if self.transport.is_closing() or self.flow.write_paused or self.conn.their_state is h11.SEND_BODY:
+            return True
+        return self.conn.their_state is h11.IDLE and (not self._served or bool(self.conn.trailing_data[0]))
+
+    def _stop(self) -> None:
+        if self._waits is not None:
+            self._waits.cancel()
+            self._waits = None
+
+    def _let_go(self) -> None:
+        self.limits.refused.add("too slow")
+        self.transport.abort()
+
+    def _too_many(self) -> str:
+        """In words; nothing when there is room. A proxy of ours sees to its own clients."""
+        if len(self.connections) > self.limits.connections:
+            return f"{self.limits.connections} are open"
+        address = self.client[0] if self.client else ""
+        if address in self.limits.proxies:
+            return ""
+        near, there = neighbourhood(address), 0
+        for one in self.connections:
+            client: Any = getattr(one, "client", None)
+            there += client is not None and neighbourhood(client[0]) == near
+        return f"{OF_ONE_ADDRESS} are open from {near}" if there > OF_ONE_ADDRESS else ""
+
+
+class Listener(uvicorn.Server):
+    """Serves an application until told to stop. Signals are ours to obey: it would let them end the process too early."""
+
+    def __init__(self, app: ASGIApp, *, behind_proxy: bool, connections: int) -> None:
+        #: connections by why they were refused or let go
+        self.refused = Tally()
+
+        class Ours(_Bounded):
+            limits = Limits(connections, _PROXIES if behind_proxy else (), self.refused)
+
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http=Ours,
+                ws="websockets-sansio",
+                ws_max_size=8192,
+                ws_per_message_deflate=False,  # what is encoded once is not to be squeezed for each viewer
+                proxy_headers=behind_proxy,
+                forwarded_allow_ips=list(_PROXIES),
+                server_header=False,
+                access_log=False,
+                log_config=None,
+                log_level="warning",
+                timeout_graceful_shutdown=2,
+            )
+        )
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave them as they are."""
+        yield
+
+
+def make_room() -> int:
+    """How many connections are taken, having asked for the files they need: many a shell and service gives too few."""
+    wanted = CONNECTIONS + _OTHER_FILES
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= wanted:
+        return CONNECTIONS
+    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    if most < wanted:
+        log.warning("only %d files may be open, and %d may be needed: raise the limit (ulimit -Hn)", most, wanted)
+    return max(1, most - _OTHER_FILES)

@@ -1,0 +1,401 @@
+"""What a guesser, a flood, a slow client and a mistyped request get, and that nobody else pays for it."""
+
+import json
+import logging
+import resource
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+from argon2 import PasswordHasher
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from estimator.service.store import Store
+from estimator.web import form, hub, listener, live
+from estimator.web.attempts import FREE
+from estimator.web.known import CALIBRATIONS
+from estimator.web.live import WISH_S, WISHES, Pace
+from estimator.web.serve import Server
+from estimator.web.settings import Dashboard, Person
+from tests.estimator.test_correction import CALIBRATION
+from tests.web.conftest import PASSWORD, PEOPLE, Site, served
+from tests.web.talk import WARD, about, said
+from tests.web.test_http import BEARER, LIVE, URL, Asking, error
+
+SCRIPT = Person(name="script", password=PasswordHasher(time_cost=1, memory_cost=64).hash("a token of its own"))
+RIGHT = {"name": "nurse", "password": PASSWORD}
+
+
+@pytest.fixture
+def asking() -> Iterator[Asking]:
+    made = Asking(people=(*PEOPLE, SCRIPT))
+    with made.client:
+        made.hear(about("chest", boot=5), said("chest", boot=5, time_ns=time.time_ns()))
+        yield made
+    made.talk.hush()
+
+
+# ---- passwords ----------------------------------------------------------------------------------------------------------
+
+
+def test_right_tokens_between_do_not_let_one_guess_for_ever(asking: Asking) -> None:
+    wrong = []
+    for _ in range(3):
+        wrong += [asking.client.post("/login", data={**RIGHT, "password": "wrong"}).status_code for _ in range(4)]
+        token = {"Authorization": "Bearer script.a token of its own"}
+        assert asking.client.post("/api/v1/devices/chest/cancel", headers=token).status_code == 200
+    assert wrong == [401] * FREE + [429] * (12 - FREE)
+
+
+def test_a_form_that_is_empty_is_no_try(asking: Asking) -> None:
+    for data in ({}, {"name": "nurse"}, {"password": "x"}, {"name": " ", "password": "x"}) * 10:
+        answer = asking.client.post("/login", data=data)
+        assert answer.status_code == 400
+        assert "Both name and password are needed." in answer.text
+    nobody = {"Authorization": f"Bearer .{PASSWORD}"}
+    assert error(asking.client.post("/api/v1/devices/chest/cancel", headers=nobody)) == (401, "log_in")
+    assert asking.client.post("/login", data=RIGHT).status_code == 303
+
+
+def test_a_new_login_ends_the_old_session_of_that_browser(asking: Asking) -> None:
+    csrf = asking.log_in()
+    old = {"Cookie": f"truerate={asking.client.cookies['truerate']}"}
+    asking.log_in()
+    asking.client.cookies.clear()
+    assert asking.client.post("/devices/chest/cancel", data={"csrf": csrf}, headers=old).status_code == 401
+
+
+def test_under_tls_no_other_host_can_set_the_cookie(asking: Asking) -> None:
+    with TestClient(asking.server.app, base_url=URL.replace("http", "https"), follow_redirects=False) as client:
+        cookie = client.post("/login", data=RIGHT).headers["set-cookie"]
+        assert cookie.startswith("__Host-truerate=")
+        assert all(word in cookie.lower() for word in ("; secure", "; path=/", "; httponly"))
+        assert "domain" not in cookie.lower()
+        assert ">nurse<" in client.get("/").text
+        value = client.cookies["__Host-truerate"]
+        client.cookies.clear()
+        assert ">nurse<" not in client.get("/", headers={"Cookie": f"truerate={value}"}).text
+
+
+# ---- hosts and origins --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://[::1", "http://[", "https://127.0.0.1:8090", "http://127.0.0.1:8090/x", "null", ""]
+)
+def test_an_origin_that_is_not_ours_is_refused_whatever_it_looks_like(asking: Asking, origin: str) -> None:
+    answer = asking.client.post("/login", data=RIGHT, headers={"Origin": origin})
+    assert answer.status_code == 403
+    assert answer.headers["content-security-policy"].startswith("default-src 'self';")
+    assert ("behind_proxy" in answer.text) == origin.startswith("https")
+    programs = asking.client.post("/api/v1/devices/chest/cancel", headers={**BEARER, "Origin": origin})
+    assert error(programs) == (403, "foreign_origin")
+    with pytest.raises(WebSocketDisconnect), asking.client.websocket_connect(LIVE, headers={"Origin": origin}):
+        pass
+
+
+@pytest.mark.parametrize(
+    "host", ["x@localhost", "1.2.3.4:99999", "localhost/x", "localhost?x", "[::1", "", "1.2.3.4:x"]
+)
+def test_a_host_that_is_none_is_refused(asking: Asking, host: str) -> None:
+    assert asking.client.get("/", headers={"Host": host}).status_code == 400
+    assert error(asking.client.get("/api/v1/devices", headers={"Host": host})) == (400, "foreign_host")
+
+
+def test_a_proxy_says_who_asks_and_how() -> None:
+    site = served(behind_proxy=True)
+    host = site.url.removeprefix("http://")
+    body = f"name=nurse&password={PASSWORD.replace(' ', '+')}"
+    head = f"POST /login HTTP/1.1\r\nHost: {host}\r\nOrigin: https://{host}\r\nContent-Length: {len(body)}\r\n"
+    head += "Content-Type: application/x-www-form-urlencoded\r\n"
+    assert said_to(site, f"{head}\r\n{body}").startswith("HTTP/1.1 403")
+    answer = said_to(site, f"{head}X-Forwarded-Proto: https\r\nX-Forwarded-For: 10.0.0.7\r\n\r\n{body}")
+    assert answer.startswith("HTTP/1.1 303")
+    assert "set-cookie: __Host-truerate=" in answer
+    site.stop()
+
+
+# ---- viewers ------------------------------------------------------------------------------------------------------------
+
+
+def test_so_many_viewers_from_one_address_and_a_further_one_is_told(
+    asking: Asking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub, "OF_ONE_ADDRESS", 2)
+    with asking.client.websocket_connect(LIVE) as first, asking.client.websocket_connect(LIVE) as second:
+        for socket_ in (first, second):
+            socket_.send_text('{"watch": ["ward"]}')
+            assert socket_.receive_json()["topic"] == "ward"
+        with asking.client.websocket_connect(LIVE) as third, pytest.raises(WebSocketDisconnect) as gone:
+            third.receive_text()
+        assert (gone.value.code, gone.value.reason) == (
+            1013,
+            "2 pages look already from testclient; this one tries again",
+        )
+    with asking.client.websocket_connect(LIVE) as later:
+        later.send_text('{"watch": ["ward"]}')
+        assert later.receive_json()["topic"] == "ward"
+
+
+def test_others_have_their_own_number_up_to_that_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub, "OF_ONE_ADDRESS", 2)
+    monkeypatch.setattr(hub, "VIEWERS", 3)
+    there = hub.Hub()
+    assert not there.full("a")
+    there.add("a")
+    there.add("a")
+    assert "from a" in there.full("a")
+    assert not there.full("b")
+    there.add("b")
+    assert there.full("b").startswith("3 pages look already;")
+
+
+def test_who_does_not_say_what_it_watches_is_let_go(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "FIRST_S", 0.05)
+    with asking.client.websocket_connect(LIVE) as silent:
+        with pytest.raises(WebSocketDisconnect) as gone:
+            silent.receive_text()
+        assert gone.value.code == 1008
+
+
+def test_wishes_have_a_pace() -> None:
+    pace = Pace()
+    assert [pace.wait_s(100.0) for _ in range(WISHES)] == [0.0] * WISHES
+    assert pace.wait_s(100.0) == pytest.approx(WISH_S)
+    assert pace.wait_s(100.0 + WISH_S) == pytest.approx(WISH_S)
+    assert pace.wait_s(200.0) == 0.0
+
+
+# ---- connections --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    made = served()
+    yield made
+    made.stop()
+
+
+def connected(site: Site) -> socket.socket:
+    made = socket.create_connection(("127.0.0.1", int(site.url.rpartition(":")[2])))
+    made.settimeout(20)
+    return made
+
+
+def all_of(made: socket.socket) -> str:
+    """What comes until the other side closes."""
+    found = b""
+    try:
+        while part := made.recv(65536):
+            found += part
+    except ConnectionResetError:
+        pass
+    return found.decode("latin-1")
+
+
+def said_to(site: Site, request: str) -> str:
+    with closing(connected(site)) as made:
+        made.sendall(request.replace("\r\n\r\n", "\r\nConnection: close\r\n\r\n", 1).encode())
+        return all_of(made)
+
+
+HEAD = "POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
+
+
+@pytest.mark.parametrize(
+    ("begun", "answered"),
+    [
+        ("", ""),
+        ("GET / HTTP/1.1\r\nHost: localhost\r\nX: ", ""),
+        (HEAD + "\r\nname=", ""),
+        ("GET /login HTTP/1.1\r\nHost: localhost\r\n\r\nGET / HT", "HTTP/1.1 200"),
+        ("GET /static/ward.css HTTP/1.1\r\nHost: localhost\r\n\r\nGET /", "HTTP/1.1 200"),
+    ],
+)
+def test_who_does_not_end_a_request_is_let_go(
+    site: Site, monkeypatch: pytest.MonkeyPatch, begun: str, answered: str
+) -> None:
+    monkeypatch.setattr(listener, "WHOLE_S", 0.2)
+    with closing(connected(site)) as slow:
+        slow.sendall(begun.encode())
+        assert all_of(slow)[: len("HTTP/1.1 200")] == answered
+    assert site.server.uvicorn.refused.as_dict() == {"too slow": 1}
+
+
+def test_who_does_not_read_the_answer_is_let_go(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listener, "WHOLE_S", 0.2)
+    with closing(socket.socket()) as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+        deaf.connect(("127.0.0.1", int(site.url.rpartition(":")[2])))
+        deaf.setblocking(False)
+        request = b"GET /static/charts.js HTTP/1.1\r\nHost: localhost\r\n\r\n"
+        while not site.server.uvicorn.refused.as_dict():
+            try:
+                deaf.send(request)
+            except (BlockingIOError, ConnectionError):
+                time.sleep(0.01)
+    while site.server.uvicorn.server_state.connections:
+        time.sleep(0.01)
+
+
+def test_a_page_that_takes_its_time_between_requests_stays(site: Site) -> None:
+    with closing(HTTPConnection(site.url.removeprefix("http://"))) as made:
+        for _ in range(3):
+            made.request("GET", "/static/ward.js")
+            assert made.getresponse().read()
+            assert made.sock is not None
+    assert site.server.uvicorn.refused.as_dict() == {}
+
+
+def test_a_body_that_trickles_is_answered(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(form, "WHOLE_S", 0.1)
+    with closing(connected(site)) as slow:
+        slow.sendall(HEAD.encode() + b"\r\nname=")
+        assert all_of(slow).startswith("HTTP/1.1 408")
+
+
+def test_a_client_that_is_gone_leaves_no_traceback(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    state = site.server.uvicorn.server_state
+    with caplog.at_level(logging.INFO):
+        with closing(connected(site)) as gone:
+            gone.sendall(HEAD.encode() + b"\r\nname=")
+            while not state.tasks:
+                time.sleep(0.01)
+        while state.tasks or state.connections:
+            time.sleep(0.01)
+    assert [record for record in caplog.records if record.exc_info] == []
+
+
+def test_one_address_has_so_many_connections_and_is_told(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(listener, "OF_ONE_ADDRESS", 3)
+    many = [connected(site) for _ in range(3)]
+    for _ in range(2):
+        with closing(connected(site)) as more:
+            assert all_of(more).startswith("HTTP/1.1 503 ")
+    assert caplog.text.count("a connection is refused: 3 are open from 127.0.0.1") == 1
+    for one in many:
+        one.close()
+    while site.server.uvicorn.server_state.connections:
+        time.sleep(0.01)
+    assert said_to(site, "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith("HTTP/1.1 200")
+
+
+@pytest.mark.parametrize(
+    ("limits", "asked", "taken"),
+    [
+        ((1024, 4096), (1200, 4096), 1000),
+        ((256, -1), (1200, -1), 1000),
+        ((256, 1024), (1024, 1024), 824),
+        ((4096, 4096), None, 1000),
+        ((-1, -1), None, 1000),
+    ],
+)
+def test_files_are_asked_for(
+    limits: tuple[int, int], asked: tuple[int, int] | None, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "getrlimit", lambda _: limits)
+    monkeypatch.setattr(resource, "setrlimit", lambda _, both: found.append(both))
+    assert listener.make_room() == taken
+    assert found == ([] if asked is None else [asked])
+
+
+# ---- programs -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("devices?only=", (400, "bad_parameter")),
+        ("devices?only=degarded", (404, "unknown_device")),
+        ("devices?only=chest&only=nobody", (404, "unknown_device")),
+        ("devices?colour=red", (400, "unknown_parameter")),
+        ("devices/chest?only=x", (400, "unknown_parameter")),
+        ("devices/chest/calibrations?only=x", (400, "unknown_parameter")),
+        ("devices/chest/calibrations?limit=0", (400, "bad_parameter")),
+        ("devices/chest/calibrations?limit=501", (400, "bad_parameter")),
+        ("devices/chest/calibrations?limit=x", (400, "bad_parameter")),
+        ("devices/chest/calibrations?before=x", (404, "unknown_calibration")),
+        ("openapi.json?x", (400, "unknown_parameter")),
+        ("devices/", (404, "not_found")),
+        ("devices/chest/", (404, "not_found")),
+        ("", (404, "not_found")),
+    ],
+)
+def test_what_is_mistyped_is_said(asking: Asking, path: str, expected: tuple[int, str]) -> None:
+    answer = asking.client.get(f"/api/v1/{path}")
+    assert error(answer) == expected
+    assert answer.headers["content-type"] == "application/json"
+
+
+def test_states_in_any_spelling_and_patterns_may_have_nothing(asking: Asking) -> None:
+    for only in ("awaiting-still", "Bias_Only", "lost", "x*", "wrist?"):
+        assert asking.client.get("/api/v1/devices", params={"only": only}).json()["devices"] == []
+    assert len(asking.client.get("/api/v1/devices?only=chest").json()["devices"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (b'{"words":"\\ud800"}', "half of a character"),
+        (b'{"words":"\xff"}', "not UTF-8"),
+        (b'{"words":"x', "truncated"),
+        (b"{" * 16_000, "."),
+    ],
+)
+def test_what_is_wrong_with_a_body_is_said(asking: Asking, body: bytes, words: str) -> None:
+    headers = {**BEARER, "Content-Type": "application/json"}
+    answer = asking.client.post("/api/v1/devices/chest/note", content=body, headers=headers)
+    assert error(answer) == (400, "not_json")
+    assert words in answer.json()["error"]["message"]
+
+
+def test_what_fails_here_is_said_as_everything_else(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asking.server.desk.known, "rows", lambda now: 1 / 0)
+    monkeypatch.setattr("estimator.web.pages.ward_page", lambda *_: 1 / 0)
+    client = TestClient(asking.server.app, base_url=URL, raise_server_exceptions=False)
+    for path in ("/api/v1/devices", "/"):
+        answer = client.get(path)
+        assert answer.status_code == 500
+        assert answer.headers["content-security-policy"].startswith("default-src 'self';")
+        assert answer.headers["cache-control"] == "no-store"
+        assert "dashboard&#39;s log" in answer.text or error(answer) == (500, "failed")
+
+
+def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
+    ids = [f"c{i:03}" for i in range(CALIBRATIONS + 20)]
+    store = Store(tmp_path / "ward.sqlite3")
+    for i, name in enumerate(ids):
+        store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id=name, time_ns=10**18 + i, who=""))
+    store.close()
+    server = Server(WARD, Dashboard(people=PEOPLE), tmp_path / "ward.sqlite3")
+    server.desk.known.take_status(said("chest", boot=5), 0.0)
+    with TestClient(server.app, base_url=URL) as client:
+        place = "/api/v1/devices/chest/calibrations"
+        whole = client.get(place, params={"limit": 500}).json()
+        assert ([one["id"] for one in whole["calibrations"]], whole["next"]) == (ids[::-1], None)
+        assert whole["calibrations"][0]["who"] is None
+        found: list[str] = []
+        before: dict[str, str] = {}
+        for _ in range(4):
+            page = client.get(place, params={"limit": "20", **before}).json()
+            found += [one["id"] for one in page["calibrations"]]
+            before = {"before": page["next"]}
+        assert (found, page["next"]) == (ids[::-1], None)
+        assert len(client.get(place).json()["calibrations"]) == 50
+
+
+def test_the_document_tells_of_it(asking: Asking) -> None:
+    document = asking.client.get("/api/v1/openapi.json").json()
+    assert all(code in document["info"]["description"] for code in ("405", "500", "400"))
+    listing = document["paths"]["/api/v1/devices/{device}/calibrations"]["get"]
+    assert [one["name"] for one in listing["parameters"]] == ["device", "before", "limit"]
+    assert "next" in json.dumps(document["components"]["schemas"]["Calibrations"])
