@@ -43,7 +43,7 @@ def replayed(hours: float) -> bool:
     """An hour played twice."""
     names = ("chest", "back")
     streams = {n: calibration(seed=i, after=[Still(3600 * hours)]) for i, n in enumerate(names)}
-    with Served(Enrolment(enrolled=names)) as served:
+    with Served(Enrolment(enrolled=tuple(f"bridge/{n}" for n in names))) as served:
         recorded = hostile.lived(served, streams, boot=6)[0] + hostile.lived(served, streams, boot=7)[0]
         for _ in range(20):
             served.round(0.5)
