@@ -220,14 +220,14 @@ def _watch(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given)
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
-    if given.device and not (given.only or given.once or given.json):
+    if given.device is not None and not (given.only or given.once or given.json):
         from estimator.watch import watch  # noqa: PLC0415
 
         return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
     from estimator.client import Client  # noqa: PLC0415
     from estimator.watch_ward import watch_ward  # noqa: PLC0415
 
-    only = [*given.only, *([check_id(given.device, "device")] if given.device else [])]
+    only = [*given.only, *([check_id(given.device, "device")] if given.device is not None else [])]
     with Client(endpoints, ward=ward) as client:
         return watch_ward(plain_console(), client, only, once=given.once, as_json=given.json, seconds=given.seconds)
 
