@@ -32,7 +32,7 @@ from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
-from estimator.service.turns import Turns
+from estimator.service.turns import FLOODED, Turns
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome
 
@@ -45,8 +45,6 @@ SLOW_S = 0.5
 DRAIN_S = 2.0
 #: names told to who asks for a device that is not there
 SHOWN = 20
-#: messages of a device that sends too many are counted under this
-FLOODED = "messages flooded"
 #: commands that were done before, and are not done again, under this
 REPEATED = "commands repeated"
 

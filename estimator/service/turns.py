@@ -18,6 +18,8 @@ MOST = 2048
 #: so many of those of one device are handled at once, as of a cache, and so many a second for ever: twice what a bridge sends
 AT_ONCE, A_SECOND = 4096.0, 400.0
 _REMEMBERED = 1024
+#: messages of a device that sends too many are counted under this
+FLOODED = "messages flooded"
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
 #: with so many waiting of all devices together nothing more is taken in

@@ -1,7 +1,10 @@
 """Who is let in: enrolled devices from their own bridges. Others are listed, some of them, and cost nothing more."""
 
+import math
 import os
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,14 +13,20 @@ from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.enrolled import Enrolment
 from bridge.wire import codec, keys
-from bridge.wire.messages import Status
+from bridge.wire.messages import Command, State, Status
 from bridge.wire.refusal import Tally
 from estimator import glance
+from estimator.client import Client
+from estimator.config import Estimator
 from estimator.service import gate as rules
 from estimator.service.gate import FOREIGN, STRANGER, Gate, Notices
 from estimator.service.roster import MAX_DEVICES
+from estimator.service.shell import Service
+from estimator.service.store import Store
 from estimator.ward_view import WardView
+from tests.estimator.stream import calibration, info
 
+ASKED = Command("r", "nurse", "")
 ENROLLED = Enrolment(enrolled=("chest", "b1/wrist"))
 
 
@@ -125,3 +134,41 @@ def test_a_stranger_stands_in_every_list_as_not_enrolled(status: tuple[Notices, 
     notices.say(6, ())
     assert list(said) == []
     assert notices._publishers == {}
+
+
+def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_path: Path) -> None:
+    file = tmp_path / "enrolled.txt"
+    file.write_text("wrist\n")
+    broker = MemoryBroker()
+    bridge, store = MemoryBus(broker), Store(tmp_path / "s.sqlite3")
+    buses = MemoryBus(broker), MemoryBus(broker)
+    service = Service("w", Estimator(id="e"), *buses, store, enrolment=Enrolment(file=str(file)))
+    client = Client(ward="w", bus=MemoryBus(broker))
+    raw = bridge.publisher(keys.build("w", "raw", bridge="b1", device="chest"), cache=0)
+    told = bridge.publisher(keys.build("w", "info", bridge="b1", device="chest"), cache=0)
+    batches = [codec.encode_samples(replace(one, device="chest")) for one in calibration(seed=1).batches()[:20]]
+    told.put(codec.encode_info(replace(info(1), device="chest", bridge="b1")))
+    for payload in batches[:10]:
+        raw.put(payload)
+    service.step(0.0)
+    service._every_second(time.monotonic())
+    said = client.statuses(0.05)["chest"]
+    assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
+    assert service._devices == {}
+    assert service._devices.info("b1", "chest") is None
+    assert (
+        "not enrolled" in service._do(keys.parse(keys.build("w", "rpc", device="chest", verb="cancel")), ASKED).message
+    )
+    assert client.corrected(idle_s=0.05).receive(0.05) is None
+    file.write_text("wrist\nb1/chest\n")
+    service._every_second(time.monotonic())
+    for payload in batches[10:]:
+        raw.put(payload)
+    service.step(0.0)
+    service._give_up(math.inf)
+    service._every_second(time.monotonic())
+    said = client.statuses(0.05)["chest"]
+    assert (said.samples_in, said.samples_out) == (100, 100)
+    for bus in (*buses, bridge):
+        bus.close()
+    store.close()
