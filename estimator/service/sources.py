@@ -90,8 +90,7 @@ class Source:
     def went_on(self, batch: SampleBatch, heard_s: float) -> None:
         """A batch of the owner's came that only goes on."""
         self._heard_s = heard_s
-        self._refused = 0
-        self._latest = batch, heard_s
+        self._took(batch, heard_s)
 
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
@@ -107,9 +106,13 @@ class Source:
                 ruling = Ruling.REPEAT
         if ruling in (Ruling.BOOT, Ruling.RETURN, Ruling.REPEAT):
             self._booted_ns = batch.receive_time_ns
+        self._took(batch, heard_s)
+        return ruling
+
+    def _took(self, batch: SampleBatch, heard_s: float) -> None:
         self._refused = 0
         self._latest = batch, heard_s
-        return ruling
+        self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         boots = sequence.is_new_boot(batch.boot)
