@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults fuzz soak nemesis clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults bench-hostile pins supply fuzz soak nemesis clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -80,6 +80,21 @@ bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
 	$(BIN)/python -m tests.bench.warming $(ARGS)
+
+# Wildcard, foreign, forged and replayed traffic, and a flood of invented devices: what is accepted, who is delayed.
+bench-hostile: setup-dev
+	$(BIN)/python -m tests.bench.forged $(ARGS)
+
+# Regenerates the pins for deployment, each with its hashes: of every platform, and of what builds the package.
+pins: setup-dev
+	$(BIN)/uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command 'make pins' --all-extras -o requirements/deploy.txt pyproject.toml
+	echo 'hatchling>=1.27' | $(BIN)/uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command 'make pins' -o requirements/build.txt -
+
+# The supply chain: what is pinned can be installed by its hashes alone, and the SBOM (CycloneDX) of it, out/sbom.cdx.json.
+supply: setup-dev
+	$(BIN)/python -m pip install --quiet --dry-run --ignore-installed --require-hashes --prefer-binary -r requirements/deploy.txt -r requirements/build.txt
+	mkdir -p out
+	PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/deploy.txt --pyproject pyproject.toml --output-reproducible --validate --of JSON -o out/sbom.cdx.json
 
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev

@@ -12,6 +12,7 @@ from msgspec import Struct
 from bridge.bus.routers import Routers, secured
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
+from bridge.enrolled import Enrolment
 from bridge.pki.identity import Identity, member_of
 from bridge.pki.member import Role
 from bridge.record.settings import Recorder
@@ -187,6 +188,7 @@ class Root(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bus: Bus = Bus()
     router: Router = Router()
     bridge: Bridge | None = None
+    devices: Enrolment | None = None
     recorder: Recorder = Recorder()
     estimator: Any = None
     dashboard: Any = None

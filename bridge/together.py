@@ -29,6 +29,13 @@ def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
 
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
+    if root.devices is not None and root.bridge is not None:
+        places = root.devices.read()
+        for device in root.bridge.devices:
+            if places.get(device.id, root.bridge.id) not in ("", root.bridge.id):
+                yield f"[devices]: {device.id!r} is enrolled by {places[device.id]!r}, and listed by {root.bridge.id!r}"
+            elif device.id not in places:
+                yield f"[devices]: {device.id!r} of [[bridge.devices]] is not enrolled: the estimator would not use it"
     if root.bus.identity is None:
         return
     wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))

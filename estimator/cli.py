@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge import captures, cli_pki, os_words, together
+from bridge import captures, cli_pki, logs, os_words, together
 from bridge import cli as bridge_cli
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
@@ -30,6 +30,8 @@ from bridge.wording import count
 from estimator import cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_ward import ward_of
+
+log = logging.getLogger("truerate")
 
 EPILOG = """examples:
   truerate demo                                  see it all work, in about a minute
@@ -58,12 +60,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
     parser = build()
     given = parser.parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+    logs.begin(given.log_format)
     try:
         return int(given.run(given) or 0)
     except (ConfigError, Refusal) as error:
-        print(f"truerate: {error.detail if isinstance(error, Refusal) else error}", file=sys.stderr)
-        return 2
+        return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -72,8 +73,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not isinstance(error, _expected()):
             raise
-        print(f"truerate: {os_words.said(error)}", file=sys.stderr)
-        return 1
+        return _failed(given, os_words.said(error), 1)
+
+
+def _failed(given: argparse.Namespace, words: str, code: int) -> int:
+    """Say why it ends, as the log is written."""
+    if given.log_format == logs.JSON:
+        log.error("%s", words)
+    else:
+        print("\n  ".join(map(logs.printable, f"truerate: {words}".split("\n"))), file=sys.stderr)
+    return code
 
 
 def _expected() -> tuple[type[Exception], ...]:
@@ -94,6 +103,9 @@ def build() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"truerate {version('truerate')}")
+    parser.add_argument(
+        "--log-format", choices=logs.FORMATS, default=logs.TEXT, help="of the log on standard error (default: text)"
+    )
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     verb = add_verb(verbs, "demo", _demo, "a whole small ward in about a minute, judged against its own truth")
     verb.add_argument("--picture", type=Path, default=Path("out/demo.png"), help="where to leave the picture")
@@ -208,14 +220,14 @@ def _watch(given: argparse.Namespace) -> int:
     ward, endpoints = ward_of(given)
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
-    if given.device and not (given.only or given.once or given.json):
+    if given.device is not None and not (given.only or given.once or given.json):
         from estimator.watch import watch  # noqa: PLC0415
 
         return watch(plain_console(), ward, endpoints, check_id(given.device, "device"), given.seconds)
     from estimator.client import Client  # noqa: PLC0415
     from estimator.watch_ward import watch_ward  # noqa: PLC0415
 
-    only = [*given.only, *([check_id(given.device, "device")] if given.device else [])]
+    only = [*given.only, *([check_id(given.device, "device")] if given.device is not None else [])]
     with Client(endpoints, ward=ward) as client:
         return watch_ward(plain_console(), client, only, once=given.once, as_json=given.json, seconds=given.seconds)
 

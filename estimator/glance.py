@@ -11,6 +11,7 @@ from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
 from estimator.service.law import EVENT
 from estimator.service.sources import ELSEWHERE
+from estimator.service.turns import FLOODED
 from estimator.ward_view import LOW_BATTERY_PERCENT, charge_it
 
 _MOST = 3  # reasons
@@ -155,6 +156,7 @@ def _reasons(status: Status | None, info: DeviceInfo | None) -> dict[str, int]:
             label.removeprefix(ELSEWHERE): n for label, n in status.events.items() if label.startswith(ELSEWHERE)
         }
         reasons.update({f"sent by {bridge} as well": n for bridge, n in elsewhere.items()})
+        reasons.update({"messages, far more than its share": status.events.get(FLOODED, 0)})
     if info is not None:
         reasons.update({f"{in_words(label)} (at {info.bridge})": n for label, n in info.dropped.items()})
     return {why: n for why, n in reasons.most_common() if n}

@@ -1,5 +1,7 @@
 """Exactly once: which samples of a stream are new, by boot and sequence number. What is not new is counted."""
 
+from collections.abc import Iterable
+
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Reason, Tally
 
@@ -30,6 +32,10 @@ class Sequence:
             del self._past[next(iter(self._past))]
         self.boot = boot
         self._next = None
+
+    def recall(self, boots: Iterable[int]) -> None:
+        """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past."""
+        self._past |= dict.fromkeys(boots, 0)
 
     @property
     def next(self) -> int | None:

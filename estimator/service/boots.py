@@ -22,6 +22,10 @@ class Boots:
     def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        if session.boot is None and session.sequence.samples_in == 0:
+            # Of those before this one; a cache may begin with the end of an earlier boot.
+            kept = self._record.past(session, device.name)
+            session.sequence.recall(kept[: kept.index(batch.boot)] if batch.boot in kept else kept)
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, law, scratch = self._record.recall(device, batch.boot), None, ""
         if info is not None:

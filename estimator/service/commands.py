@@ -1,12 +1,12 @@
 """Commands from people: asked on a thread of the bus, done on the service's own, answered with what came of it.
 
-A command sent again with the same request id gets the same answer and changes nothing. One that was answered as too late
-is not done afterwards.
+A command sent again with the same request id gets the same answer, changes nothing, and is counted: so a recording of commands
+that is played does nothing. One that was answered as too late is not done afterwards.
 """
 
 import queue
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -40,7 +40,9 @@ class _Asked:
 class Commands:
     """The desk between the bus and the service."""
 
-    def __init__(self) -> None:
+    def __init__(self, counted: Callable[[str], object] = lambda _: None) -> None:
+        self._counted = counted
+        self._refused: deque[str] = deque(maxlen=_REMEMBERED)  # on threads of the bus; counted on the service's own
         self._waiting: queue.Queue[_Asked] = queue.Queue(maxsize=64)
         self._answered: OrderedDict[tuple[str, str, str], CommandReply] = OrderedDict()
 
@@ -49,6 +51,7 @@ class Commands:
         try:
             asked = _Asked(keys.parse(key), codec.decode_command(key, payload))
         except Refusal as refusal:
+            self._refused.append(refusal.reason)
             return codec.encode_reply(CommandReply("", accepted=False, message=str(refusal)))
         try:
             self._waiting.put_nowait(asked)
@@ -62,6 +65,8 @@ class Commands:
 
     def work(self, do: Do) -> None:
         """Called by the service: do what is waiting and was not given up."""
+        while self._refused:
+            self._counted(f"refused, {self._refused.popleft()}")
         while True:
             try:
                 asked = self._waiting.get_nowait()
@@ -77,6 +82,8 @@ class Commands:
             self._answered[request] = do(asked.key, asked.command)
             while len(self._answered) > _REMEMBERED:
                 self._answered.popitem(last=False)
+        else:
+            self._counted("repeated")
         return self._answered[request]
 
     def _late(self, asked: _Asked, message: str) -> bytes:

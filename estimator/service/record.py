@@ -28,6 +28,8 @@ THIN_S = 86400.0
 SCRATCH = "from scratch"
 #: so many commands are known without the store
 REPLIES = 256
+#: so many boots of a device are known again after a restart
+BOOTS_KNOWN = 48
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -122,6 +124,14 @@ class Record:
         except StoreError as error:
             self._failed(session, error)
             return None
+
+    def past(self, session: DeviceSession, device: str) -> list[int]:
+        """Boots of a device that were heard before this estimator was started, oldest first."""
+        try:
+            return self._store.boots(device, BOOTS_KNOWN)
+        except StoreError as error:
+            self._failed(session, error)
+            return []
 
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""

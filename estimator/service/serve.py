@@ -51,7 +51,10 @@ def run(ward: Ward) -> None:
 
         clerk = Clerk(database)
         stack.callback(clerk.close)
-        Service(ward.ward, ward.estimator, data, control, Store(database), vitals=vitals, clerk=clerk).run(stop)
+        store = Store(database)
+        Service(
+            ward.ward, ward.estimator, data, control, store, vitals=vitals, clerk=clerk, enrolment=ward.devices
+        ).run(stop)
 
 
 def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:

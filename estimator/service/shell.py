@@ -9,6 +9,7 @@ from functools import partial
 
 from bridge import rivals
 from bridge.bus.contract import Bus, Message
+from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
@@ -21,6 +22,7 @@ from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
 from estimator.service.device import Device
+from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
 from estimator.service.presence import SETTLED_S, Presence
@@ -30,7 +32,7 @@ from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
-from estimator.service.turns import Turns
+from estimator.service.turns import FLOODED, Turns
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome
 
@@ -43,8 +45,8 @@ SLOW_S = 0.5
 DRAIN_S = 2.0
 #: names told to who asks for a device that is not there
 SHOWN = 20
-#: messages of a device that sends too many are counted under this
-FLOODED = "messages flooded"
+#: commands that were done before, and are not done again, under this
+REPEATED = "commands repeated"
 
 
 class Service:
@@ -60,6 +62,7 @@ class Service:
         now_ns: Callable[[], int] = time.time_ns,
         vitals: Vitals | None = None,
         clerk: Writes | None = None,
+        enrolment: Enrolment | None = None,
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
@@ -74,8 +77,10 @@ class Service:
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
         self._presence = Presence(self.counts)
+        self._gate = Gate(enrolment, self.counts)
+        self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
-        self._commands = Commands()
+        self._commands = Commands(lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
@@ -102,7 +107,7 @@ class Service:
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
         self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
-        for thing in (*self._declared, self._raw, self._info, *self._devices.values()):
+        for thing in (*self._declared, self._raw, self._info, self._notices, *self._devices.values()):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
@@ -110,7 +115,8 @@ class Service:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
-        for message in self._info.drain(512, 0.0):
+        messages = self._gate.admit(messages, began)
+        for message in self._gate.admit(self._info.drain(512, 0.0), began):
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
@@ -233,6 +239,8 @@ class Service:
 
     def _every_second(self, now: float) -> None:
         self._stock.check()
+        self._gate.look(now)
+        self._notices.say(self._now_ns(), self._devices)
         self._presence.note(now)
         connected = self._bus.connected
         if not self._control.connected:
@@ -273,6 +281,7 @@ class Service:
 
     def _do(self, key: keys.Key, command: Command) -> CommandReply:
         if (before := self._record.answered(key, command)) is not None:
+            self.counts.add(REPEATED)
             return before
         if key.device not in self._devices:
             return self._unknown(key, command)
@@ -285,7 +294,8 @@ class Service:
         """Anybody can make names up: such a command is counted and not kept."""
         names = sorted(self._devices)
         known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        message = f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}"
+        why = self._gate.words(key.device) or f"nothing was heard of it; known are {known or 'none yet'}"
+        message = f"device {key.device} is unknown: {why}"
         if self.counts.add("commands to unknown devices") == 1:
             log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
         return CommandReply(command.request_id, accepted=False, message=message)

@@ -60,6 +60,7 @@ class Source:
         self._latest: tuple[SampleBatch, float] | None = None
         self._booted_ns = 0  # when the first batch of the boot that is taken was received
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
+        self._refused_next = 0, 0  # boot and number that the next of them has to have, or a later one
 
     def owns(self, bridge: str, heard_s: float) -> bool:
         """Whether this bridge is the one that is listened to; it becomes so when the other one is not heard any more."""
@@ -89,14 +90,13 @@ class Source:
     def went_on(self, batch: SampleBatch, heard_s: float) -> None:
         """A batch of the owner's came that only goes on."""
         self._heard_s = heard_s
-        self._refused = 0
-        self._latest = batch, heard_s
+        self._took(batch, heard_s)
 
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
         ruling = self._judge(batch, sequence, heard_s)
         if ruling in (Ruling.RANGE, Ruling.LATE):
-            if not (_publishable(batch) and self._persists(heard_s)):
+            if not (_publishable(batch) and self._persists(batch, heard_s) and self._is_news(batch, sequence)):
                 return ruling
             if ruling is Ruling.RANGE:
                 ruling = Ruling.JUMP
@@ -106,9 +106,13 @@ class Source:
                 ruling = Ruling.REPEAT
         if ruling in (Ruling.BOOT, Ruling.RETURN, Ruling.REPEAT):
             self._booted_ns = batch.receive_time_ns
+        self._took(batch, heard_s)
+        return ruling
+
+    def _took(self, batch: SampleBatch, heard_s: float) -> None:
         self._refused = 0
         self._latest = batch, heard_s
-        return ruling
+        self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         boots = sequence.is_new_boot(batch.boot)
@@ -134,15 +138,26 @@ class Source:
     def _older(self, batch: SampleBatch) -> bool:
         """Whether a boot that was never heard is one before the present one: its samples were received earlier.
 
-        By no more than a cache holds: a host whose clock was set back must not silence a boot.
+        Or its host's clock was set back; then nothing else comes of the device, and it persists.
         """
-        return 0 < self._booted_ns - batch.receive_time_ns <= CACHE_S * 1e9
+        return batch.receive_time_ns < self._booted_ns
 
-    def _persists(self, heard_s: float) -> bool:
-        if not self._refused or heard_s - self._refused_last_s > PERSISTS_S:
+    def _is_news(self, batch: SampleBatch, sequence: Sequence) -> bool:
+        """Whether what persists was received after all that was taken: else somebody plays a recording of it.
+
+        A boot that was never heard may be older: there is no recording of it that we know of, and a host's clock may be set back.
+        """
+        latest_ns = self._latest[0].receive_time_ns if self._latest is not None else 0
+        return sequence.is_new_boot(batch.boot) or batch.receive_time_ns > latest_ns
+
+    def _persists(self, batch: SampleBatch, heard_s: float) -> bool:
+        """Whether batches were refused for long enough, each going on where the one before ended: no shuffled recording."""
+        goes_on = (batch.boot, batch.sequence) >= self._refused_next and batch.boot == self._refused_next[0]
+        if not self._refused or heard_s - self._refused_last_s > PERSISTS_S or not goes_on:
             self._refused, self._refused_since_s = 0, heard_s
         self._refused += 1
         self._refused_last_s = heard_s
+        self._refused_next = batch.boot, batch.sequence + len(batch)
         return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
 
 

@@ -118,6 +118,11 @@ class Store:
         self.database.write(Change("audit", row), *trims)
         self._audited[device] += 1
 
+    def boots(self, device: str, most: int) -> list[int]:
+        """Its latest boots, in the order in which they were heard."""
+        rows = self.database.rows("boots", "device = ?", (device,), "rowid DESC", most)
+        return [int(row["boot"], 16) for row in reversed(rows)]
+
     def boots_kept(self, device: str) -> list[str]:
         """Every boot of which there is a bias, oldest first."""
         return [row["boot"] for row in self.database.rows("bias", "device = ?", (device,), "time_ns")]

@@ -15,8 +15,11 @@ from bridge.bus.contract import Message
 SHARE = 32
 #: so many may wait, a bus's cache among them; of more the oldest are dropped
 MOST = 2048
-#: so many of those of one device are handled in a second: a whole cache at once, but no flood for ever
-A_SECOND = 2048
+#: so many of those of one device are handled at once, as of a cache, and so many a second for ever: twice what a bridge sends
+AT_ONCE, A_SECOND = 4096.0, 400.0
+_REMEMBERED = 1024
+#: messages of a device that sends too many are counted under this
+FLOODED = "messages flooded"
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
 #: with so many waiting of all devices together nothing more is taken in
@@ -37,7 +40,8 @@ class Turns:
         self._take, self._dropped, self._clock = take, dropped, clock
         self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
         self._slow: set[str] = set()
-        self._spent, self._second = Counter[str](), 0
+        self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
+        self._came, self._second = Counter[str](), 0
         #: how many messages wait
         self.waiting = 0
 
@@ -68,7 +72,11 @@ class Turns:
             # What is slow is handled one by one, so that time is looked at after each.
             part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
             self.waiting -= len(part)
-            self._spent[key] += len(part)
+            self._allowed[key] = self._left(key) - len(part), self._clock()
+            if len(self._allowed) > _REMEMBERED:
+                self._allowed = {
+                    k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
+                }
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             self._take(part)
@@ -78,22 +86,32 @@ class Turns:
     def _next(self) -> str | None:
         if not self.waiting:
             return None
+        return next((key for key, queue in self._queues.items() if queue and self._left(key) > 0), None)
+
+    def _came_now(self) -> Counter[str]:
+        """How many messages of each key came in this second."""
         second = int(self._clock())
         if second != self._second:
             self._second = second
-            self._spent.clear()
-        return next((key for key, queue in self._queues.items() if queue and self._spent[key] < A_SECOND), None)
+            self._came.clear()
+        return self._came
+
+    def _left(self, key: str) -> float:
+        """How many messages of a key may be handled now."""
+        left, since = self._allowed.get(key, (AT_ONCE, 0.0))
+        return min(AT_ONCE, left + (self._clock() - since) * A_SECOND)
 
     def _prompt(self, messages: Sequence[Message]) -> Sequence[Message]:
-        if not self._queues and len(messages) <= SHARE:
-            return messages
         counts = Counter(map(itemgetter(0), messages))
-        if not self._queues.keys() & counts.keys() and max(counts.values(), default=0) <= SHARE:
+        came = self._came_now()
+        came.update(counts)
+        often = max(map(came.__getitem__, counts), default=0) > A_SECOND
+        if not often and not self._queues.keys() & counts.keys() and max(counts.values(), default=0) <= SHARE:
             return messages
         prompt, taken = [], Counter[str]()
         for message in messages:
             key = message.key
-            if key not in self._queues and taken[key] < SHARE:
+            if key not in self._queues and taken[key] < SHARE and came[key] <= A_SECOND:
                 taken[key] += 1
                 prompt.append(message)
                 continue

@@ -1,7 +1,9 @@
 """A service by itself: messages are put before it in rounds, and what it publishes of rates is kept. No disk."""
 
+import contextlib
 import math
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
@@ -10,6 +12,7 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.enrolled import Enrolment
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.config import Estimator
@@ -62,17 +65,21 @@ class Before:
 class Served:
     """A service whose steady clock stands still but for `pass_`; from `with` to its end."""
 
-    def __init__(self) -> None:
+    def __init__(self, enrolment: Enrolment | None = None, store: Store | None = None) -> None:
         self._patch = pytest.MonkeyPatch()
         self.now = 1000.0
         self._bus, self._control = Kept(), MemoryBus(MemoryBroker())
-        self.store = Store(":memory:")
+        self._own, self._enrolment = store is None, enrolment
+        self.store = store or Store(":memory:")
         self.raw, self.info = Before(), Before()
 
     def __enter__(self) -> Self:
         self._patch.setattr("estimator.service.shell.time.monotonic", lambda: self.now)
         settings = Estimator(id="e", silence_s=2.0)
-        self.service = Service(WARD, settings, self._bus, self._control, self.store, lambda: NOW_NS)
+        self.service = Service(
+            WARD, settings, self._bus, self._control, self.store, lambda: NOW_NS, enrolment=self._enrolment
+        )
+        self.service._turns._clock = lambda: self.now
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]
         return self
 
@@ -83,7 +90,8 @@ class Served:
             thing.close()
         for bus in (self._bus, self._control):
             bus.close()
-        self.store.close()
+        if self._own:
+            self.store.close()
         self._patch.undo()
 
     def put(self, batch: SampleBatch) -> None:
@@ -103,6 +111,23 @@ class Served:
         self.now += passed_s
         self.service.step(0.0)
         return self.published()
+
+    @contextlib.contextmanager
+    def answering(self) -> Iterator[None]:
+        """It makes its rounds meanwhile."""
+        over = threading.Event()
+
+        def run() -> None:
+            while not over.wait(0.002):
+                self.service.step(0.0)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def rest(self) -> list[CorrectedBatch]:
         """What waits for what does not come."""

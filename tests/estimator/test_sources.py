@@ -27,7 +27,7 @@ def rule(source: Source, sequence: Sequence, batches: Iterable[SampleBatch], *, 
         rulings.append(ruling)
         if ruling is R.JUMP:
             sequence.jump(batch)
-        if ruling in (R.RETURN, R.REPEAT) or sequence.is_new_boot(batch.boot):
+        if ruling in (R.BOOT, R.RETURN, R.REPEAT):
             sequence.begin(batch.boot)
         if ruling is not R.RANGE:
             sequence.fresh(batch)
@@ -135,15 +135,43 @@ def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None
     assert set(rule(judge, sequence, mixed, at=21.0, step=0.1)) == {R.LATE, R.TAKE}
 
 
+def test_a_recording_is_late_however_long_it_is_played_while_the_device_is_silent(source: Stream) -> None:
+    first, second = source.batches(boot=1), received(source.batches(boot=2), 60.0)
+    judge, sequence = Source(2.0), Sequence()
+    rule(judge, sequence, [*first, *second], at=0.0, step=0.1)
+    shuffled = [(first + second)[i] for i in np.random.default_rng(1).permutation(len(first) + len(second))]
+    for recorded in (first, second, first[100:], shuffled):
+        assert set(rule(judge, sequence, recorded, at=1000.0, step=0.1)) == {R.LATE}
+
+
+def test_a_boot_from_before_its_hosts_clock_was_set_back_is_not_waited_for_for_ever(source: Stream) -> None:
+    first, second = received(source.batches(boot=1), 3600.0), source.batches(boot=2)
+    judge, sequence = Source(2.0), Sequence()
+    rulings = rule(judge, sequence, [*first[:50], *second[:60]], at=0.0, step=0.1)
+    late = rulings.count(R.LATE)
+    assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
+    assert rulings[50 + late :] == [R.RETURN] + [R.TAKE] * (60 - late - 1)
+    # Where the boot before was still heard afterwards, the new one is taken at once.
+    back = [replace(b, receive_time_ns=b.receive_time_ns - 2 * 3_600_000_000_000) for b in first[50:60]]
+    judge, sequence = Source(2.0), Sequence()
+    rulings = rule(judge, sequence, [*first[:50], *back, *second[:60]], at=0.0, step=0.1)
+    assert rulings == [R.BOOT] + [R.TAKE] * 59 + [R.BOOT] + [R.TAKE] * 59
+
+
 @pytest.mark.parametrize(("start", "back"), [(100, R.RETURN), (0, R.REPEAT)])
 def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, back: Ruling) -> None:
     first, second = source.batches(boot=1), source.batches(boot=2)
     judge, sequence = Source(2.0), Sequence()
     rule(judge, sequence, [*first[:100], *second[:5]], at=0.0, step=0.1)
-    rulings = rule(judge, sequence, first[start : start + 60], at=20.0, step=0.1)
+    again = received(first[start : start + 60], 60.0)
+    rulings = rule(judge, sequence, again, at=20.0, step=0.1)
     late = rulings.count(R.LATE)
     assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[late:] == [back] + [R.TAKE] * (60 - late - 1)
+
+
+def received(batches: list[SampleBatch], later_s: float) -> list[SampleBatch]:
+    return [replace(b, receive_time_ns=b.receive_time_ns + round(later_s * 1e9)) for b in batches]
 
 
 def leapt(batch: SampleBatch) -> SampleBatch:

@@ -72,8 +72,31 @@ def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
         desk.now = max(desk.now, 1e-3 * millisecond)
     assert desk.turns.pressing is False
     handled = len(desk.numbers("flood"))
-    assert handled < 12 * (rules.A_SECOND + rules.SHARE)
+    assert rules.AT_ONCE < handled < rules.AT_ONCE + 11 * 2 * rules.A_SECOND + rules.SHARE
     assert handled + desk.dropped["flood"] + desk.turns.waiting == 10**6
+
+
+def test_a_flood_in_small_rounds_is_held_to_the_same_share_and_soon_forgotten() -> None:
+    desk = Desk({"flood": 1e-6, "calm": 1e-6})
+    for millisecond in range(20_000):
+        calm = messages("calm", millisecond, millisecond + 1) if millisecond % 50 == 0 else []
+        desk.turns.round([*messages("flood", 10 * millisecond, 10 * millisecond + 10), *calm])
+        desk.now = max(desk.now, 1e-3 * (millisecond + 1))
+    assert len(desk.numbers("calm")) == 400
+    assert len(desk.numbers("flood")) < rules.AT_ONCE + 21 * 2 * rules.A_SECOND + rules.SHARE
+    desk.now += 60.0
+    desk.finish()
+    desk.turns.round(messages("flood", 10**6, 10**6 + 10))
+    assert desk.numbers("flood")[-10:] == list(range(10**6, 10**6 + 10)), "it is not held against it"
+
+
+def test_a_cache_of_the_fastest_bridge_is_taken_at_once() -> None:
+    desk = Desk({"a": 1e-6})
+    desk.turns.round(messages("a", 0, 2000))
+    while desk.turns.pressing:
+        desk.turns.round(())
+    assert len(desk.numbers("a")) == 2000
+    assert desk.now < 0.1
 
 
 def test_fifty_long_calibrations_are_one_between_two_rounds() -> None:

@@ -1,0 +1,149 @@
+"""Whose messages are looked at: of devices that are enrolled, from their own bridge. The others cost next to nothing.
+
+Keys are told apart before anything is decoded, so that a flood of invented names keeps nobody waiting. Some of those names are
+remembered, so that a person can see what asks to be let in.
+"""
+
+import logging
+from collections.abc import Container
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bridge.bus.contract import Bus, Message, Publisher
+from bridge.enrolled import Enrolment
+from bridge.wire import codec, keys
+from bridge.wire.messages import Status
+from bridge.wire.refusal import Tally
+from estimator.service import published
+from estimator.session import DeviceSession
+
+log = logging.getLogger(__name__)
+
+#: messages refused are counted under these
+STRANGER, FOREIGN = "messages refused, not enrolled", "messages refused, another bridge's device"
+#: so many strangers are listed, and for so long after they were heard last
+LISTED, LISTED_S = 64, 30.0
+#: keys that were looked at before
+_KNOWN = 16_384
+
+
+@dataclass(slots=True)
+class Stranger:
+    """A device that is not enrolled."""
+
+    bridge: str
+    messages: int
+    heard: float
+
+
+class Gate:
+    """Lets messages by; `strangers` are some of those that were not. Without an enrolment everybody is let in."""
+
+    def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
+        self._enrolment, self._counts = enrolment, counts
+        self._places = enrolment.read() if enrolment else {}
+        self._stamp = self._stamped()
+        self._known = set[str]()
+        self.strangers: dict[str, Stranger] = {}
+
+    def admit(self, messages: list[Message], now: float) -> list[Message]:
+        """Those of enrolled devices, and those under keys that are none: the door knows why to refuse them."""
+        if self._enrolment is None:
+            return messages
+        known = self._known
+        return [message for message in messages if message.key in known or self._admits(message.key, now)]
+
+    def look(self, now: float) -> None:
+        """Once a second: whether the file has changed, and who is not heard any more."""
+        for name in [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]:
+            del self.strangers[name]
+        if self._enrolment is None or (stamp := self._stamped()) == self._stamp:
+            return
+        self._stamp = stamp
+        try:
+            places = self._enrolment.read()
+        except ValueError as error:
+            log.error("[devices]: %s; what was enrolled before stays so", error)
+            return
+        log.info("[devices]: %d devices are enrolled now, %d before", len(places), len(self._places))
+        self._places = places
+        self._known.clear()
+        for name in self.strangers.keys() & places.keys():
+            del self.strangers[name]
+
+    def words(self, device: str) -> str:
+        """Why a device is not let in; empty where it would be."""
+        if self._enrolment is None or device in self._places:
+            return ""
+        return "not enrolled: what it sends is not used; add it to [devices] of the estimator's file if it belongs here"
+
+    def _admits(self, key: str, now: float) -> bool:
+        _, bridge, device = ("", "", *key.rsplit("/", 2))[-3:]
+        place = self._places.get(device)
+        if not (keys.ID.match(device) and keys.ID.match(bridge)):
+            return True
+        if place is None:
+            self._count(device, bridge, now)
+            return False
+        if place and place != bridge:
+            if self._counts.add(FOREIGN) == 1:
+                log.warning("%s is enrolled by %s and sent by %s (more is only counted)", device, place, bridge)
+            return False
+        if len(self._known) >= _KNOWN:
+            self._known.clear()
+        self._known.add(key)
+        return True
+
+    def _count(self, device: str, bridge: str, now: float) -> None:
+        if self._counts.add(STRANGER) == 1:
+            log.warning("%s: %s (said once)", device, self.words(device))
+        stranger = self.strangers.get(device)
+        if stranger is not None:
+            stranger.messages += 1
+            stranger.heard = now
+        elif len(self.strangers) < LISTED:
+            self.strangers[device] = Stranger(bridge, 1, now)
+
+    def _stamped(self) -> tuple[int, int, int] | None:
+        if self._enrolment is None or not self._enrolment.file:
+            return None
+        try:
+            found = Path(self._enrolment.file).stat()
+        except OSError:
+            return None
+        return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+class Notices:
+    """Publishes a status of each stranger, so that it stands in every list of devices."""
+
+    def __init__(self, bus: Bus, ward: str, gate: Gate) -> None:
+        self._bus, self._ward, self._gate = bus, ward, gate
+        self._blank: Status = published.status(DeviceSession("none").status(0))
+        self._publishers: dict[str, Publisher] = {}
+
+    def say(self, time_ns: int, known: Container[str]) -> None:
+        """Once a second; of known devices somebody else speaks."""
+        for name in self._publishers.keys() - self._gate.strangers.keys():
+            self._publishers.pop(name).close()
+        for name, stranger in self._gate.strangers.items():
+            if name in known:
+                continue
+            if name not in self._publishers:
+                key = keys.build(self._ward, "status", device=name)
+                self._publishers[name] = self._bus.publisher(key, cache=1)
+            said = replace(
+                self._blank,
+                device=name,
+                time_ns=time_ns,
+                reason=self._gate.words(name),
+                events={STRANGER: stranger.messages},
+                bridge=stranger.bridge,
+            )
+            self._publishers[name].put(codec.encode_status(said))
+
+    def close(self) -> None:
+        """Take them back."""
+        for publisher in self._publishers.values():
+            publisher.close()
+        self._publishers.clear()

@@ -1,0 +1,143 @@
+"""Wildcard, foreign, forged and replayed traffic: none accepted, each counted by its reason, no session changed by a bit."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.enrolled import Enrolment
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.messages import Command, CommandReply
+from estimator.service.gate import STRANGER
+from tests.estimator import hostile
+from tests.estimator.hostile import foreign, forged, lived, message, named, played, state, twice_shuffled, wildcards
+from tests.estimator.served import WARD, Served, columns
+from tests.estimator.stream import Stream, calibration
+
+A, B = "chest", "back"
+BOTH = {A: 1, B: 2}
+
+
+@pytest.fixture(scope="module")
+def streams() -> dict[str, Stream]:
+    return {name: calibration(seed=seed, after=[Still(5.0)]) for name, seed in BOTH.items()}
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with Served(Enrolment(enrolled=(A, B))) as made:
+        yield made
+
+
+def hashes(served: Served) -> list[str]:
+    return [state(served, name) for name in BOTH]
+
+
+def counts(served: Served, *starts: str) -> dict[str, int]:
+    return {label: n for label, n in served.service._count_all().items() if label.startswith(starts)}
+
+
+def test_the_hash_sees_one_sample(served: Served, streams: dict[str, Stream]) -> None:
+    recorded, _ = lived(served, streams, boot=7)
+    before = hashes(served)
+    assert hashes(served) == before
+    more = named(streams[A].part(0, 1).batches(boot=7, first=len(streams[A])), A)[0]
+    later = recorded[-1].receive_time_ns + 10**9
+    ticks = more.ticks + streams[A].ticks[-1].astype(np.uint64)
+    assert played(served, [message(replace(more, ticks=ticks, receive_time_ns=later, start_time_ns=later))]) == 1
+    assert [a == b for a, b in zip(before, hashes(served), strict=True)] == [False, True]
+
+
+def test_wide_keys_and_other_ids_and_forgeries_are_counted_and_change_nothing(
+    served: Served, streams: dict[str, Stream]
+) -> None:
+    recorded, _ = lived(served, streams, boot=7)
+    before, one = hashes(served), recorded[40]
+    other = B if one.device == A else A
+    assert played(served, [*wildcards(one), *foreign(one, other), *forged(one, np.random.default_rng(1))]) == 0
+    assert hashes(served) == before
+    assert counts(served, "sample messages refused", "messages refused") == {
+        "sample messages refused, wildcard_key": 7,
+        "sample messages refused, foreign_id": 2,
+        STRANGER: 1,
+        "sample messages refused, version": 2,
+        "sample messages refused, malformed": 2,
+        "sample messages refused, too_large": 1,
+        "sample messages refused, non_finite": 1,
+        "sample messages refused, range": 4,
+        "sample messages refused, length": 1,
+    }
+    events = served.service._devices[one.device].session.sequence
+    assert events.events.as_dict()["also from intruder"] == len(one)
+    assert (events.events.as_dict()["refused leap"], events.dropped.as_dict()["range"]) == (1, len(one))
+
+
+def test_a_recording_shuffled_and_played_twice_to_devices_that_are_silent_changes_nothing(
+    served: Served, streams: dict[str, Stream]
+) -> None:
+    recorded = lived(served, streams, boot=6)[0] + lived(served, streams, boot=7)[0]
+    for _ in range(20):
+        served.round(0.5)
+    before = hashes(served)
+    assert played(served, map(message, twice_shuffled(recorded, np.random.default_rng(2)))) == 0
+    assert played(served, map(message, recorded)) == 0, "nor in its own order"
+    assert hashes(served) == before
+    for name in BOTH:
+        n = 3 * len(streams[name])
+        dropped = served.service._devices[name].session.sequence.dropped.as_dict()
+        assert dropped == {"old_boot": n, "duplicate": n}
+
+
+def test_what_devices_say_while_a_recording_is_played_is_to_the_bit_what_they_say_without(
+    served: Served, streams: dict[str, Stream]
+) -> None:
+    recorded, _ = lived(served, streams, boot=6)
+    with Served() as twin:
+        lived(twin, streams, boot=6)
+        _, undisturbed = lived(twin, streams, boot=7)
+    attack = map(message, twice_shuffled(recorded, np.random.default_rng(3)))
+    _, disturbed = lived(served, streams, boot=7, beside=attack)
+    for name in BOTH:
+        one, other = ([batch for batch in said if batch.device == name] for said in (undisturbed, disturbed))
+        assert columns(one) == columns(other)
+        dropped = served.service._devices[name].session.sequence.dropped.as_dict()
+        # Until the new boot's first sample came they are repeats.
+        assert dropped["old_boot"] + dropped.get("duplicate", 0) == 2 * len(streams[name])
+
+
+def test_a_recording_from_before_a_restart_does_not_begin_its_boot(streams: dict[str, Stream]) -> None:
+    with Served() as first:
+        first.tell(hostile.introduced(A, 6))
+        lived(first, {A: streams[A]}, boot=6)
+        first.tell(hostile.introduced(A, 7))
+        old, _ = lived(first, {A: streams[A]}, boot=7)
+        with Served(store=first.store) as second:
+            lived(second, {A: streams[A]}, boot=7)
+            before = state(second, A)
+            recorded = [hostile.of_boot(batch, 6) for batch in old]
+            assert played(second, map(message, recorded)) == 0
+            assert state(second, A) == before
+            sequence = second.service._devices[A].session.sequence
+            assert sequence.dropped.as_dict() == {"old_boot": len(streams[A])}
+
+
+def test_a_command_that_is_played_again_does_nothing_and_is_counted(served: Served, streams: dict[str, Stream]) -> None:
+    lived(served, streams, boot=7)
+    key = keys.build(WARD, "rpc", device=A, verb="recalibrate")
+    payload = codec.encode_command(Command("r1", "nurse", ""))
+
+    def ask(payload: bytes) -> CommandReply:
+        with served.answering():
+            return codec.decode_reply(served.service._commands.ask(key, payload))
+
+    first = ask(payload)
+    assert first.accepted
+    assert served.service._devices[A].session.cancel("nurse") is None
+    before = hashes(served)
+    assert [ask(payload) for _ in range(5)] == [first] * 5
+    assert not ask(b"\xff").accepted
+    assert hashes(served) == before
+    served.round()
+    assert counts(served, "commands") == {"commands repeated": 5, "commands refused, malformed": 1}
