@@ -26,6 +26,10 @@ class Publisher(Protocol):
     def put(self, payload: bytes) -> None:
         """Send; never blocks on a slow reader. After close: BusError."""
 
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody subscribes now; of a publisher with a cache always: who comes later wants what was before."""
+
     def close(self) -> None:
         """Undeclare; a second close does nothing."""
 

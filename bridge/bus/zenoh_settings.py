@@ -5,7 +5,7 @@ from typing import Any
 
 from bridge.pki.identity import Identity
 from bridge.wire.envelope import MAX_PAYLOAD
-from bridge.wire.keys import ROOT
+from bridge.wire.keys import BY_NAME, ROOT
 
 # A router disconnects a reader that takes nothing for this long; until then it may hold up whoever publishes to it.
 CUT_OFF_S = 0.2
@@ -82,7 +82,7 @@ def secured_router(
             "flows": ["ingress"],
             "messages": ["put", "delete", "query", "reply"],
             # `**` does not match what begins with an @
-            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**"],
+            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**", *(f"{ROOT}/*/{what}/**" for what in BY_NAME)],
             "size_limit": MAX_PAYLOAD,
         }
     ]

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
+from estimator.windowed import Windowed
 
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
 CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE, NOTE_CACHE = 512, 8, 8, 8
@@ -53,6 +54,7 @@ class Device:
         self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
+        self._windowed: Publisher | None = None
         self._put_corrected: Callable[[bytes], None] = _nowhere
         self._encoder = published.Encoder()
 
@@ -82,6 +84,18 @@ class Device:
         waiting, self._waiting = self._waiting, []
         if waiting:
             self.session.sequence.drop(Reason.OLD_BOOT, sum(map(len, waiting)))
+
+    def say_windows(self, batch: WindowBatch) -> None:
+        """Publish windows, if they can be said."""
+        fit = published.windows(batch)
+        if fit is not None and self._windowed is not None:
+            self._windowed.put(codec.encode_windows(fit))
+
+    def look_round(self) -> None:
+        """Once a second: windows are made where somebody looks."""
+        wanted = self._windowed is not None and self._windowed.wanted
+        if wanted != (self.session.windowed is not None):
+            self.session.windowed = Windowed() if wanted else None
 
     def say_whole(self, batch: SampleBatch) -> None:
         """Publish a whole batch, corrected by what the session now applies."""
@@ -152,9 +166,9 @@ class Device:
 
     def close(self) -> None:
         """Take its publishers back."""
-        for publisher in self._publishers.values():
+        for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
             publisher.close()
-        self._publishers = {}
+        self._publishers, self._windowed = {}, None
 
     def _announced(self) -> bool:
         if self.session.sequence.samples_out < ANNOUNCED_AT:
@@ -171,6 +185,7 @@ class Device:
             for what, cache in caches.items()
         }
         self._put_corrected = self._publishers["corrected"].put
+        self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         return True
 
 

@@ -31,6 +31,7 @@ from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
 from estimator.service.turns import Turns
+from estimator.service.views import Views
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome
 
@@ -73,7 +74,7 @@ class Service:
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
-        self._presence = Presence(self.counts)
+        self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._turns = Turns(self._lane.take, self._flooded)
         self._commands = Commands()
         self._next_status = 0.0
@@ -119,6 +120,7 @@ class Service:
         self._record.collect()
         now = time.monotonic()
         self._give_up(now)
+        self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
                 device.heard += now - began  # what came meanwhile still waits: our own slowness is nobody's silence
@@ -225,6 +227,8 @@ class Service:
         if outcome.calibration is not None:
             self._record.calibration(device, outcome.calibration, time.monotonic())
         device.say_corrected(outcome.corrected)
+        if outcome.seconds:
+            self._views.take(device, outcome.seconds)
         if outcome.revision is not None:
             device.say_revision(outcome.revision)
         if outcome.changed:
@@ -258,6 +262,7 @@ class Service:
             if device.session.silence(reason):
                 log.warning("%s: lost, %s", device.name, reason)
         device.say_status(self._now_ns())
+        device.look_round()
         self._record.checkpoint(device, now)
 
     def _count_all(self) -> dict[str, int]:

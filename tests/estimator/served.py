@@ -32,6 +32,8 @@ class Kept(MemoryBus):
 
 
 class Pen:
+    wanted = False
+
     def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
         self._key, self._said = key, said
 

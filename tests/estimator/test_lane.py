@@ -49,6 +49,8 @@ class Heard(MemoryBus):
 
 
 class Pen:
+    wanted = False
+
     def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
         self._key, self._said = key, said
 

@@ -36,7 +36,7 @@ def test_who_hears_what(ward: GuardedWard) -> None:
 
 
 def test_who_gets_the_history_of_what(ward: GuardedWard) -> None:
-    assert cells.asked(ward, COUNT) == cells.expected(cells.MAY_HEAR, COUNT)
+    assert cells.asked(ward, COUNT) == cells.expected(cells.MAY_LOOK_BACK, COUNT)
 
 
 def test_whose_tokens_are_seen_by_whom(ward: GuardedWard) -> None:
