@@ -56,6 +56,10 @@ class Subscription(Protocol):
         """Those of them that were dropped because this queue was full: its reader is too slow."""
 
     @property
+    def waited_s(self) -> float:
+        """How long the oldest message that was not read yet has been here; 0 where there is none."""
+
+    @property
     def closed(self) -> bool:
         """Nothing will ever come again, by close() here or because the bus was closed: a reading loop must end."""
 

@@ -405,6 +405,10 @@ class _Subscription(_Declared):
         return self._inbox.overflowed
 
     @property
+    def waited_s(self) -> float:
+        return self._inbox.waited_s
+
+    @property
     def closed(self) -> bool:
         return self._inbox.closed
 

@@ -15,6 +15,7 @@ from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note
 from bridge.wire.refusal import Reason
 from estimator.overtaken import Overtaken
 from estimator.service import published
+from estimator.service.overload import OVERLOADED
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
 from estimator.windowed import Windowed
@@ -44,6 +45,8 @@ class Device:
         #: calibrations, encoded, that are said once they are kept
         self.unsaid: dict[str, bytes] = {}
         self._told = ""  # the calibration that was said last
+        #: how long the estimator has not kept up with all its devices; 0 when it does
+        self.overloaded_s = 0
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last
@@ -144,7 +147,10 @@ class Device:
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
-        said = published.status(self.session.status(time_ns))
+        said = self.session.status(time_ns)
+        if self.overloaded_s:
+            said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
+        said = published.status(said)
         return replace(said, bridge=self.source.owner, refused_bridges=self.source.refused(time.monotonic()))
 
     @property

@@ -23,6 +23,7 @@ from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.record import Record
 from estimator.service.roster import Roster
@@ -81,7 +82,7 @@ class Service:
         self._router = RouterWatch(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
-        self._totals = Totals()
+        self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -109,8 +110,10 @@ class Service:
 
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
+        waits = time.monotonic()
         messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
+        self._overload.idle(began - waits)
         for message in self._info.drain(512, 0.0):
             info = self._info_door.take(message)
             if info is not None:
@@ -237,6 +240,7 @@ class Service:
 
     def _every_second(self, now: float) -> None:
         self._stock.check()
+        self._weigh(now)
         self._presence.note(now)
         connected = self._bus.connected
         if not self._control.connected:
@@ -252,7 +256,15 @@ class Service:
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)
-        self._stock.note(now, self._record.trouble, counts, connected=connected)
+        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.ratio)
+
+    def _weigh(self, now: float) -> None:
+        """Whether it all is more than can be done."""
+        over_s = self._overload.look(now, overflowed=self._raw.overflowed, waited_s=self._raw.waited_s)
+        if over_s:
+            self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
+        for device in self._devices.values():
+            device.overloaded_s = self._overload.seconds
 
     def _look_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)

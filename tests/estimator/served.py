@@ -48,7 +48,7 @@ class Pen:
 class Before:
     """A subscription to what was laid before it."""
 
-    missed, closed = 0, False
+    missed, overflowed, waited_s, closed = 0, 0, 0.0, False
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
