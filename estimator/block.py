@@ -22,7 +22,7 @@ def sample_time_ns(batch: SampleBatch, index: int) -> int:
     return batch.start_time_ns + round(since * 1e9)
 
 
-class _Part(NamedTuple):
+class Part(NamedTuple):
     """Samples first to last of a batch: their device time (n,) s, and how many of the boot came before them."""
 
     time: Floats
@@ -32,23 +32,52 @@ class _Part(NamedTuple):
     before: int
 
 
+class Run(NamedTuple):
+    """Samples of some parts: device time (n,) s, gyro (n, 3), accel (n, 3) or None, flags (n,), which of them are unfit (n,)."""
+
+    time: Floats
+    gyro: Floats
+    accel: Floats | None
+    flags: NDArray[np.uint32]
+    unfit: NDArray[np.bool_]
+    parts: list[Part]
+
+    @property
+    def boot(self) -> int:
+        """Whose samples they are."""
+        return self.parts[-1].batch.boot
+
+    @property
+    def last(self) -> Part:
+        """The part with the last of them."""
+        return self.parts[-1]
+
+    @property
+    def sequences(self) -> NDArray[np.int64]:
+        """(n,) their sequence numbers."""
+        first, end = self.parts[0].batch.sequence + self.parts[0].first, self.last.batch.sequence + self.last.last
+        if end - first == len(self.time):
+            return np.arange(first, end)
+        return np.concatenate([np.arange(part.first, part.last) + part.batch.sequence for part in self.parts])
+
+
 class Block:
     """The samples of one boot that wait, and where each of the latest ones is."""
 
     def __init__(self) -> None:
         self._count = 0
-        self._waiting: list[_Part] = []
-        self._known: deque[_Part] = deque()
+        self._waiting: list[Part] = []
+        self._known: deque[Part] = deque()
 
     def add(self, time: Floats, batch: SampleBatch, first: int, last: int) -> None:
         """Let samples first to last of a batch wait, taken at time (last - first,), device s."""
-        part = _Part(time, batch, first, last, self._count)
+        part = Part(time, batch, first, last, self._count)
         self._count += last - first
         self._waiting.append(part)
         self._known.append(part)
 
-    def take(self) -> Iterator[tuple[Floats, Floats, Floats | None, NDArray[np.bool_]]]:
-        """All that wait, once: time (n,), gyro (n, 3), accel (n, 3), unfit (n,), in runs with or without accelerometer."""
+    def take(self) -> Iterator[Run]:
+        """All that wait, once, in runs with or without accelerometer."""
         waiting, self._waiting = self._waiting, []
         begin = 0
         for end in range(1, len(waiting) + 1):
@@ -64,7 +93,7 @@ class Block:
         return part.batch, part.first + index - part.before
 
 
-def _joined(parts: list[_Part]) -> tuple[Floats, Floats, Floats | None, NDArray[np.bool_]]:
+def _joined(parts: list[Part]) -> Run:
     time = np.concatenate([part.time for part in parts])
     gyro = np.concatenate([part.batch.gyro[part.first : part.last] for part in parts]).astype(np.float64)
     flags = np.concatenate([part.batch.flags[part.first : part.last] for part in parts])
@@ -72,4 +101,4 @@ def _joined(parts: list[_Part]) -> tuple[Floats, Floats, Floats | None, NDArray[
     if parts[0].batch.accel is not None:
         forces = [part.batch.accel[part.first : part.last] for part in parts if part.batch.accel is not None]
         accel = np.concatenate(forces).astype(np.float64)
-    return time, gyro, accel, (flags & UNFIT) != 0
+    return Run(time, gyro, accel, flags, (flags & UNFIT) != 0, parts)

@@ -17,6 +17,7 @@ from bridge.transport import serial_state
 from estimator.cli_offline import Verbs, add_verb
 from estimator.client import Client
 from estimator.config import Ward
+from estimator.service import overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
 _FINE, _TROUBLE = 0, 1
@@ -86,6 +87,9 @@ def _running(ward: Ward) -> Iterable[Finding]:
     clashes = rivals.found(statuses.values())
     for words in clashes:
         yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")
+    for words in overload.found(statuses.values()):
+        said, _, do = words.partition(": ")
+        yield trouble("estimator of the ward", said, do)
     if statuses and not clashes:
         yield ok("bridges of the ward", "each device is sent by one bridge")
 

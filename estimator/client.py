@@ -17,7 +17,17 @@ from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, Command, CommandReply, DeviceInfo, Note, SampleBatch, Status
+from bridge.wire.messages import (
+    BiasRevision,
+    Calibration,
+    Command,
+    CommandReply,
+    DeviceInfo,
+    Note,
+    SampleBatch,
+    Status,
+    WindowBatch,
+)
 from bridge.wire.refusal import Refusal
 from estimator.door import Door
 from estimator.once import WAIT_S, Miss, OnceKnobs
@@ -73,6 +83,16 @@ class Client:
         """
         subscription = self._subscribe("revision", device, history=history, queue=queue)
         return Stream(subscription, Door("revision", codec.decode_revision), idle_s)
+
+    def windows(
+        self, device: Devices = None, *, idle_s: float | None = None, queue: int = QUEUE
+    ) -> Stream[WindowBatch]:
+        """For who looks at many devices: mean, deviation, least and most of readings and corrected rates, ten times a second.
+
+        They come about once a second from now on, and are made only while somebody asks. Iterating ends as that of `corrected`.
+        """
+        subscription = self._subscribe("@windowed", device, history=False, queue=queue)
+        return Stream(subscription, Door("windows", codec.decode_windows), idle_s)
 
     def raw(self, device: Devices = None, *, history: bool = True, queue: int = QUEUE) -> Stream[SampleBatch]:
         """What devices say, as their bridges publish it; with history the last seconds come first."""

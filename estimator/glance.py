@@ -9,6 +9,7 @@ from typing import Any
 from bridge import rivals
 from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
+from estimator.service import overload
 from estimator.service.law import EVENT
 from estimator.service.sources import ELSEWHERE
 from estimator.service.turns import FLOODED
@@ -78,7 +79,7 @@ def glance(
     troubles += [] if bridges else ["no bridge is alive: no device is read"]
     if len(estimators) > 1:
         troubles.append(f"{len(estimators)} estimators are alive: devices are corrected {len(estimators)} times")
-    troubles += rivals.found(statuses.values())
+    troubles += [*rivals.found(statuses.values()), *overload.found(statuses.values())]
     return Glance(
         ward=ward,
         devices=len(names),

@@ -37,6 +37,7 @@ from estimator.stillness import Stillness, StillnessKnobs, Window
 from estimator.track.bias_filter import BIAS, BiasState, Receipt, start
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
+from estimator.windowed import Second, Windowed
 
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
 CLOCK_LOST_S = 1.0
@@ -76,6 +77,7 @@ class Outcome:
     corrected: list[CorrectedBatch] = field(default_factory=list)
     calibration: Calibration | None = None
     revision: BiasRevision | None = None
+    seconds: list[Second] = field(default_factory=list)
     changed: bool = False
     said: list[str] = field(default_factory=list)
 
@@ -93,6 +95,8 @@ class DeviceSession:
         self.calibration: Calibration | None = None  # of this boot
         self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
         self.last_heard_ns = 0
+        #: keeps what windows are made of, where somebody looks at them
+        self.windowed: Windowed | None = None
         self._begin(0.0)
 
     # ---- boots ----------------------------------------------------------------------------------------------------
@@ -299,8 +303,10 @@ class DeviceSession:
 
     def _learn(self, outcome: Outcome) -> None:
         """What a block teaches, when it is over."""
-        for samples in self._block.take():
-            for window in self._stillness.feed(*samples):
+        for run in self._block.take():
+            if self.windowed is not None:
+                outcome.seconds += self.windowed.add(run, self._applied)
+            for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
                 self._now = window.end_time
                 batch, index = self._block.where(window.end - 1)
                 self._now_ns = sample_time_ns(batch, index)

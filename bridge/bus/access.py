@@ -12,7 +12,7 @@ from typing import Any
 from bridge.pki.member import Member, Role
 from bridge.wire import keys
 
-PUBLISHED = ("corrected", "status", "calibration", "revision", "note")
+PUBLISHED = ("corrected", "status", "calibration", "revision", "note", *keys.BY_NAME)
 TOKENS = ("alive/device", "alive/bridge", "alive/estimator")
 
 # What tells a holder's words, and what asks for words. From a holder is a router's ingress, to it the router's egress.
@@ -67,7 +67,7 @@ def _rights(ward: str, member: Member) -> Rights:
         case Role.RECORDER:
             return Rights(hears=(keys.everything(ward),))
         case Role.ROUTER:
-            everything = (keys.everything(ward),)
+            everything = (keys.everything(ward), *all_of(*keys.BY_NAME))
             return Rights(says=everything, hears=everything, asks=everything, answers=everything)
 
 
@@ -89,7 +89,8 @@ def _rules(ward: str, member: Member) -> list[dict[str, Any]]:
     given, name = rights(ward, member), member.common_name
     said, heard = (patterns + _history(patterns) for patterns in (given.says, given.hears))
     # zenoh allows a question only where it is no wider than the rule, and questions to all of a ward are wide.
-    anything = (keys.everything(ward), f"{keys.everything(ward)}/@adv/**")
+    by_name = (keys.pattern(ward, what) for what in keys.BY_NAME)
+    anything = (keys.everything(ward), f"{keys.everything(ward)}/@adv/**", *by_name)
     rows = (
         ("says", "ingress", _WORDS, said),
         ("keeps what it said", "ingress", ("declare_queryable",), _history(given.says)),

@@ -26,6 +26,10 @@ class Publisher(Protocol):
     def put(self, payload: bytes) -> None:
         """Send; never blocks on a slow reader. After close: BusError."""
 
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody subscribes now; of a publisher with a cache always: who comes later wants what was before."""
+
     def close(self) -> None:
         """Undeclare; a second close does nothing."""
 
@@ -50,6 +54,10 @@ class Subscription(Protocol):
     @property
     def overflowed(self) -> int:
         """Those of them that were dropped because this queue was full: its reader is too slow."""
+
+    @property
+    def waited_s(self) -> float:
+        """How long the oldest message that was not read yet has been here; 0 where there is none."""
 
     @property
     def closed(self) -> bool:

@@ -1,6 +1,7 @@
 """The bounded queue between a bus, which must never wait, and a reader, which may be slow."""
 
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Iterable
 
@@ -21,16 +22,24 @@ class Inbox:
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
         self._closed = False
+        #: when messages came, and how many had come by then; how many have left
+        self._came: deque[tuple[float, int]] = deque()
+        self._in = self._out = 0
 
     def put(self, messages: Iterable[Message]) -> None:
         """Take messages in; never waits. After close they are discarded."""
         with self._ready:
             if self._closed:
                 return
+            before = len(self._messages)
             self._messages.extend(messages)
+            self._in += len(self._messages) - before
+            self._came.append((time.monotonic(), self._in))
             while len(self._messages) > self._capacity:
                 self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
+                self._out += 1
+            self._forget()
             self._ready.notify_all()
 
     def add_missed(self, count: int, key: str = "") -> None:
@@ -55,6 +64,12 @@ class Inbox:
         return self._overflowed
 
     @property
+    def waited_s(self) -> float:
+        """How long the oldest message has been here; 0 where there is none."""
+        with self._ready:
+            return time.monotonic() - self._came[0][0] if self._came else 0.0
+
+    @property
     def closed(self) -> bool:
         """Whether close() was called."""
         return self._closed
@@ -68,7 +83,14 @@ class Inbox:
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
         with self._ready:
             self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
-            return [self._messages.popleft() for _ in range(min(limit, len(self._messages)))]
+            taken = min(limit, len(self._messages))
+            self._out += taken
+            self._forget()
+            return [self._messages.popleft() for _ in range(taken)]
+
+    def _forget(self) -> None:
+        while self._came and self._came[0][1] <= self._out:
+            self._came.popleft()
 
     def _count(self, key: str, n: int) -> None:
         self._missed[key if key in self._missed or len(self._missed) < MOST_KEYS else ""] += n
@@ -78,4 +100,5 @@ class Inbox:
         with self._ready:
             self._closed = True
             self._messages.clear()
+            self._came.clear()
             self._ready.notify_all()

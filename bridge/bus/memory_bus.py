@@ -167,6 +167,11 @@ class _Publisher:
             for subscription in self._broker.subscriptions:
                 subscription.offer(self, self._sequence, message)
 
+    @property
+    def wanted(self) -> bool:
+        with self._broker.lock:
+            return self.cached.maxlen != 0 or any(s.hears(self) for s in self._broker.subscriptions)
+
     def close(self) -> None:
         with self._broker.lock:
             if not self._closed:
@@ -184,12 +189,15 @@ class _Subscription:
                 self.repair(publisher)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
-        if publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key):
+        if self.hears(publisher):
             self._last[publisher] = sequence
             self._inbox.put([message])
 
+    def hears(self, publisher: _Publisher) -> bool:
+        return publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key)
+
     def repair(self, publisher: _Publisher) -> None:
-        if not (self._history and publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key)):
+        if not (self._history and self.hears(publisher)):
             return
         last = self._last.get(publisher)
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
@@ -216,6 +224,10 @@ class _Subscription:
     @property
     def overflowed(self) -> int:
         return self._inbox.overflowed
+
+    @property
+    def waited_s(self) -> float:
+        return self._inbox.waited_s
 
     @property
     def closed(self) -> bool:

@@ -56,6 +56,11 @@ class Together:
         return self._inbox.overflowed + sum(part.overflowed for part in self._parts)
 
     @property
+    def waited_s(self) -> float:
+        """See contract.Subscription."""
+        return max(part.waited_s for part in (self._inbox, *self._parts))
+
+    @property
     def closed(self) -> bool:
         """See contract.Subscription."""
         return self._inbox.closed

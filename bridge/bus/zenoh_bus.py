@@ -112,7 +112,8 @@ class ZenohBus:
         block = zenoh.CongestionControl.BLOCK
         with self._doing(f"publish on {check_key(key)}"):
             if cache <= 0:
-                return _Publisher(self, self._session.declare_publisher(key, congestion_control=block), key)
+                plain = self._session.declare_publisher(key, congestion_control=block)
+                return _Publisher(self, plain, key, plain)
             self._cached += cache
             publisher = ext.declare_advanced_publisher(
                 self._session,
@@ -292,9 +293,15 @@ class _Declared:
 
 
 class _Publisher(_Declared):
-    def __init__(self, bus: ZenohBus, publisher: zenoh.Publisher | ext.AdvancedPublisher, key: str) -> None:
+    def __init__(
+        self,
+        bus: ZenohBus,
+        publisher: zenoh.Publisher | ext.AdvancedPublisher,
+        key: str,
+        plain: zenoh.Publisher | None = None,
+    ) -> None:
         super().__init__(bus, publisher)
-        self._publisher, self._key = publisher, key
+        self._publisher, self._key, self._plain = publisher, key, plain
 
     def put(self, payload: bytes) -> None:
         with self._lock:  # messages leave in the order they are numbered
@@ -306,6 +313,15 @@ class _Publisher(_Declared):
                 if not _is_zenohs(error):
                     raise
                 raise BusError(f"could not publish on {self._key!r} ({_said(error)})") from error
+
+    @property
+    def wanted(self) -> bool:
+        if self._plain is None:
+            return True
+        try:
+            return bool(self._plain.matching_status.matching)  # type: ignore[attr-defined] # its stub has it wrong
+        except zenoh.ZError:
+            return False  # it is closed
 
 
 class _Subscription(_Declared):
@@ -387,6 +403,10 @@ class _Subscription(_Declared):
     @property
     def overflowed(self) -> int:
         return self._inbox.overflowed
+
+    @property
+    def waited_s(self) -> float:
+        return self._inbox.waited_s
 
     @property
     def closed(self) -> bool:

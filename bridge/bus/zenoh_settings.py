@@ -5,10 +5,11 @@ from typing import Any
 
 from bridge.pki.identity import Identity
 from bridge.wire.envelope import MAX_PAYLOAD
-from bridge.wire.keys import ROOT
+from bridge.wire.keys import BY_NAME, ROOT
 
-# A router disconnects a reader that takes nothing for this long; until then it may hold up whoever publishes to it.
-CUT_OFF_S = 0.2
+# A router disconnects a reader that takes nothing for this long, its buffers being full; until then it holds up everybody it is
+# published to by the same sender: measured, the hole they hear is this long and a few ms.
+CUT_OFF_S = 0.1
 # Longer in clients, or they would leave a router that is only waiting for such a reader.
 CLIENT_CUT_OFF_S = 1.0
 # Who has been silent for its own lease is taken for gone. A process that ends is known at once, by its connection: a lease is
@@ -82,7 +83,7 @@ def secured_router(
             "flows": ["ingress"],
             "messages": ["put", "delete", "query", "reply"],
             # `**` does not match what begins with an @
-            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**"],
+            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**", *(f"{ROOT}/*/{what}/**" for what in BY_NAME)],
             "size_limit": MAX_PAYLOAD,
         }
     ]

@@ -39,11 +39,11 @@ def encode_samples(batch: SampleBatch) -> bytes:
         start_time_ns=batch.start_time_ns,
         tick_period_s=batch.tick_period_s,
         clock_rate=batch.clock_rate,
-        ticks=_packed(batch.ticks, _UINT64),
-        gyro=_packed(batch.gyro, _FLOAT),
-        accel=b"" if batch.accel is None else _packed(batch.accel, _FLOAT),
-        temperature_c=b"" if batch.temperature_c is None else _packed(batch.temperature_c, _FLOAT),
-        flags=_packed_flags(batch.flags),
+        ticks=column_of(batch.ticks, _UINT64),
+        gyro=column_of(batch.gyro, _FLOAT),
+        accel=b"" if batch.accel is None else column_of(batch.accel, _FLOAT),
+        temperature_c=b"" if batch.temperature_c is None else column_of(batch.temperature_c, _FLOAT),
+        flags=packed_flags(batch.flags),
     ).SerializeToString()
 
 
@@ -63,10 +63,10 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
         tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
         clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
         ticks=ticks,
-        gyro=_floats(raw.gyro, "gyro", 3 * n, MAX_RATE).reshape(n, 3),
-        accel=_floats(raw.accel, "accel", 3 * n, MAX_ACCEL).reshape(n, 3) if raw.accel else None,
-        temperature_c=_floats(raw.temperature_c, "temperature_c", n, MAX_CELSIUS) if raw.temperature_c else None,
-        flags=_flags(raw.flags, n),
+        gyro=floats_of(raw.gyro, "gyro", 3 * n, MAX_RATE).reshape(n, 3),
+        accel=floats_of(raw.accel, "accel", 3 * n, MAX_ACCEL).reshape(n, 3) if raw.accel else None,
+        temperature_c=floats_of(raw.temperature_c, "temperature_c", n, MAX_CELSIUS) if raw.temperature_c else None,
+        flags=flags_of(raw.flags, n),
         bridge=place.ids["bridge"],
     )
 
@@ -91,7 +91,7 @@ class Stencil:
         message.clock_rate = samples.clock_rate
         message.ticks = samples.ticks.tobytes()
         message.rate = rate.tobytes()
-        message.flags = _packed_flags(samples.flags)
+        message.flags = packed_flags(samples.flags)
         return message.SerializeToString()
 
 
@@ -104,15 +104,15 @@ def _corrected(batch: CorrectedBatch) -> columns.CorrectedBatch:
         start_time_ns=batch.start_time_ns,
         tick_period_s=batch.tick_period_s,
         clock_rate=batch.clock_rate,
-        ticks=_packed(batch.ticks, _UINT64),
-        rate=_packed(batch.rate, _FLOAT),
-        flags=_packed_flags(batch.flags),
+        ticks=column_of(batch.ticks, _UINT64),
+        rate=column_of(batch.rate, _FLOAT),
+        flags=packed_flags(batch.flags),
         quality=int(batch.quality),
-        noise_std=_packed(batch.noise_std, _FLOAT),
-        bias_std=_packed(batch.bias_std, _FLOAT),
-        scale_std=_packed(batch.scale_std, _FLOAT),
-        cross_std=_packed(batch.cross_std, _FLOAT),
-        bias=_packed(batch.bias, _FLOAT),
+        noise_std=column_of(batch.noise_std, _FLOAT),
+        bias_std=column_of(batch.bias_std, _FLOAT),
+        scale_std=column_of(batch.scale_std, _FLOAT),
+        cross_std=column_of(batch.cross_std, _FLOAT),
+        bias=column_of(batch.bias, _FLOAT),
         calibration=clean(batch.calibration, checks.MAX_NAME),
     )
 
@@ -124,7 +124,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     same_id(raw.device, place, "device")
     ticks = _ticks(raw.ticks)
     n = len(ticks)
-    noise_std, bias_std, scale_std, cross_std = _stds(
+    noise_std, bias_std, scale_std, cross_std = stds_of(
         noise_std=raw.noise_std, bias_std=raw.bias_std, scale_std=raw.scale_std, cross_std=raw.cross_std
     )
     return CorrectedBatch(
@@ -135,24 +135,26 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
         tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
         clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
         ticks=ticks,
-        rate=_floats(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3),
-        flags=_flags(raw.flags, n),
+        rate=floats_of(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3),
+        flags=flags_of(raw.flags, n),
         quality=checks.member(Quality, raw.quality, "quality"),
         noise_std=noise_std,
         bias_std=bias_std,
         scale_std=scale_std,
         cross_std=cross_std,
-        bias=_floats(raw.bias, "bias", 3, MAX_RATE),
+        bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
         calibration=checks.text(raw.calibration, "calibration"),
     )
 
 
-def _packed(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
+def column_of(column: NDArray[np.generic], dtype: np.dtype[Any]) -> bytes:
+    """A column as it is packed."""
     return column.astype(dtype, copy=False).tobytes()
 
 
-def _packed_flags(flags: NDArray[np.uint32]) -> bytes:
-    packed = _packed(flags, _UINT32)
+def packed_flags(flags: NDArray[np.uint32]) -> bytes:
+    """Flags as they are packed: not at all where there are none."""
+    packed = column_of(flags, _UINT32)
     return packed if packed.strip(b"\0") else b""
 
 
@@ -166,7 +168,7 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
     return ticks
 
 
-def _floats(column: bytes, name: str, n: int, limit: float) -> Float32s:
+def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
     """A read-only column of n float32 of magnitude up to limit."""
     if len(column) != 4 * n:
         raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; {4 * n} are expected")
@@ -182,18 +184,19 @@ def _floats(column: bytes, name: str, n: int, limit: float) -> Float32s:
     return values
 
 
-def _stds(**columns: bytes) -> NDArray[np.float32]:
+def stds_of(**columns: bytes) -> NDArray[np.float32]:
     """Read-only (columns, 3): three deviations in each column, from 0 up."""
     for name, column in columns.items():
         if len(column) != 12:
             raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; 12 are expected")
-    stds = _floats(b"".join(columns.values()), "a standard deviation", 3 * len(columns), MAX_STD)
+    stds = floats_of(b"".join(columns.values()), "a standard deviation", 3 * len(columns), MAX_STD)
     if np.minimum.reduce(stds) < 0:
         raise Refusal(Reason.RANGE, "a standard deviation is negative")
     return stds.reshape(-1, 3)
 
 
-def _flags(column: bytes, n: int) -> NDArray[np.uint32]:
+def flags_of(column: bytes, n: int) -> NDArray[np.uint32]:
+    """A column of n flags, all 0 where there is none."""
     if not column:
         return np.zeros(n, np.uint32)
     if len(column) != 4 * n:

@@ -30,6 +30,7 @@ from bridge.wire.records import (
     encode_status,
 )
 from bridge.wire.revisions import MAX_POINTS, decode_revision, encode_revision
+from bridge.wire.windows import MAX_WINDOWS, decode_windows, encode_windows
 
 __all__ = [
     "MAX_ACCEL",
@@ -38,6 +39,7 @@ __all__ = [
     "MAX_POINTS",
     "MAX_RATE",
     "MAX_SAMPLES",
+    "MAX_WINDOWS",
     "decode_calibration",
     "decode_command",
     "decode_corrected",
@@ -47,6 +49,7 @@ __all__ = [
     "decode_revision",
     "decode_samples",
     "decode_status",
+    "decode_windows",
     "encode_calibration",
     "encode_command",
     "encode_corrected",
@@ -56,4 +59,5 @@ __all__ = [
     "encode_revision",
     "encode_samples",
     "encode_status",
+    "encode_windows",
 ]

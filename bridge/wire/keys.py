@@ -21,6 +21,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "calibration": ("device",),
     "revision": ("device",),
     "note": ("device",),
+    "@windowed": ("device",),
     "alive/device": ("device", "boot"),
     "alive/bridge": ("bridge",),
     "alive/estimator": ("estimator",),
@@ -29,7 +30,9 @@ SHAPES: dict[str, tuple[str, ...]] = {
 }
 MAX_KEY = 200
 # What people look at, in every ward: for the router to tell apart from what programs depend on.
-VIEWED = tuple(f"{ROOT}/*/{what}/*" for what in ("corrected", "status"))
+VIEWED = tuple(f"{ROOT}/*/{what}/*" for what in ("corrected", "status", "@windowed"))
+# What begins with an @ is matched by no wildcard, and so neither recorded nor made where nobody asks for it by name.
+BY_NAME = tuple(what for what in SHAPES if what.startswith("@"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,7 @@ def pattern(ward: str, what: str, **ids: str) -> str:
 
 
 def everything(ward: str) -> str:
-    """The key expression for subscribing to all that is published in a ward."""
+    """The key expression for subscribing to all that is published in a ward, but for what is heard BY_NAME only."""
     return "/".join([ROOT, check_id(ward, "ward"), "**"])
 
 

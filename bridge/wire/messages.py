@@ -300,6 +300,48 @@ class BiasRevision:
         return len(self.sequences)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowBatch:
+    """What samples were like in m windows of window_s device seconds: for who looks at a device.
+
+    sequences (m,) uint64 and times_ns (m,) int64, host time: of each window's last sample; samples (m,) how many there are in
+    it; flags (m,) uint32 of any of them. reading_… and rate_… (m, 3) float32 rad/s: of readings and corrected rates. The
+    others as in the CorrectedBatch of the last sample.
+    """
+
+    device: str
+    boot: int
+    window_s: float
+    sequences: NDArray[np.uint64]
+    times_ns: NDArray[np.int64]
+    samples: NDArray[np.uint32]
+    flags: NDArray[np.uint32]
+    reading_mean: NDArray[np.float32]
+    reading_std: NDArray[np.float32]
+    reading_min: NDArray[np.float32]
+    reading_max: NDArray[np.float32]
+    rate_mean: NDArray[np.float32]
+    rate_std: NDArray[np.float32]
+    rate_min: NDArray[np.float32]
+    rate_max: NDArray[np.float32]
+    quality: Quality
+    noise_std: NDArray[np.float32]
+    bias_std: NDArray[np.float32]
+    scale_std: NDArray[np.float32]
+    cross_std: NDArray[np.float32]
+    bias: NDArray[np.float32]
+    calibration: str
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @property
+    def rate_mean_std(self) -> Floats:
+        """(m, 3) standard deviation of each mean corrected rate: noise lessens with the samples, the other errors do not."""
+        noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
+        return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std)
+
+
 @dataclass(frozen=True, slots=True)
 class Note:
     """A moment somebody marked, and what they wrote of a device."""

@@ -359,6 +359,56 @@ class BiasRevision(_message.Message):
     reason: str
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[str] = ...) -> None: ...
 
+class WindowBatch(_message.Message):
+    __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration")
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    DEVICE_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    WINDOW_S_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCES_FIELD_NUMBER: _ClassVar[int]
+    TIMES_NS_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    READING_MEAN_FIELD_NUMBER: _ClassVar[int]
+    READING_STD_FIELD_NUMBER: _ClassVar[int]
+    READING_MIN_FIELD_NUMBER: _ClassVar[int]
+    READING_MAX_FIELD_NUMBER: _ClassVar[int]
+    RATE_MEAN_FIELD_NUMBER: _ClassVar[int]
+    RATE_STD_FIELD_NUMBER: _ClassVar[int]
+    RATE_MIN_FIELD_NUMBER: _ClassVar[int]
+    RATE_MAX_FIELD_NUMBER: _ClassVar[int]
+    QUALITY_FIELD_NUMBER: _ClassVar[int]
+    NOISE_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_STD_FIELD_NUMBER: _ClassVar[int]
+    SCALE_STD_FIELD_NUMBER: _ClassVar[int]
+    CROSS_STD_FIELD_NUMBER: _ClassVar[int]
+    BIAS_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    version: int
+    device: str
+    boot: int
+    window_s: float
+    sequences: _containers.RepeatedScalarFieldContainer[int]
+    times_ns: _containers.RepeatedScalarFieldContainer[int]
+    samples: _containers.RepeatedScalarFieldContainer[int]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    reading_mean: _containers.RepeatedScalarFieldContainer[float]
+    reading_std: _containers.RepeatedScalarFieldContainer[float]
+    reading_min: _containers.RepeatedScalarFieldContainer[float]
+    reading_max: _containers.RepeatedScalarFieldContainer[float]
+    rate_mean: _containers.RepeatedScalarFieldContainer[float]
+    rate_std: _containers.RepeatedScalarFieldContainer[float]
+    rate_min: _containers.RepeatedScalarFieldContainer[float]
+    rate_max: _containers.RepeatedScalarFieldContainer[float]
+    quality: Quality
+    noise_std: _containers.RepeatedScalarFieldContainer[float]
+    bias_std: _containers.RepeatedScalarFieldContainer[float]
+    scale_std: _containers.RepeatedScalarFieldContainer[float]
+    cross_std: _containers.RepeatedScalarFieldContainer[float]
+    bias: _containers.RepeatedScalarFieldContainer[float]
+    calibration: str
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., samples: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., reading_mean: _Optional[_Iterable[float]] = ..., reading_std: _Optional[_Iterable[float]] = ..., reading_min: _Optional[_Iterable[float]] = ..., reading_max: _Optional[_Iterable[float]] = ..., rate_mean: _Optional[_Iterable[float]] = ..., rate_std: _Optional[_Iterable[float]] = ..., rate_min: _Optional[_Iterable[float]] = ..., rate_max: _Optional[_Iterable[float]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., cross_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ...) -> None: ...
+
 class Note(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "who", "text")
     VERSION_FIELD_NUMBER: _ClassVar[int]

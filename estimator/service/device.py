@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.overtaken import Overtaken
 from estimator.service import published
+from estimator.service.overload import OVERLOADED
 from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
+from estimator.windowed import Windowed
 
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
 CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE, NOTE_CACHE = 512, 8, 8, 8
@@ -43,6 +45,8 @@ class Device:
         #: calibrations, encoded, that are said once they are kept
         self.unsaid: dict[str, bytes] = {}
         self._told = ""  # the calibration that was said last
+        #: how long the estimator has not kept up with all its devices; 0 when it does
+        self.overloaded_s = 0
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last
@@ -53,6 +57,7 @@ class Device:
         self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._publishers: dict[str, Publisher] = {}
+        self._windowed: Publisher | None = None
         self._put_corrected: Callable[[bytes], None] = _nowhere
         self._encoder = published.Encoder()
 
@@ -82,6 +87,18 @@ class Device:
         waiting, self._waiting = self._waiting, []
         if waiting:
             self.session.sequence.drop(Reason.OLD_BOOT, sum(map(len, waiting)))
+
+    def say_windows(self, batch: WindowBatch) -> None:
+        """Publish windows, if they can be said."""
+        fit = published.windows(batch)
+        if fit is not None and self._windowed is not None:
+            self._windowed.put(codec.encode_windows(fit))
+
+    def look_round(self) -> None:
+        """Once a second: windows are made where somebody looks."""
+        wanted = self._windowed is not None and self._windowed.wanted
+        if wanted != (self.session.windowed is not None):
+            self.session.windowed = Windowed() if wanted else None
 
     def say_whole(self, batch: SampleBatch) -> None:
         """Publish a whole batch, corrected by what the session now applies."""
@@ -130,7 +147,10 @@ class Device:
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
-        said = published.status(self.session.status(time_ns))
+        said = self.session.status(time_ns)
+        if self.overloaded_s:
+            said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
+        said = published.status(said)
         return replace(said, bridge=self.source.owner, refused_bridges=self.source.refused(time.monotonic()))
 
     @property
@@ -152,9 +172,9 @@ class Device:
 
     def close(self) -> None:
         """Take its publishers back."""
-        for publisher in self._publishers.values():
+        for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
             publisher.close()
-        self._publishers = {}
+        self._publishers, self._windowed = {}, None
 
     def _announced(self) -> bool:
         if self.session.sequence.samples_out < ANNOUNCED_AT:
@@ -171,6 +191,7 @@ class Device:
             for what, cache in caches.items()
         }
         self._put_corrected = self._publishers["corrected"].put
+        self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         return True
 
 

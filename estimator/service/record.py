@@ -6,6 +6,7 @@ The first failure is told aloud, those after it are counted, and that it works a
 """
 
 import logging
+from collections import Counter
 from collections.abc import Callable
 
 from bridge.wire import codec, keys
@@ -24,6 +25,8 @@ log = logging.getLogger(__name__)
 CHECKPOINT_S, HISTORY_S = 5.0, 60.0
 #: how often a device's bias history is looked through for what is too old to be kept so densely
 THIN_S = 86400.0
+#: after so many boots of a device it is looked whether there are too many
+BOOTS_LOOKED_AFTER = 32
 #: what a history says where nothing known of a device holds any more
 SCRATCH = "from scratch"
 #: so many commands are known without the store
@@ -41,6 +44,7 @@ class Record:
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")
+        self._boots = Counter[str]()  # noted of each device
         #: what the clerk has and has not said to be written: ids of calibrations, names of devices
         self._saving, self._noting = set[str](), set[str]()
         #: replies to the latest commands, which may not be written yet
@@ -135,8 +139,14 @@ class Record:
 
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""
-        time_ns = self._now_ns()
+        time_ns, device = self._now_ns(), info.device
         self._keep(session, lambda: self._store.add_boot(info, time_ns))
+        self._boots[device] += 1
+        if self._boots[device] % BOOTS_LOOKED_AFTER == 0:
+            self._keep(session, lambda: self._thinned(device, time_ns))
+
+    def _thinned(self, device: str, now_ns: int) -> None:
+        self._store.thin_boots(device, now_ns)
 
     def calibration(self, device: Device, c: Calibration, now: float) -> None:
         """Keep a calibration, and the bias with it, and then say it: who hears of one can rely on it, unless the disk fails.

@@ -25,6 +25,7 @@ from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.record import Record
 from estimator.service.roster import Roster
@@ -33,6 +34,7 @@ from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
 from estimator.service.turns import FLOODED, Turns
+from estimator.service.views import Views
 from estimator.service.vitals import Vitals
 from estimator.session import Outcome
 
@@ -76,7 +78,7 @@ class Service:
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
         self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
-        self._presence = Presence(self.counts)
+        self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
@@ -85,7 +87,7 @@ class Service:
         self._router = RouterWatch(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
-        self._totals = Totals()
+        self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -113,8 +115,10 @@ class Service:
 
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
+        waits = time.monotonic()
         messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
+        self._overload.idle(began - waits)
         messages = self._gate.admit(messages, began)
         for message in self._gate.admit(self._info.drain(512, 0.0), began):
             info = self._info_door.take(message)
@@ -125,6 +129,7 @@ class Service:
         self._record.collect()
         now = time.monotonic()
         self._give_up(now)
+        self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
                 device.heard += now - began  # what came meanwhile still waits: our own slowness is nobody's silence
@@ -231,6 +236,8 @@ class Service:
         if outcome.calibration is not None:
             self._record.calibration(device, outcome.calibration, time.monotonic())
         device.say_corrected(outcome.corrected)
+        if outcome.seconds:
+            self._views.take(device, outcome.seconds)
         if outcome.revision is not None:
             device.say_revision(outcome.revision)
         if outcome.changed:
@@ -241,6 +248,7 @@ class Service:
         self._stock.check()
         self._gate.look(now)
         self._notices.say(self._now_ns(), self._devices)
+        self._weigh(now)
         self._presence.note(now)
         connected = self._bus.connected
         if not self._control.connected:
@@ -256,7 +264,15 @@ class Service:
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)
-        self._stock.note(now, self._record.trouble, counts, connected=connected)
+        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.ratio)
+
+    def _weigh(self, now: float) -> None:
+        """Whether it all is more than can be done."""
+        over_s = self._overload.look(now, overflowed=self._raw.overflowed, waited_s=self._raw.waited_s)
+        if over_s:
+            self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
+        for device in self._devices.values():
+            device.overloaded_s = self._overload.seconds
 
     def _look_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
@@ -266,6 +282,7 @@ class Service:
             if device.session.silence(reason):
                 log.warning("%s: lost, %s", device.name, reason)
         device.say_status(self._now_ns())
+        device.look_round()
         self._record.checkpoint(device, now)
 
     def _count_all(self) -> dict[str, int]:

@@ -43,7 +43,7 @@ class Stock:
             for device in [self._devices[name]] if name else self._devices.values():
                 device.session.count_event(EVENT)
 
-    def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool) -> None:
+    def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
         """Tell the vitals; of those devices that have been announced."""
         devices = {
             name: DeviceVitals(
@@ -56,7 +56,7 @@ class Stock:
             if device.latest is not None
         }
         violations = sum(self._law.violations.values())
-        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts))
+        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy))
 
 
 def _account(device: Device) -> Account:

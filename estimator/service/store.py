@@ -1,8 +1,8 @@
 """What the estimator keeps of a ward: calibrations, boots, the history of biases, and an audit of commands.
 
-Append-only but for the latest bias of each boot, an audit that would grow without end, and the bias history, which is thinned
-as it grows old (`retention`). Every row is sealed (estimator/database): what was damaged on disk is refused and reported, never
-used.
+Append-only but for the latest bias of each boot, an audit that would grow without end, and boots and the bias history, which are
+thinned as they grow old (`retention`). Every row is sealed (estimator/database): what was damaged on disk is refused and
+reported, never used.
 """
 
 import json
@@ -20,7 +20,7 @@ from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError, Trim
 from estimator.restore import differing, restore_key
-from estimator.service.retention import ALL_DAYS, DAY_NS, superfluous
+from estimator.service.retention import ALL_DAYS, DAY_NS, old_boots, superfluous
 from estimator.session import Remembered
 from estimator.track.bias_filter import BiasState
 from estimator.track.learning import Points
@@ -138,6 +138,27 @@ class Store:
         if gone:
             self.database.remove("bias_history", "device = ? AND boot = ? AND time_ns = ?", gone)
         return times[-1] if len(times) == STRETCH else None
+
+    def thin_boots(self, device: str, now_ns: int) -> int:
+        """Forget old boots of a device that began many times, and their biases; how many. Those that were calibrated are kept."""
+        boots = self.database.rows("boots", "device = ?", (device,), "time_ns")
+        begun = {row["boot"]: row["time_ns"] for row in self.database.rows("bias", "device = ?", (device,), "time_ns")}
+        begun |= {row["boot"]: row["time_ns"] for row in boots}
+        names = sorted(begun, key=begun.__getitem__)
+        old = [names[i] for i in old_boots([begun[name] for name in names], now_ns)]
+        if not old:
+            return 0
+        kept = {row["boot"] for row in self.database.rows("calibrations", "device = ?", (device,))}
+        taught = Counter[tuple[Any, ...]]()
+        for row in reversed(boots):
+            key = tuple(row[name] for name in _KEY)
+            taught[key] += 1
+            if taught[key] <= BOOTS + 1:
+                kept.add(row["boot"])
+        gone = [(device, name) for name in old if name not in kept][:STRETCH]
+        for table in ("bias_history", "bias", "boots") if gone else ():
+            self.database.remove(table, "device = ? AND boot = ?", gone)
+        return len(gone)
 
     def _learnt_from(self, device: str, boot: str, rows: list[Row]) -> int:
         """How many points of a boot, from its first on, `points` may ask for."""

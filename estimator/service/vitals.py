@@ -26,7 +26,7 @@ class DeviceVitals:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """What was so at one moment; time_s is monotonic."""
+    """What was so at one moment; time_s is monotonic, busy the share of the last second in which the loop had to do."""
 
     time_s: float
     connected: bool
@@ -35,6 +35,7 @@ class Note:
     total: Account = field(default_factory=Account)
     violations: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
+    busy: float = 0.0
 
 
 class Vitals:
@@ -78,6 +79,7 @@ class Vitals:
         if note is None:
             return
         yield Family("loop_age_seconds", "Since the service's loop turned last.", (), {(): self._clock() - note.time_s})
+        yield Family("busy_ratio", "Share of the time in which the service's loop had to do.", (), {(): note.busy})
         yield Family("bus_connected", "Whether there is a router.", (), {(): float(note.connected)})
         yield Family("store_works", "Whether the store can be written.", (), {(): float(not note.store)})
         states = Counter(d.status.state.name.lower() for d in note.devices.values())

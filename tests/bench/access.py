@@ -26,7 +26,7 @@ def main() -> int:
             for what, tried, may in (
                 ("published", cells.published, cells.MAY_SAY),
                 ("heard", cells.heard, cells.MAY_HEAR),
-                ("asked for its history", cells.asked, cells.MAY_HEAR),
+                ("asked for its history", cells.asked, cells.MAY_LOOK_BACK),
             ):
                 each = min(count, 2000) if what.startswith("asked") else count  # as much as a cache is for
                 began = time.monotonic()

@@ -241,6 +241,22 @@ def test_without_history_nothing_old_comes(a: Bus, b: Bus) -> None:
     assert b.subscribe("t/old").receive(0.2) is None
 
 
+def test_a_publisher_knows_whether_it_is_wanted(a: Bus, b: Bus) -> None:
+    plain = a.publisher("truerate/@v1/w/@windowed/d1")
+    assert not plain.wanted
+    assert a.publisher("truerate/@v1/w/status/d1", cache=1).wanted
+    everything = b.subscribe("truerate/@v1/w/**")
+    other = b.subscribe("truerate/@v1/w/@windowed/d2")
+    for pattern in ("truerate/@v1/w/@windowed/*", "truerate/@v1/w/@windowed/d1"):
+        asked = b.subscribe(pattern)
+        eventually(lambda: plain.wanted)
+        asked.close()
+        eventually(lambda: not plain.wanted)
+    for one in (everything, other):
+        one.close()
+    plain.close()
+
+
 def test_a_full_queue_drops_its_oldest_and_counts_it(a: Bus, b: Bus) -> None:
     publisher, slow, quick = a.publisher("t/full"), b.subscribe("t/full", capacity=10), b.subscribe("t/full")
     meet(publisher, slow)

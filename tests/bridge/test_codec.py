@@ -27,6 +27,7 @@ from bridge.wire.messages import (
     Status,
     Turn,
     Verdict,
+    WindowBatch,
 )
 from bridge.wire.refusal import Reason, Refusal
 
@@ -36,6 +37,7 @@ CORRECTED = keys.build("ward", "corrected", device="d1")
 STATUS = keys.build("ward", "status", device="d1")
 CALIBRATION = keys.build("ward", "calibration", device="d1")
 REVISION = keys.build("ward", "revision", device="d1")
+WINDOWED = keys.build("ward", "@windowed", device="d1")
 NOTE = keys.build("ward", "note", device="d1")
 RPC = keys.build("ward", "rpc", device="d1", verb="recalibrate")
 
@@ -231,6 +233,11 @@ REVISED = BiasRevision(
     "d1", 7, "c1", 9, np.eye(3), np.array([3, 103, 203], np.uint64), np.array([10**18, 10**18 + 1, 10**18 + 9], np.int64),
     np.full((3, 3), 0.01, np.float32), np.full((3, 3), 1e-4, np.float32), "at rest again after 95 s",
 )  # fmt: skip
+HALF, ONE = np.full((2, 3), 0.5, np.float32), np.ones(3, np.float32)
+SEEN = WindowBatch(
+    "d1", 7, 0.1, np.array([3, 13], np.uint64), np.array([10**18, 10**18 + 9], np.int64), np.array([4, 10], np.uint32),
+    np.array([0, 2], np.uint32), HALF, HALF, HALF, HALF, HALF, HALF, HALF, HALF, Quality.GOOD, ONE, ONE, ONE, ONE, ONE, "c1",
+)  # fmt: skip
 DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "samples": (lambda payload: codec.decode_samples(RAW, payload), codec.encode_samples(plain())),
     "corrected": (lambda payload: codec.decode_corrected(CORRECTED, payload), codec.encode_corrected(FIXED)),
@@ -238,6 +245,7 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "status": (lambda payload: codec.decode_status(STATUS, payload), codec.encode_status(STILL)),
     "calibration": (lambda payload: codec.decode_calibration(CALIBRATION, payload), codec.encode_calibration(CAL)),
     "revision": (lambda payload: codec.decode_revision(REVISION, payload), codec.encode_revision(REVISED)),
+    "windows": (lambda payload: codec.decode_windows(WINDOWED, payload), codec.encode_windows(SEEN)),
     "note": (
         lambda payload: codec.decode_note(NOTE, payload),
         codec.encode_note(Note("d1", 7, 10**18, "anna", "sat up")),
@@ -288,6 +296,46 @@ def refused(payload: bytes, key: str = RAW, decode: Callable[[str, bytes], Any] 
     with pytest.raises(Refusal) as caught:
         decode(key, payload)
     return caught.value.reason
+
+
+WRONG_WINDOWS: list[tuple[dict[str, Any], Reason]] = [
+    ({"device": "d2"}, Reason.FOREIGN_ID),
+    ({"sequences": np.array([13, 3], np.uint64)}, Reason.RANGE),
+    ({"sequences": np.array([3, 2**62 + 1], np.uint64)}, Reason.RANGE),
+    ({"times_ns": np.array([9, 9], np.int64)}, Reason.RANGE),
+    ({"times_ns": np.array([-9, 9], np.int64)}, Reason.RANGE),
+    ({"times_ns": np.array([9], np.int64)}, Reason.LENGTH),
+    ({"samples": np.array([0, 1], np.uint32)}, Reason.RANGE),
+    ({"samples": np.array([1], np.uint32)}, Reason.LENGTH),
+    ({"flags": np.array([0, 64], np.uint32)}, Reason.RANGE),
+    ({"window_s": 0.0}, Reason.RANGE),
+    ({"rate_std": np.full((2, 3), -1, np.float32)}, Reason.RANGE),
+    ({"reading_std": np.full((2, 3), np.nan, np.float32)}, Reason.NON_FINITE),
+    ({"rate_max": np.full((2, 3), 2001, np.float32)}, Reason.RANGE),
+    ({"reading_mean": np.full((3, 3), 1, np.float32)}, Reason.LENGTH),
+    ({"bias_std": np.full(3, -1, np.float32)}, Reason.RANGE),
+    ({"bias": np.full(3, 1001, np.float32)}, Reason.RANGE),
+    ({"calibration": "x" * 65}, Reason.LENGTH),
+    ({"quality": 9}, Reason.RANGE),
+    (
+        {"sequences": np.arange(65, dtype=np.uint64), "times_ns": np.arange(65), "samples": np.ones(65, np.uint32)},
+        Reason.LENGTH,
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "reason"), WRONG_WINDOWS)
+def test_windows_against_the_rules_are_refused(changes: dict[str, Any], reason: Reason) -> None:
+    payload = codec.encode_windows(dataclasses.replace(SEEN, **changes))
+    if len(changes.get("calibration", "")) > 64:
+        payload = _unclean(payload)
+    assert refused(payload, WINDOWED, codec.decode_windows) is reason
+
+
+def _unclean(payload: bytes) -> bytes:
+    message = truerate_pb2.WindowBatch.FromString(payload)
+    message.calibration = "x" * 65
+    return bytes(message.SerializeToString())
 
 
 NAN, INF = float("nan"), float("inf")

@@ -35,6 +35,8 @@ class Kept(MemoryBus):
 
 
 class Pen:
+    wanted = False
+
     def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
         self._key, self._said = key, said
 
@@ -49,7 +51,7 @@ class Pen:
 class Before:
     """A subscription to what was laid before it."""
 
-    missed, closed = 0, False
+    missed, overflowed, waited_s, closed = 0, 0, 0.0, False
 
     def __init__(self) -> None:
         self.messages: list[Message] = []

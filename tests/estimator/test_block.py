@@ -43,9 +43,10 @@ def test_a_block_keeps_samples_with_and_without_an_accelerometer_apart() -> None
     for batch in batches:
         block.add(batch.device_time, batch, 0, len(batch))
     runs = list(block.take())
-    assert [(len(time), accel is None) for time, _, accel, _ in runs] == [(20, False), (10, True), (10, False)]
+    assert [(len(run.time), run.accel is None) for run in runs] == [(20, False), (10, True), (10, False)]
+    assert [run.sequences[0] for run in runs] == [0, 20, 30]
     assert list(block.take()) == []
-    np.testing.assert_array_equal(np.concatenate([time for time, *_ in runs]), calibration(seed=1).time[:40])
+    np.testing.assert_array_equal(np.concatenate([run.time for run in runs]), calibration(seed=1).time[:40])
 
 
 def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:

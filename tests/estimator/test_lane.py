@@ -49,6 +49,8 @@ class Heard(MemoryBus):
 
 
 class Pen:
+    wanted = False
+
     def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
         self._key, self._said = key, said
 
@@ -63,7 +65,7 @@ class Pen:
 class Fed:
     """A subscription with these messages in rounds."""
 
-    missed, closed = 0, False
+    missed, overflowed, waited_s, closed = 0, 0, 0.0, False
 
     def __init__(self, rounds: list[list[Message]]) -> None:
         self._rounds: Iterator[list[Message]] = iter(rounds)

@@ -8,11 +8,12 @@ import pytest
 from bridge.wire import keys
 from estimator import history
 from estimator.database import Change
-from estimator.service.record import THIN_S
-from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, superfluous
+from estimator.service.record import BOOTS_LOOKED_AFTER, THIN_S
+from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, RECENT_BOOTS, old_boots, superfluous
 from estimator.service.store import BOOTS, POINTS, STRETCH, Store, _point
+from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasState
-from tests.estimator.stream import NAME, info, stream
+from tests.estimator.stream import NAME, calibration, feed, info, stream
 from tests.estimator.test_service import Ward
 
 MINUTE_NS, HALF_NS = 60 * 10**9, HOUR_NS // 2
@@ -112,4 +113,58 @@ def test_what_is_new_stays_as_it_is() -> None:
     fill(store, 2, 600, NOW_NS)
     thin(store, NOW_NS + 6 * DAY_NS)
     assert [len(of.time_ns) for of in history.read(store, NAME).biases] == [600, 600]
+    store.close()
+
+
+def test_years_of_boots_come_to_a_few_thousand() -> None:
+    """A boot every twenty minutes, looked after every 32 boots."""
+    kept: list[int] = []
+    counts = []
+    for boot in range(6 * 365 * 72):
+        now_ns = NOW_NS + boot * 20 * MINUTE_NS
+        kept.append(now_ns)
+        if boot % 3200 == 0:
+            gone = set(old_boots(kept, now_ns))
+            kept = [time for i, time in enumerate(kept) if i not in gone]
+            counts.append(len(kept))
+    assert max(counts) < RECENT_BOOTS + 24 * 90 + 5 * 366 + 24
+    assert counts[-1] == pytest.approx(counts[-6], rel=0.05), "it has come to an end"
+    assert kept[-RECENT_BOOTS:] == [now_ns - n * 20 * MINUTE_NS for n in reversed(range(RECENT_BOOTS))]
+    assert now_ns - kept[0] <= END_NS + 45 * DAY_NS
+
+
+def test_a_device_that_starts_anew_every_minute_fills_no_store(tmp_path: Path) -> None:
+    ward = Ward(tmp_path)
+    store, boots = ward.store, 1200
+    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    of_boot_7 = DeviceSession(NAME)
+    feed(of_boot_7, calibration(seed=1).batches(boot=7))
+    assert of_boot_7.calibration is not None
+    store.add_calibration(of_boot_7.calibration)
+    now_ns = [0]
+    ward.service._record._now_ns = lambda: now_ns[0]
+    for boot in range(1, boots + 1):
+        now_ns[0] = NOW_NS + boot * MINUTE_NS
+        ward.service._record.boot(of_boot_7, info(boot, firmware="old" if boot < 20 else "1.0"))
+        store.save_bias(NAME, boot, now_ns[0], state, history=True)
+    for table in ("boots", "bias", "bias_history"):
+        names = {row["boot"] for row in store.database.rows(table)}
+        assert len(names) < RECENT_BOOTS + 2 * BOOTS_LOOKED_AFTER + boots // 60 + 1 + BOOTS + 1, table
+        assert {keys.boot_id(boot) for boot in range(boots - RECENT_BOOTS + 1, boots + 1)} <= names
+        assert keys.boot_id(7) in names, "it was calibrated"
+        assert {keys.boot_id(boot) for boot in range(20 - BOOTS - 1, 20)} <= names, "a law may be learnt from them"
+    assert store.calibrations(NAME)[0].boot == 7
+    assert store.recall(NAME, 7, now_ns[0]) is not None
+    assert store.thin_boots("another", now_ns[0]) == 0
+    ward.kill()
+
+
+def test_boots_of_an_upgraded_store_are_forgotten_piece_by_piece() -> None:
+    store = Store(":memory:")
+    for boot in range(1, 2 * STRETCH + RECENT_BOOTS):
+        store.add_boot(info(boot), NOW_NS + boot * 10**9)
+    assert store.thin_boots(NAME, NOW_NS + DAY_NS) == STRETCH
+    assert 0 < store.thin_boots(NAME, NOW_NS + DAY_NS) < STRETCH
+    assert store.thin_boots(NAME, NOW_NS + DAY_NS) == 0
+    assert RECENT_BOOTS <= len(store.database.rows("boots")) <= RECENT_BOOTS + 2
     store.close()

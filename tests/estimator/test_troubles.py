@@ -19,6 +19,7 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.service import roster, serve, sources
+from estimator.service.overload import OVERLOADED
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession, Outcome
 from tests.estimator.stream import NAME, Stream, calibration, info
@@ -108,7 +109,8 @@ def test_a_second_bridge_silences_nobody(
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     status = ward.latest()
     assert status.samples_out == len(once)
-    assert status.events == {"also from second": sum(len(b) for b in batches[::3])}
+    events = {name: n for name, n in status.events.items() if name != OVERLOADED}  # this clock never passes in a wait
+    assert events == {"also from second": sum(len(b) for b in batches[::3])}
     assert (status.bridge, status.refused_bridges) == ("bridge", ("second",))
     said = f"device {NAME} is sent by two bridges, bridge and second: second's samples are refused; stop one"
     assert caplog.text.count(said) == 1

@@ -15,7 +15,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
 from bridge.wire import keys
 
-KINDS = ("corrected", "revision", "status")
+KINDS = ("corrected", "revision", "status", "@windowed")
 
 
 def pack(messages: Iterable[Message]) -> bytes:
@@ -28,7 +28,7 @@ def pack(messages: Iterable[Message]) -> bytes:
 def main(ward: str, file: str, seconds: str = "10", router: str = LOCAL) -> None:
     """Listen and write."""
     with ZenohBus([router]) as bus, Path(file).open("wb") as out:
-        subscriptions = [bus.subscribe(keys.pattern(ward, kind), history=True) for kind in KINDS]
+        subscriptions = [bus.subscribe(keys.pattern(ward, kind), history=kind not in keys.BY_NAME) for kind in KINDS]
         for _ in range(round(float(seconds) * 10)):
             out.writelines(pack(subscription.drain(4096, 0.1 / len(KINDS))) for subscription in subscriptions)
 

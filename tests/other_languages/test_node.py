@@ -27,6 +27,7 @@ from bridge.wire.refusal import Refusal
 from estimator.client import Client
 from estimator.revision import revised
 from estimator.session import DeviceSession
+from estimator.windowed import Second, Windowed, windows
 from tests.estimator.stream import NAME, calibration, feed
 from tests.other_languages.dump import pack
 
@@ -256,4 +257,45 @@ def test_revisions_against_the_rules_are_refused_too(run: Run, batches: list[Cor
     for one in sent:
         with pytest.raises(Refusal):
             codec.decode_revision(*one)
+    assert ["refused" in line for line in run(sent)] == [True] * len(wrong)
+
+
+def test_windows_are_read_as_python_reads_them(run: Run) -> None:
+    looked = DeviceSession(NAME)
+    looked.windowed = Windowed()
+    seconds: list[Second] = []
+    stream = calibration(seed=1, after=[Still(4.0)]).batches(boot=2**64 - 3, first=2**40)
+    looked.begin_boot(stream[0].boot, float(stream[0].device_time[0]), None)
+    for batch in stream:
+        seconds += looked.handle(batch).seconds
+    made = windows(seconds)
+    made[3] = replace(made[3], flags=made[3].flags | np.uint32(SampleFlag.CLIPPED))
+    said = iter(run([message("@windowed", codec.encode_windows(one)) for one in made]))
+    for one in made:
+        for i in range(len(one)):
+            line = next(said)
+            ids = NAME, one.boot, int(one.sequences[i]), int(one.times_ns[i])
+            assert (line["window"], *(int(line[name]) for name in ("boot", "number", "time_ns"))) == ids
+            kinds = int(one.samples[i]), int(one.quality), int(one.flags[i])
+            assert (line["samples"], line["quality"], line["flags"]) == kinds
+            for name, want in (("mean", one.rate_mean), ("least", one.rate_min), ("most", one.rate_max)):
+                np.testing.assert_array_equal(np.array(line[name], np.float32), want[i])
+            np.testing.assert_allclose(line["mean_std"], one.rate_mean_std[i], rtol=1e-6)
+    assert next(said, None) is None
+    good = made[0]
+    wrong = [
+        replace(good, sequences=good.sequences[::-1]),
+        replace(good, times_ns=np.full(len(good), 5)),
+        replace(good, samples=np.zeros(len(good), np.uint32)),
+        replace(good, samples=good.samples[1:]),
+        replace(good, rate_std=-good.rate_std - 1),
+        replace(good, reading_max=good.reading_max + 2000),
+        replace(good, rate_mean=good.rate_mean[1:]),
+        replace(good, window_s=0.0),
+        replace(good, flags=np.full(len(good), 64, np.uint32)),
+    ]
+    sent = [message("@windowed", codec.encode_windows(one)) for one in wrong]
+    for one_message in sent:
+        with pytest.raises(Refusal):
+            codec.decode_windows(*one_message)
     assert ["refused" in line for line in run(sent)] == [True] * len(wrong)

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from bridge.bus.contract import BusError, Message
+from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import keys
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
-ESTIMATES = ("corrected", "status", "calibration", "revision", "note")
+BY_NAME = "@windowed"  # what `**` does not match
+ESTIMATES = ("corrected", "status", "calibration", "revision", "note", BY_NAME)
 KEYS = {
     "raw of b1": keys.build(WARD, "raw", bridge="b1", device="d1"),
     "raw of b2": keys.build(WARD, "raw", bridge="b2", device="d2"),
@@ -35,7 +37,7 @@ MAY_HEAR = {
     "estimator:e1": {"raw of b1", "raw of b2", "info of b1"},
     "viewer:v1": {"info of b1", *ESTIMATES},
     "commander:c1": set(KEYS),
-    "recorder:r1": set(KEYS),
+    "recorder:r1": set(KEYS) - {BY_NAME},
 }
 MAY_LIVE = NOBODY | {
     "bridge:b1": {"bridge b1", "device d1"},
@@ -47,6 +49,9 @@ MAY_SEE_ALIVE = {
     "bridge:b2": {"bridge b1"},
     **{who: set(TOKENS) for who in MEMBERS[2:]},
 }
+# Who looks gets what is now.
+KEPT = {kind: key for kind, key in KEYS.items() if kind != BY_NAME}
+MAY_LOOK_BACK = {who: kinds - {BY_NAME} for who, kinds in MAY_HEAR.items()}
 SOURCES = {kind: next(who for who, kinds in MAY_SAY.items() if kind in kinds) for kind in KEYS}
 WITNESS = "recorder:r2"
 SETTLED_S = 0.5
@@ -64,7 +69,9 @@ def published(ward: GuardedWard, count: int) -> Counts:
     said, total = Counts(), sum(len(kinds) for kinds in MAY_SAY.values()) * count
     with ExitStack() as stack:
         witness = stack.enter_context(ward.bus(WITNESS))
-        heard = witness.subscribe(keys.everything(WARD), capacity=2 * total + 1000)
+        looks = stack.enter_context(ward.bus("viewer:v1")).subscribe(KEYS[BY_NAME], capacity=total + 1000)
+        wide = witness.subscribe(keys.everything(WARD), capacity=2 * total + 1000)
+        heard = Together((wide, looks), 2 * total + 1000)
         time.sleep(SETTLED_S)
         for who in MEMBERS:
             bus = stack.enter_context(ward.bus(who))
@@ -109,14 +116,14 @@ def asked(ward: GuardedWard, count: int) -> Counts:
     said = Counts()
     with ExitStack() as stack:
         sources = {who: stack.enter_context(ward.bus(who)) for who in set(SOURCES.values())}
-        for kind, key in KEYS.items():
+        for kind, key in KEPT.items():
             publisher = sources[SOURCES[kind]].publisher(key, cache=count)
             for _ in range(count):
                 publisher.put(b"x")
         time.sleep(SETTLED_S)
         for who in MEMBERS:
             bus = stack.enter_context(ward.bus(who))
-            for kind, key in KEYS.items():
+            for kind, key in KEPT.items():
                 said[who, kind] = sum(1 for _ in bus.past(key, count + 1))
     return +said
 

@@ -36,7 +36,23 @@ def test_who_hears_what(ward: GuardedWard) -> None:
 
 
 def test_who_gets_the_history_of_what(ward: GuardedWard) -> None:
-    assert cells.asked(ward, COUNT) == cells.expected(cells.MAY_HEAR, COUNT)
+    assert cells.asked(ward, COUNT) == cells.expected(cells.MAY_LOOK_BACK, COUNT)
+
+
+def test_an_estimator_knows_who_looks_behind_rules_too(ward: GuardedWard) -> None:
+    with ward.bus("estimator:e1") as e1, ward.bus("viewer:v1") as viewer:
+        publisher = e1.publisher(cells.KEYS[cells.BY_NAME])
+
+        def wanted(*, so: bool) -> bool:
+            deadline = time.monotonic() + 10
+            while publisher.wanted is not so and time.monotonic() < deadline:
+                time.sleep(0.02)
+            return publisher.wanted
+
+        looks = viewer.subscribe(keys.pattern(WARD, cells.BY_NAME))
+        assert wanted(so=True)
+        looks.close()
+        assert not wanted(so=False)
 
 
 def test_whose_tokens_are_seen_by_whom(ward: GuardedWard) -> None:

@@ -72,7 +72,7 @@ BREAKS = [
     ('"adminspace": {"enabled": false}', '"adminspace": {"enabled": true}', "adminspace.enabled must be false"),
     ('"gossip": {"enabled": false}', '"gossip": {"enabled": true}', "scouting.gossip.enabled must be false"),
     ('"mode": "router"', '"mode": "peer"', "mode is 'peer'"),
-    ('"wait_before_close": 200000', '"wait_before_close": 5000000', "one frozen reader silences a ward"),
+    ('"wait_before_close": 100000', '"wait_before_close": 5000000', "one frozen reader silences a ward"),
     ('"enable_mtls": true', '"enable_mtls": false', "enable_mtls must be true"),
     ('"close_link_on_expiration": true', '"close_link_on_expiration": false', "close_link_on_expiration must be true"),
     ('"default_permission": "deny"', '"default_permission": "allow"', "with default_permission 'deny'"),

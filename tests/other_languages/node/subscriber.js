@@ -9,7 +9,7 @@ import protobuf from "protobufjs";
 
 const [proto, file] = process.argv.slice(2);
 const schema = protobuf.loadSync(proto);
-const KINDS = { corrected: "CorrectedBatch", revision: "BiasRevision", status: "Status" };
+const KINDS = { corrected: "CorrectedBatch", revision: "BiasRevision", status: "Status", "@windowed": "WindowBatch" };
 const MOST = 2n ** 62n; // sequence numbers and times
 const ID = /^[a-z0-9][a-z0-9_-]{0,31}$/;
 
@@ -93,6 +93,34 @@ function revision(raw) {
   return found;
 }
 
+function windows(raw) {
+  const m = raw.sequences.length;
+  const [sequences, times] = [raw.sequences.map(big), raw.timesNs.map(big)];
+  check(1 <= m && m <= 64, `length: ${m} windows`);
+  check(times.length === m, "length: times_ns");
+  rising(sequences, MOST, "sequences");
+  rising(times, MOST, "times_ns");
+  within([raw.windowS], 1, 1e-3, 60, "window_s");
+  within(raw.samples, m, 1, 2 ** 20, "samples");
+  for (const [of, most] of [["reading", 1000], ["rate", 2000]])
+    for (const what of ["Mean", "Std", "Min", "Max"]) within(raw[of + what], 3 * m, what === "Std" ? 0 : -most, most, of + what);
+  for (const name of ["noiseStd", "biasStd", "scaleStd", "crossStd"]) within(raw[name], 3, 0, 1e6, name);
+  within(raw.bias, 3, -1000, 1000, "bias");
+  check(raw.flags.length === 0 || raw.flags.length === m, "length: flags");
+  for (const flags of raw.flags) check((flags & ~FLAGS) === 0, `range: flags ${flags}`);
+  check(known("Quality").includes(raw.quality), `range: quality ${raw.quality}`);
+  text(raw.calibration, 64, "calibration");
+  return sequences.map((number, i) => {
+    const noise = raw.noiseStd.map((value) => value / Math.sqrt(raw.samples[i]));
+    const batch = { noise, scale: raw.scaleStd, cross: raw.crossStd };
+    const [mean, least, most] = [raw.rateMean, raw.rateMin, raw.rateMax].map((values) => values.slice(3 * i, 3 * i + 3));
+    return {
+      window: raw.device, boot: big(raw.boot), number, time_ns: times[i], samples: raw.samples[i], mean, least, most,
+      mean_std: std(batch, mean, raw.biasStd), quality: raw.quality, flags: raw.flags[i] ?? 0,
+    };
+  });
+}
+
 const vectors = (flat) => Array.from({ length: flat.length / 3 }, (_, i) => Array.from(flat.slice(3 * i, 3 * i + 3)));
 const time = (batch, i) =>
   batch.start + BigInt(Math.round(Number(batch.ticks[i] - batch.ticks[0]) * batch.period * batch.clock * 1e9));
@@ -161,7 +189,8 @@ function take(key, payload) {
       const [rate, biasStd] = now;
       print({ revised: batch.device, boot: batch.boot, number: batch.sequence + BigInt(i), rate, rate_std: std(batch, rate, biasStd) });
     }
-  } else print({ status: raw.device, state: raw.state, samples_in: big(raw.samplesIn), reason: raw.reason });
+  } else if (what === "@windowed") windows(raw).forEach(print);
+  else print({ status: raw.device, state: raw.state, samples_in: big(raw.samplesIn), reason: raw.reason });
 }
 
 const bytes = readFileSync(file);

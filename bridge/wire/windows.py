@@ -1,0 +1,119 @@
+"""Windows of samples, once a second and device while somebody looks: columns, as the batches of samples are."""
+
+import numpy as np
+
+from bridge.wire import checks
+from bridge.wire import columns_pb2 as columns
+from bridge.wire.batches import (
+    MAX_CORRECTED,
+    MAX_RATE,
+    MAX_SEQUENCE,
+    Float32s,
+    column_of,
+    flags_of,
+    floats_of,
+    packed_flags,
+    stds_of,
+)
+from bridge.wire.checks import MAX_TIME_NS, clean
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, Quality, WindowBatch
+from bridge.wire.refusal import Reason, Refusal
+
+MAX_WINDOWS = 64
+#: no window has more samples
+MAX_IN_WINDOW = 2**20
+_FLOAT, _INT64, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<i8"), np.dtype("<u8"), np.dtype("<u4")
+
+
+def encode_windows(batch: WindowBatch) -> bytes:
+    """The payload of @windowed/<device>."""
+    return columns.WindowBatch(
+        version=VERSION,
+        device=batch.device,
+        boot=batch.boot,
+        window_s=batch.window_s,
+        sequences=column_of(batch.sequences, _UINT64),
+        times_ns=column_of(batch.times_ns, _INT64),
+        samples=column_of(batch.samples, _UINT32),
+        flags=packed_flags(batch.flags),
+        reading_mean=column_of(batch.reading_mean, _FLOAT),
+        reading_std=column_of(batch.reading_std, _FLOAT),
+        reading_min=column_of(batch.reading_min, _FLOAT),
+        reading_max=column_of(batch.reading_max, _FLOAT),
+        rate_mean=column_of(batch.rate_mean, _FLOAT),
+        rate_std=column_of(batch.rate_std, _FLOAT),
+        rate_min=column_of(batch.rate_min, _FLOAT),
+        rate_max=column_of(batch.rate_max, _FLOAT),
+        quality=int(batch.quality),
+        noise_std=column_of(batch.noise_std, _FLOAT),
+        bias_std=column_of(batch.bias_std, _FLOAT),
+        scale_std=column_of(batch.scale_std, _FLOAT),
+        cross_std=column_of(batch.cross_std, _FLOAT),
+        bias=column_of(batch.bias, _FLOAT),
+        calibration=clean(batch.calibration, checks.MAX_NAME),
+    ).SerializeToString()
+
+
+def decode_windows(key: str, payload: bytes) -> WindowBatch:
+    """What is published under @windowed/<device>."""
+    place = parse_key(key, "@windowed")
+    raw = read(columns.WindowBatch, payload)
+    same_id(raw.device, place, "device")
+    sequences = np.frombuffer(_rising(raw.sequences, "sequences", MAX_SEQUENCE), _UINT64)
+    m = len(sequences)
+    times_ns = np.frombuffer(_rising(raw.times_ns, "times_ns", MAX_TIME_NS), _INT64)
+    if len(times_ns) != m or len(raw.samples) != 4 * m:
+        raise Refusal(Reason.LENGTH, f"{m} windows, with {len(times_ns)} times and {len(raw.samples)} bytes of samples")
+    samples = np.frombuffer(raw.samples, _UINT32)
+    if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
+        raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")
+    noise_std, bias_std, scale_std, cross_std = stds_of(
+        noise_std=raw.noise_std, bias_std=raw.bias_std, scale_std=raw.scale_std, cross_std=raw.cross_std
+    )
+    return WindowBatch(
+        device=raw.device,
+        boot=raw.boot,
+        window_s=checks.number(raw.window_s, "window_s", 1e-3, 60.0),
+        sequences=sequences,
+        times_ns=times_ns,
+        samples=samples,
+        flags=flags_of(raw.flags, m),
+        reading_mean=_vectors(raw.reading_mean, "reading_mean", m, MAX_RATE),
+        reading_std=_deviations(raw.reading_std, "reading_std", m, MAX_RATE),
+        reading_min=_vectors(raw.reading_min, "reading_min", m, MAX_RATE),
+        reading_max=_vectors(raw.reading_max, "reading_max", m, MAX_RATE),
+        rate_mean=_vectors(raw.rate_mean, "rate_mean", m, MAX_CORRECTED),
+        rate_std=_deviations(raw.rate_std, "rate_std", m, MAX_CORRECTED),
+        rate_min=_vectors(raw.rate_min, "rate_min", m, MAX_CORRECTED),
+        rate_max=_vectors(raw.rate_max, "rate_max", m, MAX_CORRECTED),
+        quality=checks.member(Quality, raw.quality, "quality"),
+        noise_std=noise_std,
+        bias_std=bias_std,
+        scale_std=scale_std,
+        cross_std=cross_std,
+        bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
+        calibration=checks.text(raw.calibration, "calibration"),
+    )
+
+
+def _rising(column: bytes, name: str, high: int) -> bytes:
+    """A column of 1 to MAX_WINDOWS whole numbers from 0 to high, each above the one before."""
+    n, odd = divmod(len(column), 8)
+    if odd or not 1 <= n <= MAX_WINDOWS:
+        raise Refusal(
+            Reason.LENGTH, f"{name} has {len(column)} bytes; 8 a window, 1 to {MAX_WINDOWS} windows are taken"
+        )
+    checks.rising(np.frombuffer(column, _UINT64).tolist(), name, high)
+    return column
+
+
+def _vectors(column: bytes, name: str, m: int, limit: float) -> Float32s:
+    return floats_of(column, name, 3 * m, limit).reshape(m, 3)
+
+
+def _deviations(column: bytes, name: str, m: int, limit: float) -> Float32s:
+    found = _vectors(column, name, m, limit)
+    if np.minimum.reduce(found, axis=None) < 0:
+        raise Refusal(Reason.RANGE, f"{name} has a negative one")
+    return found

@@ -1,0 +1,178 @@
+"""Windows of samples say of them what a plain loop finds, however the samples came."""
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag, WindowBatch
+from estimator.service import published
+from estimator.session import DeviceSession
+from estimator.windowed import Second, Windowed, windows
+from tests.estimator.stream import NAME, Stream, calibration, info
+from tests.estimator.test_service import WARD, Ward
+
+KEY = keys.build(WARD, "@windowed", device=NAME)
+STATISTICS = [f"{of}_{what}" for of in ("reading", "rate") for what in ("mean", "std", "min", "max")]
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1, after=[Still(4.0)])
+
+
+def seconds_of(batches: list[SampleBatch]) -> tuple[list[Second], list[CorrectedBatch]]:
+    session = DeviceSession(NAME)
+    session.windowed = Windowed()
+    found: list[Second] = []
+    corrected: list[CorrectedBatch] = []
+    for batch in batches:
+        if batch.boot != session.boot:
+            session.begin_boot(batch.boot, float(batch.device_time[0]), None)
+        outcome = session.handle(batch)
+        found += outcome.seconds
+        corrected += outcome.corrected
+    return found, corrected
+
+
+def joined(found: list[WindowBatch], name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return np.concatenate([getattr(batch, name) for batch in found])
+
+
+def test_each_window_is_what_a_plain_loop_makes_of_its_samples(once: Stream) -> None:
+    batches = once.batches()
+    seconds, corrected = seconds_of(batches)
+    found = windows(seconds)
+    rate = np.concatenate([batch.rate for batch in corrected]).astype(float)
+    flags = np.concatenate([batch.flags for batch in corrected])
+    first = 0
+    seen = [(batch, i) for batch in found for i in range(len(batch))]
+    for batch, i in seen:
+        number = int(batch.sequences[i])
+        here = slice(first, number + 1)
+        first = number + 1
+        assert batch.samples[i] == here.stop - here.start
+        tenths = np.unique((once.time[here] * 10 + 1e-6) // 1)
+        assert len(tenths) == 1
+        for name, values in (("reading", once.gyro[here].astype(np.float32).astype(float)), ("rate", rate[here])):
+            wants = {"mean": values.mean(0), "std": values.std(0), "min": values.min(0), "max": values.max(0)}
+            for what, want in wants.items():
+                np.testing.assert_allclose(getattr(batch, f"{name}_{what}")[i], want, rtol=1e-6, atol=1e-7)
+        assert batch.flags[i] == np.bitwise_or.reduce(flags[here])
+        assert batch.times_ns[i] == 1_700_000_000_000_000_000 + int(once.ticks[number]) * 1000
+    assert first > len(once) - 104
+    assert found[-1].quality is Quality.GOOD
+    assert {batch.quality for batch in found} > {Quality.GOOD}
+    last = next(batch for batch in corrected if batch.sequence + len(batch) > int(found[-1].sequences[-1]))
+    np.testing.assert_array_equal(found[-1].bias, last.bias)
+    assert (found[-1].rate_mean_std[-1] < last.rate_std[0]).all()
+
+
+def test_neither_batching_nor_company_changes_a_bit(once: Stream) -> None:
+    alone = windows(seconds_of(once.batches())[0])
+    rng = np.random.default_rng(5)
+    cuts = np.unique(rng.integers(1, len(once), 300)).tolist()
+    for one, other in zip(alone, [windows([s])[0] for s in seconds_of(once.batches(cuts))[0]], strict=True):
+        assert codec.encode_windows(one) == codec.encode_windows(other)
+
+
+def test_a_gap_a_boot_and_a_new_quality_each_begin_anew(once: Stream) -> None:
+    gap = replace(once.part(104, len(once)).batches(first=104)[0], flags=np.full(10, SampleFlag.AFTER_GAP, np.uint32))
+    batches = [*once.part(0, 30).batches(), gap, *once.part(114, 230).batches(first=114)]
+    other = once.part(0, 300).batches(boot=2)
+    found = windows(seconds_of([*batches, *other])[0])
+    assert [int(batch.boot) for batch in found] == sorted(int(batch.boot) for batch in found)
+    first = found[0]
+    assert int(first.sequences[-1]) == 29
+    assert first.samples.sum() == 30
+    assert found[1].flags[0] == SampleFlag.AFTER_GAP
+    assert found[1].sequences[0] >= 104
+    for batch in found:
+        assert len(np.unique((batch.sequences[-1], batch.sequences[0]))) <= 2
+        assert (np.diff(batch.sequences.astype(np.int64)) > 0).all()
+    # A message tells of one calibration only.
+    qualities = [batch.quality for batch in windows(seconds_of(once.batches())[0])]
+    assert len(set(qualities)) >= 3
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    made = Ward(tmp_path)
+    yield made
+    made.kill()
+
+
+def test_they_are_made_only_while_somebody_asks_and_read_both_ways(ward: Ward, once: Stream) -> None:
+    cuts = [once.batches()[at : at + 100] for at in range(0, 400, 100)]
+    ward.send(cuts[0], of=info())
+    ward.latest()
+
+    def made() -> bool:
+        ward.latest()  # it looks round once a second
+        return ward.service._devices[NAME].session.windowed is not None
+
+    assert not made()
+    looks = ward.client.windows(idle_s=0.05)
+    assert made()
+    ward.send(cuts[1])
+    ward.service._views.say(float("inf"))
+    found = list(looks)
+    assert [batch.device for batch in found] == [NAME] * len(found)
+    assert sum(int(batch.samples.sum()) for batch in found) > 800
+    assert looks.refused == {}
+    ward.send(cuts[2])
+    ward.service._views.say(float("inf"))
+
+    async def read() -> list[WindowBatch]:
+        return [batch async for batch in looks]
+
+    assert len(asyncio.run(read())) >= 8
+    looks.close()
+    assert not made()
+    ward.send(cuts[3])
+    assert not ward.service._views._waiting
+
+
+def test_what_fails_of_them_is_counted_and_ends_nothing(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.send(once.batches()[:10], of=info())
+    looks = ward.client.windows(idle_s=0.05)
+    ward.latest()
+
+    def fails(_: object) -> list[WindowBatch]:
+        raise ArithmeticError
+
+    monkeypatch.setattr("estimator.service.views.windows", fails)
+    ward.send(once.batches()[10:60])
+    ward.service._views.say(float("inf"))
+    assert ward.service.counts.as_dict()["windows failed"] > 0
+    assert list(looks) == []
+    assert ward.latest().samples_out == 600
+
+
+def test_whatever_the_numbers_a_subscriber_can_read_it(once: Stream) -> None:
+    batch = windows(seconds_of(once.batches()[:30])[0])[0]
+    wild = replace(
+        batch,
+        rate_max=batch.rate_max * np.float32(1e30),
+        rate_std=batch.rate_std * np.float32(1e30),
+        bias=np.full(3, 1e9, np.float32),
+        noise_std=np.full(3, np.inf, np.float32),
+    )
+    with np.errstate(over="ignore"):
+        fit = published.windows(wild)
+    assert fit is not None
+    read = codec.decode_windows(KEY, codec.encode_windows(fit))
+    assert read.flags[0] & SampleFlag.CLIPPED
+    assert read.rate_max.max() <= 2000
+    assert published.windows(replace(batch, times_ns=batch.times_ns[::-1])) is None
+    for name in STATISTICS:
+        np.testing.assert_array_equal(
+            getattr(codec.decode_windows(KEY, codec.encode_windows(batch)), name), getattr(batch, name)
+        )
