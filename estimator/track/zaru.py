@@ -37,6 +37,8 @@ class ZaruKnobs:
     #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
     unproven: float = radians(0.1)
     proven_after: int = 4
+    #: and in the first and in the last second of a rest: a movement ends and begins too gently for a gyro alone to see
+    edge: float = radians(0.015)
     #: means that scatter by more than this many times their noise variance show a body that moves a little
     scatter: float = 3.0
     #: a jump of the bias is believed after so many seconds of rest in a row
@@ -89,12 +91,13 @@ class Zaru:
 
     def interrupted(self, bias: BiasFilter) -> None:
         """The device was quiet still, but not at rest."""
+        if self._waiting:
+            evidence, begun, ended = self._waiting.pop()
+            self._waiting.append((self._at_edge(evidence), begun, ended))
         while self._waiting:
-            if self._waiting[0][0].H.shape[1] == len(bias.x):
-                self._late(bias)
-            else:
-                self._waiting.popleft()
+            self._late(bias)
         self._contradiction = None
+        bias.forget()
 
     def surprises(self) -> list[Receipt]:
         """What surprised since this was asked last, as it was before the filter was told to expect it."""
@@ -131,6 +134,7 @@ class Zaru:
             receipts = self._gated(evidence, second, bias)
             return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
         if self._tilted:
+            bias.forget()
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
@@ -154,6 +158,8 @@ class Zaru:
         self._adapt(evidence, bias)
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
+            bias.forget()
+        evidence = replace(self._at_edge(evidence) if self._rests == 1 else evidence, since=bias.since())
         self._waiting.append((self._questioned(evidence), second.start, second.end))
         together = _mean([waiting for waiting, _, _ in self._waiting])
         weighed = bias.weigh(together)
@@ -161,14 +167,20 @@ class Zaru:
             self._contradiction = None
             ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
             return [self._late(bias) for _ in range(ready)]
-        since = self._waiting[0][1]
+        begun = self._waiting[0][1]
         self._waiting.clear()
-        if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
+        bias.forget()
+        if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
         self._contradiction = None
         # It may still turn: how sure that can be stays in question until it has moved and rests again.
         self._in_question = float(np.mean(weighed.innovation**2)) / 4
         return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
+
+    def _at_edge(self, evidence: Evidence) -> Evidence:
+        if evidence.kind != "zaru":
+            return evidence  # an accelerometer was there
+        return replace(evidence, R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
@@ -176,15 +188,17 @@ class Zaru:
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
-        evidence, _, ended = self._waiting.popleft()
-        walk = bias.knobs.rate_random_walk**2 * max(0.0, bias.time - ended)
-        return bias.update(replace(evidence, R=evidence.R + walk * np.eye(len(evidence.R))))
+        evidence, _, _ = self._waiting.popleft()
+        return bias.update(evidence)
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
-        """How many seconds are judged together: none wait where the bias is known worse than one second tells it."""
+        """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
+
+        Else the latest always does: it may be the last of its rest.
+        """
         own = float(np.max(np.diag(evidence.R)))
         known = float(np.max(np.diag(weighed.innovation_cov - evidence.R / max(1, len(self._waiting)))))
-        return 1 if known > own else min(self.knobs.longest_wait_s, own / self.knobs.certain**2)
+        return 1 if known > own else min(self.knobs.longest_wait_s, max(2.0, own / self.knobs.certain**2))
 
     def _evidence(
         self, kind: str, second: Second, bias: BiasFilter, axes: Floats, var: Floats, common: Floats, gate: float
@@ -258,7 +272,7 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     last, n = evidence[-1], len(evidence)
     common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
     z, R = np.mean([e.z for e in evidence], axis=0), np.mean([e.R for e in evidence], axis=0)
-    return replace(last, z=z, R=(R - common) / n + common)
+    return replace(last, z=z, R=(R - common) / n + common, since=None)
 
 
 def across(up: Floats) -> Floats:
