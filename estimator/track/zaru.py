@@ -37,7 +37,7 @@ class ZaruKnobs:
     #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
     unproven: float = radians(0.1)
     proven_after: int = 4
-    #: and in the first and in the last second of a rest: a movement ends and begins too gently for a gyro alone to see
+    #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
     edge: float = radians(0.015)
     #: means that scatter by more than this many times their noise variance show a body that moves a little
     scatter: float = 3.0
@@ -77,6 +77,7 @@ class Zaru:
         self._surprises: list[Receipt] = []
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
+        self._proven = False  # whether the latest second of rest is one
         self._tilted = False
         self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
@@ -125,7 +126,8 @@ class Zaru:
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
-        proven = self._quiet >= self.knobs.proven_after
+        # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
+        proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         motion = self.knobs.quasi_static if proven else self.knobs.unproven
         var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
@@ -159,8 +161,8 @@ class Zaru:
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
             bias.forget()
-        evidence = replace(self._at_edge(evidence) if self._rests == 1 else evidence, since=bias.since())
-        self._waiting.append((self._questioned(evidence), second.start, second.end))
+        evidence = replace(self._questioned(evidence), since=bias.since())
+        self._waiting.append((evidence, second.start, second.end))
         together = _mean([waiting for waiting, _, _ in self._waiting])
         weighed = bias.weigh(together)
         if weighed.accepted:
@@ -216,7 +218,7 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
-        if evidence.kind in self._surprised or self._quiet < self.knobs.proven_after:
+        if evidence.kind in self._surprised or not self._proven:
             return
         self._surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
