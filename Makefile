@@ -80,6 +80,7 @@ bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
 	$(BIN)/python -m tests.bench.warming $(ARGS)
+	$(BIN)/python -m tests.bench.honesty $(ARGS)
 
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev

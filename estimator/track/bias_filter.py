@@ -289,7 +289,6 @@ class BiasFilter:
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
         return replace(receipt, accepted=True, reason="")
 
-
     def _take_in(self, evidence: Evidence, R: Floats) -> None:
         kf, H, late = self._kf, evidence.H, evidence.since
         if late is None:

@@ -34,8 +34,9 @@ class ZaruKnobs:
 
     #: motion of a resting body that no reading shows, rad/s
     quasi_static: float = radians(0.003)
-    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
-    unproven: float = radians(0.1)
+    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many. At 0.1 °/s
+    #: one half-breath taken for rest at power-up shut out the truth for minutes (tests/bench/warming.py, seed 16, begun late)
+    unproven: float = radians(0.2)
     proven_after: int = 4
     #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
     edge: float = radians(0.015)
@@ -191,7 +192,9 @@ class Zaru:
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
         evidence, _, _ = self._waiting.popleft()
-        return bias.update(evidence)
+        receipt = bias.update(evidence)
+        unproven = float(evidence.R.diagonal().min()) >= self.knobs.unproven**2
+        return replace(receipt, reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
         """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
