@@ -17,7 +17,7 @@ class Since:
     """The walk from a measurement to now: cross (n, 3), its covariance with the error of the state, and var (3, 3)."""
 
     def __init__(self, n: int, walked: Floats) -> None:
-        """walked (3, 3): variance of the walk while it was measured; its mean is half a step older than the step's end."""
+        """Walked (3, 3): variance of the walk while it was measured; its mean is half a step older than the step's end."""
         self.cross = np.zeros((n, 3))
         self.cross[_BIAS] = walked / 2
         self.var = walked / 3

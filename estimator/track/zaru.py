@@ -34,8 +34,8 @@ class ZaruKnobs:
 
     #: motion of a resting body that no reading shows, rad/s
     quasi_static: float = radians(0.003)
-    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many. At 0.1 °/s
-    #: one half-breath taken for rest at power-up shut out the truth for minutes (tests/bench/warming.py, seed 16, begun late)
+    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many.
+    #: At 0.1 °/s one half-breath at power-up shut out the truth for minutes (tests/bench/warming.py: seed 16, begun late)
     unproven: float = radians(0.2)
     proven_after: int = 4
     #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
