@@ -80,6 +80,7 @@ bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
 	$(BIN)/python -m tests.bench.warming $(ARGS)
+	$(BIN)/python -m tests.bench.honesty $(ARGS)
 
 # Wildcard, foreign, forged and replayed traffic, and a flood of invented devices: what is accepted, who is delayed.
 bench-hostile: setup-dev
