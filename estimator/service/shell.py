@@ -311,8 +311,12 @@ class Service:
         """Anybody can make names up: such a command is counted and not kept."""
         names = sorted(self._devices)
         known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        why = self._gate.words(key.device) or f"nothing was heard of it; known are {known or 'none yet'}"
-        message = f"device {key.device} is unknown: {why}"
+        message = self._gate.words(key.device)
+        message = (
+            f"{key.device}: {message}"
+            if message
+            else (f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}")
+        )
         if self.counts.add("commands to unknown devices") == 1:
             log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
         return CommandReply(command.request_id, accepted=False, message=message)

@@ -270,6 +270,8 @@ class BiasFilter:
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
         finite = isfinite(innovation.sum() + S.sum()) and evidence.R.diagonal().min() > 0
         nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
+        if not isfinite(nis):  # so large that its own determinant is beyond all numbers
+            finite, nis = False, np.inf
         ratio = nis / evidence.gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)

@@ -34,9 +34,11 @@ class ZaruKnobs:
 
     #: motion of a resting body that no reading shows, rad/s
     quasi_static: float = radians(0.003)
-    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many.
-    #: At 0.1 °/s one half-breath at power-up shut out the truth for minutes (tests/bench/warming.py: seed 16, begun late)
-    unproven: float = radians(0.2)
+    #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
+    unproven: float = radians(0.1)
+    #: the same before any rest was proven, where nothing else is known to hold it against: one half-breath at power-up shut
+    #: out the truth for minutes (tests/bench/warming.py: seed 16, begun late)
+    unproven_at_first: float = radians(0.2)
     proven_after: int = 4
     #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
     edge: float = radians(0.015)
@@ -79,6 +81,7 @@ class Zaru:
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._proven = False  # whether the latest second of rest is one
+        self._ever_proven = False
         self._tilted = False
         self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
@@ -129,7 +132,9 @@ class Zaru:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
-        motion = self.knobs.quasi_static if proven else self.knobs.unproven
+        self._ever_proven |= proven
+        unproven = self.knobs.unproven if self._ever_proven else self.knobs.unproven_at_first
+        motion = self.knobs.quasi_static if proven else unproven
         var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
         if up is None or second.accel_mean is None:

@@ -29,6 +29,7 @@ SPEAKERS = (
     "estimator/batch/transitions.py",
     "estimator/batch/turn360.py",
     "estimator/service/commands.py",
+    "estimator/service/gate.py",
     "estimator/service/presence.py",
     "estimator/service/shell.py",
     "estimator/track/tracker.py",
