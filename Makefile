@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-faults bench-hostile pins supply fuzz soak nemesis clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-faults bench-hostile pins supply fuzz soak nemesis clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -74,6 +74,10 @@ bench-faults: setup-dev
 	$(BIN)/python -m tests.bench.suffering
 	-$(BIN)/python -m tests.bench.crowded
 	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
+
+# Three estimators share a ward: one is killed, one hangs; what a subscriber notices. ARGS='--devices 60 --rounds 1' for a short look.
+bench-cluster: setup-dev
+	$(BIN)/python -m tests.bench.cluster $(ARGS)
 
 # Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is without one; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev

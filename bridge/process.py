@@ -64,7 +64,7 @@ def alone(
     ward: str,
     kind: str,
     own: str,
-    another: Callable[[str], None] = lambda _: None,
+    another: Callable[[str], object] = lambda _: None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Declared:
     """Watch the others of a kind, `bridge` or `estimator`, in a ward; another(id) is told of each.

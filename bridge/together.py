@@ -11,6 +11,9 @@ from bridge.pki.identity import faults as identity_faults
 from bridge.pki.identity import member_of
 from bridge.pki.member import Member, Role
 
+#: what all estimators of a ward are told alike
+_ALIKE = ("method", "model", "models", "warming_s", "silence_s")
+
 
 def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:
     """All that is wrong, each a sentence that begins with the file; `now` judges the certificates."""
@@ -18,6 +21,7 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
         *_twice(wards),
+        *_otherwise(wards),
         *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
     ]
 
@@ -58,6 +62,22 @@ def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
             before = seen.setdefault((root.ward, what, name), path)
             if before != path:
                 yield f"{path}: {what} {name!r} of ward {root.ward!r} is in {before} too: give one of them another id"
+
+
+def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Estimators of one ward share its devices: a device must be treated alike by whoever has it."""
+    first: dict[str, tuple[Path, Any]] = {}
+    for path, root in wards.items():
+        table: Any = root.estimator
+        if table is None:
+            continue
+        before, other = first.setdefault(root.ward, (path, table))
+        yield from (
+            f"{path}: [estimator] {knob} is {getattr(table, knob)!r}, in {before} {getattr(other, knob)!r}:"
+            " estimators of one ward take over each other's devices, and must treat them alike"
+            for knob in _ALIKE
+            if getattr(table, knob) != getattr(other, knob)
+        )
 
 
 def _names(root: Root) -> Iterator[tuple[str, str]]:

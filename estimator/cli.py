@@ -18,7 +18,7 @@ from bridge import captures, cli_pki, logs, os_words, together
 from bridge import cli as bridge_cli
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
-from bridge.config import LOCAL, ConfigError, load
+from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
 from bridge.record import cli as record_cli
@@ -27,9 +27,9 @@ from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 from bridge.wording import count
-from estimator import cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
+from estimator import cli_cluster, cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_ward import ward_of
+from estimator.cli_ward import add_ward, ward_of
 
 log = logging.getLogger("truerate")
 
@@ -115,12 +115,12 @@ def build() -> argparse.ArgumentParser:
     cli_pki.add_verbs(verbs)
     _add_estimator(verbs)
     verb = add_verb(verbs, "devices", _devices, "every device of a running ward: state, quality, and why")
-    _add_ward(verb)
+    add_ward(verb)
     verb = add_verb(
         verbs, "status", _status, "a ward at one look: who needs a person first; the exit code tells trouble"
     )
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
-    _add_ward(verb)
+    add_ward(verb)
     verb = add_verb(
         verbs, "watch", _watch, "a ward, live, those that need a person first; or one device's rates and bias"
     )
@@ -129,7 +129,7 @@ def build() -> argparse.ArgumentParser:
     verb.add_argument("--once", action="store_true", help="the ward as it is now")
     verb.add_argument("--json", action="store_true", help="a JSON object a line: one a second, or with --once one")
     verb.add_argument("--seconds", type=float, default=None, help="stop after so long (default: until Ctrl-C)")
-    _add_ward(verb)
+    add_ward(verb)
     for name, help_text in (
         ("recalibrate", "ask for three new turns; the old calibration stays in use until they are taken"),
         ("cancel", "stop a calibration under way; the old one stays"),
@@ -138,13 +138,14 @@ def build() -> argparse.ArgumentParser:
         verb.add_argument("device", help="its id, as `truerate devices` shows it")
         verb.add_argument("--reason", default="", help="kept in the audit beside your name")
         verb.set_defaults(verb=name)
-        _add_ward(verb)
+        add_ward(verb)
     verb = add_verb(
         verbs, "note", _note, "mark this moment of a device: it is kept, and in every recording of the ward"
     )
     verb.add_argument("device", help="its id, as `truerate devices` shows it")
     verb.add_argument("text", help="what happened, in quotes: pseudonyms only, never a patient's name")
-    _add_ward(verb)
+    add_ward(verb)
+    cli_cluster.add_cluster(verbs)
     cli_store.add_store(verbs)
     cli_offline.add_calibrate(verbs)
     cli_correct.add_correct(verbs)
@@ -166,14 +167,6 @@ def build() -> argparse.ArgumentParser:
     cli_dashboard.add_dashboard(verbs)
     cli_offline.add_study(verbs)
     return parser
-
-
-def _add_ward(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
-    verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
-    verb.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
-    )
 
 
 def _add_estimator(verbs: "Verbs[argparse.ArgumentParser]") -> None:

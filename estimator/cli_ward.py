@@ -1,11 +1,12 @@
 """Which ward a verb is about, and by which routers: from its file, and from what was said beside it."""
 
 import argparse
+from pathlib import Path
 
 from msgspec.structs import replace
 
 from bridge.bus.routers import Routers
-from bridge.config import Bus, ConfigError, check_endpoints, load
+from bridge.config import LOCAL, Bus, ConfigError, check_endpoints, load
 from bridge.pki.member import Role
 from bridge.wire.keys import check_id
 
@@ -23,3 +24,12 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return ward, bus.routers_as(*(roles or (Role.VIEWER, Role.COMMANDER, Role.RECORDER)))
+
+
+def add_ward(verb: argparse.ArgumentParser) -> None:
+    """The options that say which ward is meant."""
+    verb.add_argument("--config", type=Path, help="the ward's file: says the ward and the routers")
+    verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
+    verb.add_argument(
+        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+    )

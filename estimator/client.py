@@ -24,12 +24,14 @@ from bridge.wire.messages import (
     CommandReply,
     DeviceInfo,
     Note,
+    Owned,
     SampleBatch,
     Status,
     WindowBatch,
 )
 from bridge.wire.refusal import Refusal
 from estimator.door import Door
+from estimator.fence import Fence
 from estimator.once import WAIT_S, Miss, OnceKnobs
 from estimator.streams import Corrected, Stream
 
@@ -101,7 +103,8 @@ class Client:
 
     def statuses(self, wait_s: float = 1.5, device: str | None = None) -> dict[str, Status]:
         """The latest status of every device, or of one: what comes within wait_s (all say it once a second)."""
-        return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device)}
+        current = _current()
+        return {s.device: s for s in self._collect("status", codec.decode_status, wait_s, device) if current(s)}
 
     def infos(self, wait_s: float = 1.5, owners: Mapping[str, str] | None = None) -> dict[str, DeviceInfo]:
         """The latest device info of every device; of several bridges that list it, from one that hears it.
@@ -126,9 +129,13 @@ class Client:
             watch.close()
         return sorted(_id(key, what) for key, there in found.copy().items() if there and _id(key, what))
 
+    def owned(self, wait_s: float = 1.3) -> list[Owned]:
+        """What estimators say to have, as it came within wait_s (all say it once a second, or more often)."""
+        return self._collect("owned", codec.decode_owned, wait_s)
+
     def follow(self, device: Devices = None) -> Stream[Status]:
-        """Statuses as they come; the latest known comes first."""
-        return Stream(self._subscribe("status", device), Door("status", codec.decode_status))
+        """Statuses as they come; the latest known comes first. Those of an estimator whose device it is no more are left out."""
+        return Stream(self._subscribe("status", device), Door("status", codec.decode_status), None, _current())
 
     def follow_infos(self, device: str | None = None) -> Stream[DeviceInfo]:
         """Device infos as they come, of every bridge that lists a device; the latest known comes first."""
@@ -212,6 +219,12 @@ class Client:
             return found
         finally:
             subscription.close()
+
+
+def _current() -> Callable[[Status], bool]:
+    """Whether a status is from the estimator that has the device now."""
+    fence = Fence()
+    return lambda status: fence.admits(status.device, status.epoch, time.monotonic())
 
 
 def _id(key: str, what: str) -> str:

@@ -77,8 +77,6 @@ def glance(
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
     troubles = [] if estimators else ["no estimator is alive: nothing is corrected"]
     troubles += [] if bridges else ["no bridge is alive: no device is read"]
-    if len(estimators) > 1:
-        troubles.append(f"{len(estimators)} estimators are alive: devices are corrected {len(estimators)} times")
     troubles += [*rivals.found(statuses.values()), *overload.found(statuses.values())]
     return Glance(
         ward=ward,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from bridge.wire.messages import CorrectedBatch, SampleFlag
 from bridge.wire.refusal import Tally
+from estimator.fence import Turns
 from estimator.revision import SAME_TIME_NS
 
 #: how long a hole is waited for: some batches, so that two publishers may overtake each other
@@ -55,6 +56,7 @@ class _Boot:
     reached: int  # after the last of all that came
     last_ns: int
     holes: deque[tuple[int, int]]
+    turns: Turns = field(default_factory=Turns)
     held: list[tuple[CorrectedBatch, float]] = field(default_factory=list)  # by sequence, disjoint; and when each came
     samples: int = 0  # in them
     oldest: float = 0.0  # when the first of them came
@@ -63,7 +65,8 @@ class _Boot:
 class Once:
     """Batches in; batches and misses, in the order in which they are to be known, in `ready`.
 
-    `left_out` counts samples that came and are not given: `repeated`, or `late`, after the hole they belong to was given up.
+    `left_out` counts samples that came and are not given: `repeated`, `late`, after the hole they belong to was given up, or
+    `outdated`, from an estimator whose device it is no more.
     """
 
     def __init__(self, knobs: OnceKnobs | None = None) -> None:
@@ -77,6 +80,12 @@ class Once:
     def feed(self, batch: CorrectedBatch, now: float) -> None:
         """Take a batch that came at `now` seconds of a clock that does not go back."""
         boot = self._boot(batch)
+        owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
+        if owed < len(batch):
+            self._leave_out("outdated", len(batch) - owed)
+            if not owed:
+                return
+            batch = _cut(batch, 0, owed)
         end = batch.sequence + len(batch)
         boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
         if batch.sequence == boot.came_to and not boot.held:

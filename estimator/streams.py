@@ -27,8 +27,14 @@ class Stream(Generic[T]):
     the first time, told in the log.
     """
 
-    def __init__(self, subscription: Subscription, door: Door[T], idle_s: float | None = None) -> None:
-        self._subscription, self._door = subscription, door
+    def __init__(
+        self,
+        subscription: Subscription,
+        door: Door[T],
+        idle_s: float | None = None,
+        wanted: Callable[[T], bool] = lambda _: True,
+    ) -> None:
+        self._subscription, self._door, self._wanted = subscription, door, wanted
         self._ready: deque[T] = deque()
         self._told = False
         self.idle_s = idle_s
@@ -111,7 +117,8 @@ class Stream(Generic[T]):
         return bool(messages)
 
     def _take(self, messages: Sequence[Message]) -> None:
-        self._ready += [taken for message in messages if (taken := self._door.take(message)) is not None]
+        taken = map(self._door.take, messages)
+        self._ready += [one for one in taken if one is not None and self._wanted(one)]
 
 
 class Corrected(Stream[CorrectedBatch]):
@@ -140,6 +147,11 @@ class Corrected(Stream[CorrectedBatch]):
     def late(self) -> int:
         """Samples that came when they had been given up, and were left out."""
         return self._once.left_out.as_dict().get("late", 0)
+
+    @property
+    def outdated(self) -> int:
+        """Samples from an estimator whose device it was no more, left out: the one that has it says them, too."""
+        return self._once.left_out.as_dict().get("outdated", 0)
 
     @property
     def missing(self) -> dict[str, Missing]:

@@ -56,14 +56,18 @@ def _rights(ward: str, member: Member) -> Rights:
             )
         case Role.ESTIMATOR:
             return Rights(
-                says=(*all_of(*PUBLISHED), keys.build(ward, "alive/estimator", estimator=own)),
-                hears=all_of("raw", "info", *TOKENS),
+                says=(
+                    *all_of(*PUBLISHED, "checkpoint"),
+                    keys.build(ward, "owned", estimator=own),
+                    keys.build(ward, "alive/estimator", estimator=own),
+                ),
+                hears=all_of("raw", "info", "owned", "checkpoint", *TOKENS),
                 answers=all_of("rpc"),
             )
         case Role.VIEWER:
-            return Rights(hears=all_of("info", *PUBLISHED, *TOKENS))
+            return Rights(hears=all_of("info", "owned", *PUBLISHED, *TOKENS))
         case Role.COMMANDER:
-            return Rights(hears=all_of("raw", "info", *PUBLISHED, *TOKENS), asks=all_of("rpc"))
+            return Rights(hears=all_of("raw", "info", "owned", *PUBLISHED, *TOKENS), asks=all_of("rpc"))
         case Role.RECORDER:
             return Rights(hears=(keys.everything(ward),))
         case Role.ROUTER:

@@ -87,10 +87,13 @@ class Bus(Protocol):
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:
-        """Answer queries on matching keys with handler(key, payload)."""
+        """Answer queries on matching keys with handler(key, payload), or with nothing: then the answer is somebody else's."""
 
     def ask(self, key: str, payload: bytes, timeout_s: float = 2.0) -> bytes:
-        """The first answer to a query; raises BusError when nobody answered (an empty answer is a failure)."""
+        """The first answer to a query that is not empty, of all who answer it: an empty one says that another is meant.
+
+        Raises BusError when there is none.
+        """
 
     def declare_alive(self, key: str) -> Declared:
         """A token others see for as long as this session lives."""

@@ -4,9 +4,10 @@ For tests, replays and the demo on one machine. Repairs after an outage follow z
 """
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Protocol, Self
 
 from bridge.bus.contract import BusError, Message
@@ -74,14 +75,21 @@ class MemoryBus:
         check_key(key)
         with broker.lock:
             able = [a for a in broker.answerers if self.reaches(a.bus) and matches(a.pattern, key)]
-            question = able[0].take(key, payload) if able else None
-        if question is None:
+            done = SimpleQueue[_Question]()
+            for answerer in able:
+                answerer.take(_Question(key, bytes(payload), done))
+        if not able:
             raise BusError(f"nobody answers {key!r}; is the service that should answer running?")
-        if not question.done.wait(timeout_s):
-            raise BusError(f"no answer to {key!r} within {timeout_s:g} s")
-        if not question.reply:
-            raise BusError(f"{key!r} was answered with an error: {question.error}")
-        return question.reply
+        deadline, errors = time.monotonic() + timeout_s, list[str]()
+        while len(errors) < len(able):
+            try:
+                question = done.get(timeout=max(0.0, deadline - time.monotonic()))
+            except Empty:
+                raise BusError(f"no answer to {key!r} within {timeout_s:g} s") from None
+            if question.reply:
+                return question.reply
+            errors.append(question.error)
+        raise BusError(f"{key!r} was answered with an error: {'; '.join(errors)}")
 
     def declare_alive(self, key: str) -> "_Token":
         """See contract.Bus."""
@@ -241,11 +249,10 @@ class _Subscription:
 
 
 class _Question:
-    def __init__(self, key: str, payload: bytes) -> None:
-        self.key, self.payload = key, payload
+    def __init__(self, key: str, payload: bytes, done: "SimpleQueue[_Question]") -> None:
+        self.key, self.payload, self.done = key, payload, done
         self.reply: bytes | None = None
         self.error = "an empty answer"
-        self.done = threading.Event()
 
 
 class _Answerer:
@@ -259,10 +266,8 @@ class _Answerer:
             broker.answerers.append(self)
         threading.Thread(target=self._run, name=f"answer {pattern}", daemon=True).start()
 
-    def take(self, key: str, payload: bytes) -> _Question:
-        question = _Question(key, bytes(payload))
+    def take(self, question: _Question) -> None:
         self._questions.put(question)
-        return question
 
     def _run(self) -> None:
         while question := self._questions.get():
@@ -270,7 +275,7 @@ class _Answerer:
                 question.reply = self._handler(question.key, question.payload)
             except HandlerError as error:
                 question.error = str(error)
-            question.done.set()
+            question.done.put(question)
 
     def close(self) -> None:
         with self._broker.lock:

@@ -150,7 +150,7 @@ class ZenohBus:
             return _Subscription(self, subscriber, subscriber.handler, misses, inbox, pattern)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Declared":
-        """See contract.Bus. Of several that answer one key, one is asked."""
+        """See contract.Bus."""
         guarded = Guarded(handler, f"queries on {pattern}")
         with self._doing(f"answer {check_pattern(pattern)}"):
             # A ring: more questions than this unanswered, and the oldest asker is told that nobody answered.
@@ -164,6 +164,7 @@ class ZenohBus:
             replies = self._session.get(
                 key,
                 handlers.FifoChannel(64),
+                target=zenoh.QueryTarget.ALL,
                 payload=payload,
                 timeout=timeout_s,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -223,11 +224,12 @@ class ZenohBus:
                 if not any(matches(pattern, check_key(key)) for pattern in self._plain):
                     self._session.declare_keyexpr(key)
 
-    def past(self, key: str, end: int) -> Iterable[zenoh.Sample]:
-        """What the caches of a key's publishers hold below number `end`, as it comes; asked for at once."""
+    def past(self, key: str, end: int, publisher: str = "") -> Iterable[zenoh.Sample]:
+        """What the caches of a key's publishers, or of one of them, hold below number `end`, as it comes; asked for at once."""
+        whose = f"pub/{publisher}/**" if publisher else "**"
         try:
             replies = self._session.get(
-                f"{key}/@adv/**?_sn=..{end - 1}",
+                f"{key}/@adv/{whose}?_sn=..{end - 1}",
                 handlers.FifoChannel(_CHANNEL),
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=zenoh.ReplyKeyExpr.ANY,
@@ -370,7 +372,8 @@ class _Subscription(_Declared):
             if info is not None and (source := _source(info)) not in self._heard:
                 self._heard[source] = key = str(sample.key_expr)
                 if info.source_sn > 0:
-                    asked.append((self._bus.past(key, info.source_sn), source, info.source_sn))
+                    # Only it is asked: another of the same key may hang, and would be waited for.
+                    asked.append((self._bus.past(key, info.source_sn, source), source, info.source_sn))
         for source in list(self._heard)[:-_MAX_KNOWN]:
             del self._heard[source]
         found: list[zenoh.Sample] = []

@@ -52,6 +52,8 @@ KINDS: dict[str, Kind] = {
     "note": Kind("Note", codec.decode_note, "time_ns"),
 }
 SAMPLES = ("raw", "corrected")
+#: what estimators say to each other: nothing of the ward's devices that is not said otherwise
+PRIVATE = ("owned", "checkpoint")
 PACKAGE = f"{pb.DESCRIPTOR.package}."
 DESCRIPTORS = described(pb.DESCRIPTOR)
 

@@ -14,7 +14,7 @@ from typing import Protocol
 from bridge.bus.contract import Message
 from bridge.record import kinds
 from bridge.record.files import recorded_in
-from bridge.record.kinds import KINDS, Kind, Said
+from bridge.record.kinds import KINDS, PRIVATE, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.tape import Item, Output, Tape
 from bridge.wire import keys
@@ -137,6 +137,8 @@ class WardRecorder:
     def _understood(self, message: Message) -> tuple[Kind, Said] | None:
         try:
             key = keys.parse(message.key)
+            if key.what in PRIVATE:
+                return None
             kind = KINDS.get(key.what)
             if kind is None:
                 self.account.refused.add(f"kind_{key.what}")

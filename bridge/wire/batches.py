@@ -114,6 +114,7 @@ def _corrected(batch: CorrectedBatch) -> columns.CorrectedBatch:
         cross_std=column_of(batch.cross_std, _FLOAT),
         bias=column_of(batch.bias, _FLOAT),
         calibration=clean(batch.calibration, checks.MAX_NAME),
+        epoch=batch.epoch,
     )
 
 
@@ -144,6 +145,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
         cross_std=cross_std,
         bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
         calibration=checks.text(raw.calibration, "calibration"),
+        epoch=checks.whole(raw.epoch, "epoch", checks.MAX_EPOCH),
     )
 
 

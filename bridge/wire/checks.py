@@ -19,6 +19,7 @@ MAX_SENTENCE = 500
 MAX_COUNTS = 64
 MAX_TEXTS = 16
 MAX_TIME_NS = 2**62
+MAX_EPOCH = 2**62
 
 
 def clean(text: str, limit: int) -> str:

@@ -35,7 +35,7 @@ class SampleBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., gyro: _Optional[bytes] = ..., accel: _Optional[bytes] = ..., temperature_c: _Optional[bytes] = ..., flags: _Optional[bytes] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
-    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std")
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -53,6 +53,7 @@ class CorrectedBatch(_message.Message):
     BIAS_FIELD_NUMBER: _ClassVar[int]
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     CROSS_STD_FIELD_NUMBER: _ClassVar[int]
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -70,7 +71,8 @@ class CorrectedBatch(_message.Message):
     bias: bytes
     calibration: str
     cross_std: bytes
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., rate: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[bytes] = ...) -> None: ...
+    epoch: int
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., rate: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[bytes] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class WindowBatch(_message.Message):
     __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration")

@@ -22,6 +22,8 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "revision": ("device",),
     "note": ("device",),
     "@windowed": ("device",),
+    "checkpoint": ("device",),
+    "owned": ("estimator",),
     "alive/device": ("device", "boot"),
     "alive/bridge": ("bridge",),
     "alive/estimator": ("estimator",),
@@ -45,7 +47,7 @@ class Key:
 
     @property
     def device(self) -> str:
-        """The device id; every kind but alive/bridge and alive/estimator has one."""
+        """The device id; every kind but owned, alive/bridge and alive/estimator has one."""
         return self.ids["device"]
 
 

@@ -135,6 +135,7 @@ class CorrectedBatch:
     bias: NDArray[np.float32]
     calibration: str
     cross_std: NDArray[np.float32]
+    epoch: int = 0  # since when its estimator has the device: the higher, the later; 0 when not said
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -240,6 +241,7 @@ class Status:
     events: dict[str, int] = field(default_factory=dict)
     bridge: str = ""  # whose samples of it are taken
     refused_bridges: tuple[str, ...] = ()  # others that send it now as well
+    epoch: int = 0  # as in CorrectedBatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,6 +277,7 @@ class Calibration:
     rate_hz: float
     temperature_c: float
     who: str
+    epoch: int = 0  # as in CorrectedBatch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -340,6 +343,63 @@ class WindowBatch:
         """(m, 3) standard deviation of each mean corrected rate: noise lessens with the samples, the other errors do not."""
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
         return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std)
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """A device that an estimator has since `epoch`; samples of this boot numbered below `next` are corrected and said."""
+
+    device: str
+    epoch: int
+    boot: int
+    next: int
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """When so many devices came to an estimator or left it, and why, for a person."""
+
+    time_ns: int
+    came: int
+    left: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Owned:
+    """What an estimator has of the ward, or one of `parts` of it. load: processor seconds a second, of its process."""
+
+    estimator: str
+    time_ns: int
+    epoch: int  # the highest it has heard of or has used
+    load: float
+    holdings: tuple[Holding, ...]
+    moves: tuple[Move, ...] = ()
+    part: int = 0
+    parts: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """What another estimator needs to go on with a device.
+
+    x (6,), covariance (6, 6): bias, rad/s, and its slope by temperature, rad/s/K; empty when the bias is not known.
+    """
+
+    device: str
+    boot: int
+    epoch: int
+    time_ns: int
+    x: Floats
+    covariance: Floats
+    device_time_s: float  # of that bias, by the device's clock
+    temperature_c: float  # NaN when unknown
+    powered_s: float  # when it was switched on, by its clock; minus infinity when unknown
+    doubted: bool
+    asked_by: str  # who has asked for a recalibration that is under way; empty when none is
+    asked_why: str
+    calibration: Calibration | None  # in use: of this boot, or of an earlier one
+    bridge: str = ""  # whose samples of it are taken
 
 
 @dataclass(frozen=True, slots=True)

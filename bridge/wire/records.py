@@ -116,6 +116,7 @@ def encode_status(status: Status) -> bytes:
         events=_clean_counts(status.events),
         bridge=status.bridge,
         refused_bridges=status.refused_bridges,
+        epoch=status.epoch,
     ).SerializeToString()
 
 
@@ -150,11 +151,17 @@ def decode_status(key: str, payload: bytes) -> Status:
         events=checks.counts(raw.events, "events"),
         bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
         refused_bridges=_ids(raw.refused_bridges, "refused_bridges"),
+        epoch=checks.whole(raw.epoch, "epoch", checks.MAX_EPOCH),
     )
 
 
 def encode_calibration(calibration: Calibration) -> bytes:
     """The payload of calibration/<device>."""
+    return calibration_message(calibration).SerializeToString()
+
+
+def calibration_message(calibration: Calibration) -> pb.Calibration:
+    """It as it stands in a message."""
     return pb.Calibration(
         version=VERSION,
         device=calibration.device,
@@ -179,7 +186,8 @@ def encode_calibration(calibration: Calibration) -> bytes:
         rate_hz=calibration.rate_hz,
         temperature_c=calibration.temperature_c,
         who=clean(calibration.who, checks.MAX_NAME),
-    ).SerializeToString()
+        epoch=calibration.epoch,
+    )
 
 
 def decode_calibration(key: str, payload: bytes) -> Calibration:
@@ -187,6 +195,11 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
     place = parse_key(key, "calibration")
     raw = read(pb.Calibration, payload)
     same_id(raw.device, place, "device")
+    return calibration_in(raw)
+
+
+def calibration_in(raw: pb.Calibration) -> Calibration:
+    """The calibration of a message."""
     n = len(raw.parameters)
     if n > _MAX_PARAMETERS or len(raw.turns) > _MAX_TURNS:
         raise Refusal(Reason.LENGTH, f"{n} parameters and {len(raw.turns)} turns; at most 32 of each are taken")
@@ -210,6 +223,7 @@ def decode_calibration(key: str, payload: bytes) -> Calibration:
         rate_hz=checks.number(raw.rate_hz, "rate_hz", 0.0, 1e6),
         temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
         who=checks.text(raw.who, "who"),
+        epoch=checks.whole(raw.epoch, "epoch", checks.MAX_EPOCH),
     )
 
 

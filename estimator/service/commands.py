@@ -38,10 +38,12 @@ class _Asked:
 
 
 class Commands:
-    """The desk between the bus and the service."""
+    """The desk between the bus and the service. ours(device): whether it is for us to answer; from any thread."""
 
-    def __init__(self, counted: Callable[[str], object] = lambda _: None) -> None:
-        self._counted = counted
+    def __init__(
+        self, ours: Callable[[str], bool] = lambda _: True, counted: Callable[[str], object] = lambda _: None
+    ) -> None:
+        self._ours, self._counted = ours, counted
         self._refused: deque[str] = deque(maxlen=_REMEMBERED)  # on threads of the bus; counted on the service's own
         self._waiting: queue.Queue[_Asked] = queue.Queue(maxsize=64)
         self._answered: OrderedDict[tuple[str, str, str], CommandReply] = OrderedDict()
@@ -53,6 +55,8 @@ class Commands:
         except Refusal as refusal:
             self._refused.append(refusal.reason)
             return codec.encode_reply(CommandReply("", accepted=False, message=str(refusal)))
+        if not self._ours(asked.key.device):
+            return b""  # another estimator answers
         try:
             self._waiting.put_nowait(asked)
         except queue.Full:

@@ -21,7 +21,7 @@ from estimator.session import DeviceSession, SessionKnobs
 from estimator.windowed import Windowed
 
 #: messages kept for late and returning subscribers: some 15 s of corrected rates
-CORRECTED_CACHE, CALIBRATION_CACHE, REVISION_CACHE, NOTE_CACHE = 512, 8, 8, 8
+CACHES = {"corrected": 512, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
 #: calibrations that wait for a store that works again
@@ -31,8 +31,12 @@ UNSAVED = 8
 class Device:
     """A session and its publishers; what fails in it is begun anew by `restart`."""
 
-    def __init__(self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float) -> None:
+    def __init__(
+        self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float, epoch: int = 0
+    ) -> None:
         self.name = name
+        #: of our turn at it; in all that is said of it
+        self.epoch = epoch
         self.source = Source(silence_s)
         #: what it is heard under
         self.key = ""
@@ -56,10 +60,11 @@ class Device:
         self.session = DeviceSession(name, knobs)
         self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
+        self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._put_corrected: Callable[[bytes], None] = _nowhere
-        self._encoder = published.Encoder()
+        self._encoder = published.Encoder(epoch)
 
     @property
     def announced(self) -> bool:
@@ -118,32 +123,37 @@ class Device:
         """Publish what is known of it now."""
         if self._publishers or self._announced():
             self.latest = self.status(time_ns)
-            self._publishers["status"].put(codec.encode_status(self.latest))
+            self._put("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
         """Publish an encoded calibration of this id."""
         if self._publishers or self._announced():
             self._told = calibration
-            self._publishers["calibration"].put(payload)
+            self._put("calibration", payload)
+
+    def say_checkpoint(self, payload: bytes) -> None:
+        """Tell the other estimators what they would need of it, encoded."""
+        if self._publishers:
+            self._put("checkpoint", payload)
 
     def _say_known(self) -> None:
         """The calibration in use, where it was said by an estimator before us: whoever joins can look it up."""
         known = self.session.calibration or self.session.prior
         if known is not None and known.id != self._told and known.id not in self.unsaid:
-            self.say_calibration(known.id, codec.encode_calibration(known))
+            self.say_calibration(known.id, codec.encode_calibration(replace(known, epoch=self.epoch)))
 
     def say_revision(self, revision: BiasRevision) -> None:
         """Publish what the bias of the past was, if there is anything in it that can be said."""
         fit = published.revision(revision)
         if fit is not None and (self._publishers or self._announced()):
-            self._publishers["revision"].put(codec.encode_revision(fit))
+            self._put("revision", codec.encode_revision(fit))
 
     def say_note(self, time_ns: int, who: str, text: str) -> None:
         """Publish what somebody wrote of it."""
         if self._publishers or self._announced():
             note = Note(self.name, self.session.boot or 0, time_ns, who, text)
-            self._publishers["note"].put(codec.encode_note(note))
+            self._put("note", codec.encode_note(note))
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
@@ -151,7 +161,8 @@ class Device:
         if self.overloaded_s:
             said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
         said = published.status(said)
-        return replace(said, bridge=self.source.owner, refused_bridges=self.source.refused(time.monotonic()))
+        refused = self.source.refused(time.monotonic())
+        return replace(said, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch)
 
     @property
     def told(self) -> int:
@@ -170,6 +181,13 @@ class Device:
         self.session = DeviceSession(self.name, self._knobs)
         self.session.sequence = sequence
 
+    def leave(self) -> Publisher | None:
+        """It is another estimator's: take back what is said of it now; what was said of its rates may still be asked for."""
+        kept = self._publishers.pop("corrected", None)
+        self.close()
+        self._gone = True
+        return kept
+
     def close(self) -> None:
         """Take its publishers back."""
         for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
@@ -177,22 +195,21 @@ class Device:
         self._publishers, self._windowed = {}, None
 
     def _announced(self) -> bool:
-        if self.session.sequence.samples_out < ANNOUNCED_AT:
+        if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
-        caches = {
-            "corrected": CORRECTED_CACHE,
-            "status": 1,
-            "calibration": CALIBRATION_CACHE,
-            "revision": REVISION_CACHE,
-            "note": NOTE_CACHE,
-        }
-        self._publishers = {
-            what: self._bus.publisher(keys.build(self._ward, what, device=self.name), cache=cache)
-            for what, cache in caches.items()
-        }
-        self._put_corrected = self._publishers["corrected"].put
+        self._put_corrected = self._publisher("corrected").put
         self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         return True
+
+    def _put(self, what: str, payload: bytes) -> None:
+        self._publisher(what).put(payload)
+
+    def _publisher(self, what: str) -> Publisher:
+        """Declared when it is needed first: who takes over a hundred devices has other things to do at once."""
+        if (publisher := self._publishers.get(what)) is None:
+            key = keys.build(self._ward, what, device=self.name)
+            publisher = self._publishers[what] = self._bus.publisher(key, cache=CACHES[what])
+        return publisher
 
 
 def _nowhere(payload: bytes) -> None:

@@ -73,6 +73,11 @@ class Lane:
             self._devices.clear()  # of devices that are no more, too; those that are will be admitted again
         self._devices[key] = device, bridge
 
+    def dismiss(self, device: Device) -> None:
+        """It is ours no more."""
+        for key in [key for key, (admitted, _) in self._devices.items() if admitted is device]:
+            del self._devices[key]
+
     def take(self, messages: Sequence[Message]) -> None:
         """A round of messages."""
         raws = self._parsed(messages)

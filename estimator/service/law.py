@@ -52,14 +52,18 @@ class Conservation:
         self._gone = Account()
         self._told: dict[str, tuple[int, int]] = {}
 
+    def leave(self, name: str) -> None:
+        """A device goes, as it was at the last look; under its name another may come."""
+        self._gone += self._last.pop(name, Account())
+        self._told.pop(name, None)
+
     def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
         """What is newly wrong, by device, "" for all of them together: in words.
 
         decoded: samples that came through the service's door; turned_away: those of devices there was no room for.
         """
         for name in self._last.keys() - accounts.keys():
-            self._gone += self._last[name]
-            self._told.pop(name, None)
+            self.leave(name)
         self._last = dict(accounts)
         self.total = sum(accounts.values(), self._gone)
         wrong = {name: _judged(account) for name, account in accounts.items()}

@@ -54,7 +54,8 @@ def corrected(batch: CorrectedBatch) -> CorrectedBatch:
 class Encoder:
     """Corrected batches of one device to payloads fit for the wire; what they have in common is encoded when it changes."""
 
-    def __init__(self) -> None:
+    def __init__(self, epoch: int = 0) -> None:
+        self._epoch = epoch
         self._stencil: Stencil | None = None
         self._bias: NDArray[np.float32] | None = None  # of the batches that fit the stencil: the very array
 
@@ -62,7 +63,7 @@ class Encoder:
         """The payload of a batch."""
         if self._stencil is not None and batch.bias is self._bias and np.abs(batch.rate).max() <= MAX_CORRECTED:
             return self._stencil.encode(batch, batch.rate)
-        fit = corrected(batch)
+        fit = replace(corrected(batch), epoch=self._epoch)
         self._stencil, self._bias = Stencil(fit), batch.bias
         return self._stencil.encode(fit, fit.rate)
 

@@ -1,5 +1,7 @@
 """The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again.
 
+What another estimator has said of a device it had is as good as what is kept here: `replicas`; `tell` says it of ours.
+
 A clerk writes, perhaps on a thread of its own; what came of it is heard in `collect`.
 
 The first failure is told aloud, those after it are counted, and that it works again is told.
@@ -8,6 +10,7 @@ The first failure is told aloud, those after it are counted, and that it works a
 import logging
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
@@ -15,6 +18,7 @@ from bridge.wire.refusal import Refusal, Tally
 from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
 from estimator.service.device import UNSAVED, Device
+from estimator.service.replicas import Replicas
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession, Remembered
 from estimator.track.learning import learn
@@ -40,7 +44,16 @@ PROBE_S = 5.0
 class Record:
     """What is kept of the ward's devices; no method raises StoreError."""
 
-    def __init__(self, store: Store, counts: Tally, now_ns: Callable[[], int], clerk: Writes | None = None) -> None:
+    def __init__(
+        self,
+        store: Store,
+        counts: Tally,
+        now_ns: Callable[[], int],
+        clerk: Writes | None = None,
+        replicas: Replicas | None = None,
+        tell: Callable[[Device], None] = lambda _: None,
+    ) -> None:
+        self._replicas, self._tell = replicas or Replicas(0), tell
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")
@@ -84,6 +97,10 @@ class Record:
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
         if unsaved is not None:
             return Remembered(unsaved, None)
+        if (said := self._replicas.recall(device.name, boot, self._now_ns())) is not None:
+            if (c := said.calibration) is not None:
+                self._keep(device.session, lambda: self._store.add_calibration(c))  # another's may be gone for ever
+            return said
         try:
             return self._store.recall(device.name, boot, self._now_ns())
         except StoreError as error:
@@ -95,11 +112,12 @@ class Record:
         for unsaved in reversed(device.unsaved):
             if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
                 return unsaved
+        said, kept = self._replicas.prior(info), None
         try:
-            return self._store.prior(info)
+            kept = self._store.prior(info)
         except StoreError as error:
             self._failed(device.session, error)
-            return None
+        return max((c for c in (said, kept) if c is not None), key=lambda c: c.time_ns, default=None)
 
     def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
         """Why no calibration of this device holds, in words for a person; empty where there is none."""
@@ -153,7 +171,7 @@ class Record:
 
         One that no subscriber would understand is neither kept nor said.
         """
-        payload = codec.encode_calibration(c)
+        payload = codec.encode_calibration(replace(c, epoch=device.epoch))
         try:
             codec.decode_calibration(keys.build("store", "calibration", device=c.device), payload)
         except Refusal as refusal:
@@ -176,6 +194,7 @@ class Record:
         if now - device.checkpointed < CHECKPOINT_S and not force:
             return
         device.checkpointed = now
+        self._tell(device)
         self._save_calibrations(device)
         session = device.session
         state, boot = session.checkpoint(), session.boot

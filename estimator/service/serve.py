@@ -44,7 +44,8 @@ def run(ward: Ward) -> None:
         stack.enter_context(control)
         for words in self_test(control, routers, ward.ward):
             log.error("%s", words)
-        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load)))
+        others = set[str]()
+        stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load, others.add)))
         from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
         from estimator.service.shell import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415
@@ -53,7 +54,15 @@ def run(ward: Ward) -> None:
         stack.callback(clerk.close)
         store = Store(database)
         Service(
-            ward.ward, ward.estimator, data, control, store, vitals=vitals, clerk=clerk, enrolment=ward.devices
+            ward.ward,
+            ward.estimator,
+            data,
+            control,
+            store,
+            vitals=vitals,
+            clerk=clerk,
+            enrolment=ward.devices,
+            peers=frozenset(others),
         ).run(stop)
 
 
@@ -73,15 +82,12 @@ def _load() -> None:
     import_module("estimator.service.shell")
 
 
-def look_round(control: Bus, ward: str, own: str, meanwhile: Callable[[], None] = lambda: None) -> Declared:
-    """Watch the other estimators of the ward, and warn of each; raises BusError when one of them has our own id."""
-    return alone(
-        control,
-        ward,
-        "estimator",
-        own,
-        lambda name: log.warning(
-            "estimator %s serves ward %s too: devices will be corrected twice; stop one of them", name, ward
-        ),
-        meanwhile,
-    )
+def look_round(
+    control: Bus,
+    ward: str,
+    own: str,
+    meanwhile: Callable[[], None] = lambda: None,
+    another: Callable[[str], object] = lambda _: None,
+) -> Declared:
+    """Watch the other estimators of the ward, another(id) is told of each; raises BusError when one has our own id."""
+    return alone(control, ward, "estimator", own, another, meanwhile)

@@ -4,11 +4,12 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 from bridge import rivals
-from bridge.bus.contract import Bus, Message
+from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
@@ -18,6 +19,7 @@ from estimator.config import Estimator
 from estimator.device_knobs import treatment
 from estimator.door import Door
 from estimator.lifecycle import Event
+from estimator.overtaken import Overtaken
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
@@ -26,6 +28,7 @@ from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
 from estimator.service.overload import OVERLOADED, Overload
+from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.record import Record
 from estimator.service.roster import Roster
@@ -45,6 +48,10 @@ STATUS_S = 1.0
 SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
+#: how long what was said of the rates of a device that has left us may still be asked for
+LINGER_S = 20.0
+#: under this, samples are counted that waited for their turn when their device left: another corrects them
+MOVED = "moved to another estimator"
 #: names told to who asks for a device that is not there
 SHOWN = 20
 #: commands that were done before, and are not done again, under this
@@ -52,7 +59,10 @@ REPEATED = "commands repeated"
 
 
 class Service:
-    """A running estimator. Samples and results go over `data`; commands and liveliness over `control`, its own session."""
+    """A running estimator. Samples and results go over `data`; commands and liveliness over `control`, its own session.
+
+    peers: ids of other estimators of the ward that were seen already.
+    """
 
     def __init__(
         self,
@@ -65,11 +75,14 @@ class Service:
         vitals: Vitals | None = None,
         clerk: Writes | None = None,
         enrolment: Enrolment | None = None,
+        peers: Collection[str] = (),
     ) -> None:
         self.ward, self.settings = ward, settings
         self.counts = Tally()
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
-        self._record = Record(store, self.counts, now_ns, clerk)
+        self._peers = Peers(ward, settings.id, data, control, now_ns, self.counts, peers)
+        self._record = Record(store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell)
+        self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
@@ -82,7 +95,7 @@ class Service:
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
-        self._commands = Commands(lambda reason: self.counts.add(f"commands {reason}"))
+        self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
@@ -109,14 +122,17 @@ class Service:
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
         self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
-        for thing in (*self._declared, self._raw, self._info, self._notices, *self._devices.values()):
+        self._peers.say(self._devices, math.inf)
+        for _, publisher in self._left:
+            publisher.close()
+        for thing in (*self._declared, self._peers, self._raw, self._info, self._notices, *self._devices.values()):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         waits = time.monotonic()
-        messages = self._raw.drain(0 if self._turns.full else 512, 0.0 if self._turns.pressing else timeout_s)
+        messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if self._turns.pressing else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
         messages = self._gate.admit(messages, began)
@@ -124,7 +140,7 @@ class Service:
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        self._turns.round(messages)
+        self._turns.round(self._ours(messages, began))
         self._commands.work(self._do)
         self._record.collect()
         now = time.monotonic()
@@ -136,7 +152,47 @@ class Service:
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
+        self._peers.say(self._devices, now)
         return len(messages) + self._turns.waiting
+
+    # ---- several estimators ---------------------------------------------------------------------------------------
+
+    def _ours(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
+        """Give up and take over devices as it is their turn; of what came, that of our devices."""
+        if lost := self._peers.look(now):
+            self._give_away(lost, now)
+        queues = self._peers.taken_over(self._devices, now)
+        if not queues:
+            return self._peers.sift(messages, now)
+        # The first of each device comes first: then the others are known to the fast lane.
+        self._turns.round([queue[0] for queue in queues if queue])
+        return [*(message for queue in queues for message in queue[1:]), *self._peers.sift(messages, now)]
+
+    def _give_away(self, names: list[str], now: float) -> None:
+        """Devices that another estimator has: it goes on from where we were."""
+        leaving = [device for name in names if (device := self._devices.get(name)) is not None]
+        for device in leaving:
+            for message in self._turns.withdraw(device.name):
+                self._peers.back(device.name, message, now)
+            self._lane.dismiss(device)
+            self._holding.pop(device.name, None)
+            for late in device.overtaken.drop():
+                device.session.sequence.refuse(late, MOVED)
+            device.drop_waiting()
+            self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+        self._stock.check()  # while they are counted
+        for device in leaving:
+            self._stock.leave(device.name)
+            del self._devices[device.name]
+            if (publisher := device.leave()) is not None:
+                self._left.append((now + LINGER_S, publisher))
+
+    def _go_on(self, device: Device, batch: SampleBatch, now: float) -> None:
+        """With the bridge that another estimator heard it from, and from the first sample there is."""
+        if known := self._peers.replicas.bridge(device.name):
+            device.source.owns(known, now)
+        if not self._peers.cluster.undisputed:
+            device.overtaken = Overtaken(batch.sequence)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -177,7 +233,9 @@ class Service:
             if not self._devices.room(now, len(batch)):
                 return
             knobs = self._treatment.of(batch.device)
-            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now)
+            epoch = self._peers.epoch(batch.device)
+            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now, epoch)
+            self._go_on(device, batch, now)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
             device.heard, device.key = now, message.key
@@ -249,6 +307,8 @@ class Service:
         self._gate.look(now)
         self._notices.say(self._now_ns(), self._devices)
         self._weigh(now)
+        while self._left and self._left[0][0] <= now:
+            self._left.popleft()[1].close()
         self._presence.note(now)
         connected = self._bus.connected
         if not self._control.connected:
@@ -292,7 +352,7 @@ class Service:
             for reason, n in door.refused.as_dict().items()
         }
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
-        return refused | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
+        return refused | self._peers.refused() | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
 
     # ---- commands -------------------------------------------------------------------------------------------------
 

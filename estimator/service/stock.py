@@ -43,6 +43,10 @@ class Stock:
             for device in [self._devices[name]] if name else self._devices.values():
                 device.session.count_event(EVENT)
 
+    def leave(self, device: str) -> None:
+        """A device goes; it was looked at just now."""
+        self._law.leave(device)
+
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
         """Tell the vitals; of those devices that have been announced."""
         devices = {

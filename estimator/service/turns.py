@@ -63,6 +63,15 @@ class Turns:
         else:
             self._slow.discard(key)
 
+    def withdraw(self, device: str) -> list[Message]:
+        """What waits of a device that is ours no more."""
+        found: list[Message] = []
+        for key in [key for key in self._queues if key.rpartition("/")[2] == device]:
+            found += self._queues.pop(key)
+            self._slow.discard(key)
+        self.waiting -= len(found)
+        return found
+
     def round(self, messages: Sequence[Message]) -> None:
         """Handle what came, and some of what waits."""
         self._take(self._prompt(messages))

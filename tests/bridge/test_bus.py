@@ -348,6 +348,26 @@ def answered(bus: Bus, key: str) -> bool:
         return "answered with an error" in str(error)
 
 
+def test_of_all_who_answer_the_one_who_has_something_to_say_is_heard(world: World, a: Bus, b: Bus) -> None:
+    asked: list[str] = []
+
+    def of(name: str, says: bytes) -> Callable[[str, bytes], bytes]:
+        def handler(key: str, payload: bytes) -> bytes:
+            asked.append(name)
+            return says + payload if says else b""
+
+        return handler
+
+    c = world.bus()
+    with c:
+        held = [b.answer("t/*", of("first", b"")), c.answer("t/*", of("second", b"mine: "))]
+        eventually(lambda: answered(a, "t/x") and {*asked} == {"first", "second"})
+        assert a.ask("t/x", b"hello") == b"mine: hello"
+        held[1].close()
+        with pytest.raises(BusError, match="empty answer"):
+            a.ask("t/x", b"hello")
+
+
 def test_asking_nobody_fails_at_once(a: Bus) -> None:
     began = time.monotonic()
     with pytest.raises(BusError, match="nobody answers 'q/none'"):

@@ -15,11 +15,15 @@ from bridge.wire.messages import (
     BiasRevision,
     BootCause,
     Calibration,
+    Checkpoint,
     Command,
     CommandReply,
     CorrectedBatch,
     DeviceInfo,
+    Holding,
+    Move,
     Note,
+    Owned,
     Quality,
     SampleBatch,
     SampleFlag,
@@ -41,6 +45,10 @@ WINDOWED = keys.build("ward", "@windowed", device="d1")
 NOTE = keys.build("ward", "note", device="d1")
 RPC = keys.build("ward", "rpc", device="d1", verb="recalibrate")
 
+CHECKPOINT = keys.build("ward", "checkpoint", device="d1")
+OWN = keys.build("ward", "owned", estimator="e1")
+
+NAN, INF = float("nan"), float("inf")
 U64 = st.integers(0, 2**64 - 1)
 TIME = st.integers(0, 2**62)
 TEXT = st.text(st.characters(codec="utf-8").filter(str.isprintable), max_size=64)
@@ -84,6 +92,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
         data.draw(st.floats(1e-4, 1e4)), when, column(data, 2000, n, 3), flags(data, n),
         data.draw(st.sampled_from(Quality)), abs(column(data, 9, 3)),
         abs(column(data, 9, 3)), abs(column(data, 9, 3)), column(data, 1000, 3), data.draw(TEXT), abs(column(data, 9, 3)),
+        data.draw(TIME),
     )  # fmt: skip
 
 
@@ -97,7 +106,7 @@ STDS = st.tuples(*[st.floats(0, 10)] * 3)
 STATUSES = st.builds(
     Status, st.just("d1"), U64, TIME, st.sampled_from(State), st.sampled_from(Quality), TEXT, st.floats(0, 1),
     st.lists(st.integers(0, 2), max_size=3).map(tuple), THREE, STDS, THREE, TEXT, TIME, st.floats(0, 1e9),
-    st.floats(-100, 100), st.floats(0, 1e6), U64, U64, LABELS, LABELS,
+    st.floats(-100, 100), st.floats(0, 1e6), U64, U64, LABELS, LABELS, st.just("b1"), st.just(("b2",)), TIME,
 )  # fmt: skip
 TURNS = st.builds(Turn, st.integers(0, 2), st.floats(-9, 9), st.floats(0, 9), st.floats(0, 99))
 
@@ -111,7 +120,27 @@ def calibrations(draw: st.DrawFn) -> Calibration:
         np.array(draw(st.lists(st.floats(-2, 2), min_size=9, max_size=9))).reshape(3, 3), np.array(draw(THREE)), names,
         np.array(draw(st.lists(st.floats(-2, 2), min_size=size**2, max_size=size**2)), float).reshape(size, size),
         tuple(draw(st.lists(TURNS, max_size=4))), np.array(draw(STDS)), draw(TEXT), draw(TEXT),
-        draw(st.floats(0, 1000)), draw(st.floats(0, 1e6)), draw(st.floats(-100, 100)), draw(TEXT),
+        draw(st.floats(0, 1000)), draw(st.floats(0, 1e6)), draw(st.floats(-100, 100)), draw(TEXT), draw(TIME),
+    )  # fmt: skip
+
+
+HOLDINGS = st.builds(Holding, st.sampled_from(["d1", "bed-2_chest"]), TIME, U64, TIME)
+OWNED = st.builds(
+    Owned, st.just("e1"), TIME, TIME, st.floats(0, 100), st.lists(HOLDINGS, max_size=4).map(tuple),
+    st.lists(st.builds(Move, TIME, st.integers(0, 9), st.integers(0, 9), TEXT), max_size=8).map(tuple),
+    st.integers(0, 3), st.integers(4, 64),
+)  # fmt: skip
+
+
+@st.composite
+def checkpoints(draw: st.DrawFn) -> Checkpoint:
+    n = draw(st.sampled_from([0, 6]))
+    root = np.array(draw(st.lists(st.floats(-2, 2), min_size=n * n, max_size=n * n)), float).reshape(n, n)
+    return Checkpoint(
+        "d1", draw(U64), draw(TIME), draw(TIME), np.array(draw(st.lists(st.floats(-9, 9), min_size=n, max_size=n)), float),
+        root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
+        draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
+        draw(st.sampled_from(["", "b1"])),
     )  # fmt: skip
 
 
@@ -136,6 +165,8 @@ def assert_same(one: Any, other: Any) -> None:
             assert a.dtype == b.dtype
             assert a.shape == b.shape
             assert a.tobytes() == b.tobytes(), field.name
+        elif dataclasses.is_dataclass(a):
+            assert_same(a, b)
         else:
             assert a == b, field.name
 
@@ -171,6 +202,16 @@ def test_calibration_round_trip(calibration: Calibration) -> None:
 def test_revision_round_trip(data: st.DataObject) -> None:
     one = revision(data)
     assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
+
+
+@given(OWNED)
+def test_owned_round_trip(owned: Owned) -> None:
+    assert codec.decode_owned(OWN, codec.encode_owned(owned)) == owned
+
+
+@given(checkpoints())
+def test_checkpoint_round_trip(checkpoint: Checkpoint) -> None:
+    assert_same(codec.decode_checkpoint(CHECKPOINT, codec.encode_checkpoint(checkpoint)), checkpoint)
 
 
 @given(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))
@@ -249,6 +290,14 @@ DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "note": (
         lambda payload: codec.decode_note(NOTE, payload),
         codec.encode_note(Note("d1", 7, 10**18, "anna", "sat up")),
+    ),
+    "owned": (
+        lambda payload: codec.decode_owned(OWN, payload),
+        codec.encode_owned(Owned("e1", 9, 7, 0.5, (Holding("d1", 7, 3, 9),), (Move(1, 2, 3, "e2 is gone"),))),
+    ),
+    "checkpoint": (
+        lambda payload: codec.decode_checkpoint(CHECKPOINT, payload),
+        codec.encode_checkpoint(Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, NAN, -INF, True, "a", "b", CAL)),
     ),
     "command": (lambda payload: codec.decode_command(RPC, payload), codec.encode_command(Command("r1", "anna", "why"))),
     "reply": (codec.decode_reply, codec.encode_reply(CommandReply("r1", True, "done"))),
@@ -338,7 +387,6 @@ def _unclean(payload: bytes) -> bytes:
     return bytes(message.SerializeToString())
 
 
-NAN, INF = float("nan"), float("inf")
 SIGNALLING = np.frombuffer(struct.pack("<12I", *[0x7FA00000] * 12), "<f4").reshape(4, 3)
 
 
@@ -520,3 +568,56 @@ def test_a_decoded_batch_cannot_be_written_into() -> None:
         batch.gyro[0, 0] = 1
     assert batch.flags.dtype == np.uint32
     assert SampleFlag(int(batch.flags[0])) is SampleFlag.OK
+
+
+KEPT = Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, 30.0, 0.0, False, "", "", CAL)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"device": "d2"}, Reason.FOREIGN_ID),
+        ({"calibration": dataclasses.replace(CAL, device="d2")}, Reason.FOREIGN_ID),
+        ({"x": np.ones(5)}, Reason.LENGTH),
+        ({"x": np.ones(0)}, Reason.LENGTH),
+        ({"x": np.full(6, NAN)}, Reason.NON_FINITE),
+        ({"covariance": -np.eye(6)}, Reason.RANGE),
+        ({"covariance": np.tri(6)}, Reason.RANGE),
+        ({"covariance": np.ones((6, 6)) - 0.1 * np.eye(6)}, Reason.RANGE),
+        ({"covariance": np.eye(5)}, Reason.LENGTH),
+        ({"epoch": 2**63}, Reason.RANGE),
+        ({"powered_s": INF}, Reason.NON_FINITE),
+        ({"device_time_s": NAN}, Reason.NON_FINITE),
+    ],
+    ids=str,
+)
+def test_a_checkpoint_that_no_filter_could_go_on_from_is_refused(changes: dict[str, Any], reason: Reason) -> None:
+    wrong = dataclasses.replace(KEPT, **changes)
+    assert refused(codec.encode_checkpoint(wrong), CHECKPOINT, codec.decode_checkpoint) is reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"estimator": "e2"}, Reason.FOREIGN_ID),
+        ({"holdings": (Holding("D 1", 1, 1, 1),)}, Reason.BAD_ID),
+        ({"holdings": (Holding("d1", 2**63, 1, 1),)}, Reason.RANGE),
+        ({"holdings": (Holding("d1", 1, 1, 1),) * 513}, Reason.LENGTH),
+        ({"moves": (Move(1, 1, 1, ""),) * 9}, Reason.LENGTH),
+        ({"part": 1}, Reason.RANGE),
+        ({"parts": 65}, Reason.RANGE),
+        ({"load": NAN}, Reason.NON_FINITE),
+    ],
+    ids=str,
+)
+def test_what_no_estimator_can_have_is_refused(changes: dict[str, Any], reason: Reason) -> None:
+    owned = dataclasses.replace(Owned("e1", 9, 7, 0.5, ()), **changes)
+    assert refused(codec.encode_owned(owned), OWN, codec.decode_owned) is reason
+
+
+def test_a_payload_has_room_for_as_many_devices_as_are_taken() -> None:
+    full = Owned(
+        "e" * 32, 2**62, 2**62, 1.0, (Holding("d" * 32, 2**62, 2**64 - 1, 2**62),) * codec.MAX_HOLDINGS,
+        (Move(2**62, 4096, 4096, "x" * 500),) * 8,
+    )  # fmt: skip
+    assert len(codec.encode_owned(full)) <= codec.MAX_PAYLOAD

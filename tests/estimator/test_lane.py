@@ -81,7 +81,8 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
     """What was published under each key, in order; the counts of each device; how many batches went the fast way."""
     bus = Heard()
     store = Store(folder / "store.sqlite3")
-    service = Service(WARD, Estimator(id="e", store=str(folder / "s")), bus, MemoryBus(MemoryBroker()), store)
+    settings, now_ns = Estimator(id="e", store=str(folder / "s")), 1_700_000_000_000_000_000
+    service = Service(WARD, settings, bus, MemoryBus(MemoryBroker()), store, lambda: now_ns)
     service._raw = Fed(rounds)  # type: ignore[assignment]
     fast = Counter[str]()
     keep = DeviceSession.keep

@@ -155,6 +155,17 @@ def test_it_says_what_python_says(run: Run, batches: list[CorrectedBatch], sessi
         np.testing.assert_allclose(said["rate_std"], one.rate_std[0], rtol=1e-12)
 
 
+def test_it_takes_nothing_of_an_older_epoch(run: Run, batches: list[CorrectedBatch]) -> None:
+    """One estimator hangs, another goes on with what it has not said and some more, the first wakes up and says the rest."""
+    former, present = [replace(b, epoch=7) for b in batches[-30:]], [replace(b, epoch=2**56) for b in batches[-30:]]
+    said = [*former[:10], *present[8:20], *former[10:25], *present[20:]]
+    sent = [message("corrected", codec.encode_corrected(b)) for b in said]
+    want = expected(sent)
+    assert [one.sequence for one in want] == [one.sequence for b in batches[-30:] for one in singles(b)]
+    assert [one.epoch for one in want] == sorted(one.epoch for one in want)
+    assert [int(one["number"]) for one in run(sent)] == [one.sequence for one in want]
+
+
 def test_it_revises_as_python_does(run: Run, batches: list[CorrectedBatch]) -> None:
     by = revision_of(batches)
     foreign = replace(by, calibration="another")
@@ -208,6 +219,7 @@ def tampered(batch: CorrectedBatch) -> list[tuple[str, Message]]:
         "period": {"tick_period_s": 0.0},
         "clock": {"clock_rate": 1e5},
         "sequence": {"sequence": 2**62 + 1},
+        "epoch": {"epoch": 2**62 + 1},
         "time": {"start_time_ns": -1},
         "name long": {"calibration": "c" * 65},
         "name control": {"calibration": "c\n1"},

@@ -7,7 +7,7 @@ from bridge.bus.contract import Publisher
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
 from bridge.wire import keys
-from estimator.service.device import CORRECTED_CACHE
+from estimator.service.device import CACHES
 from tests.bench.load.stream import WARD
 
 
@@ -19,7 +19,7 @@ def main(endpoint: str) -> None:
 
         def publisher(key: str) -> Publisher:
             device = keys.parse(key).device
-            return bus.publisher(keys.build(WARD, "corrected", device=device), cache=CORRECTED_CACHE)
+            return bus.publisher(keys.build(WARD, "corrected", device=device), cache=CACHES["corrected"])
 
         while not stop.is_set():
             for key, payload in raw.drain(512, 0.05):

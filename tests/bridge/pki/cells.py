@@ -17,7 +17,9 @@ KEYS = {
     "raw of b1": keys.build(WARD, "raw", bridge="b1", device="d1"),
     "raw of b2": keys.build(WARD, "raw", bridge="b2", device="d2"),
     "info of b1": keys.build(WARD, "info", bridge="b1", device="d1"),
-    **{what: keys.build(WARD, what, device="d1") for what in ESTIMATES},
+    **{what: keys.build(WARD, what, device="d1") for what in (*ESTIMATES, "checkpoint")},
+    "owned by e1": keys.build(WARD, "owned", estimator="e1"),
+    "owned by e2": keys.build(WARD, "owned", estimator="e2"),
 }
 TOKENS = {
     "bridge b1": keys.build(WARD, "alive/bridge", bridge="b1"),
@@ -29,14 +31,17 @@ NOBODY: dict[str, set[str]] = {who: set() for who in MEMBERS}
 MAY_SAY = NOBODY | {
     "bridge:b1": {"raw of b1", "info of b1"},
     "bridge:b2": {"raw of b2"},
-    "estimator:e1": set(ESTIMATES),
+    "estimator:e1": {*ESTIMATES, "checkpoint", "owned by e1"},
+    "estimator:e2": {*ESTIMATES, "checkpoint", "owned by e2"},
 }
+FOR_ESTIMATORS = {"raw of b1", "raw of b2", "info of b1", "checkpoint", "owned by e1", "owned by e2"}
 MAY_HEAR = {
     "bridge:b1": {"status"},
     "bridge:b2": {"status"},
-    "estimator:e1": {"raw of b1", "raw of b2", "info of b1"},
-    "viewer:v1": {"info of b1", *ESTIMATES},
-    "commander:c1": set(KEYS),
+    "estimator:e1": FOR_ESTIMATORS,
+    "estimator:e2": FOR_ESTIMATORS,
+    "viewer:v1": {"info of b1", "owned by e1", "owned by e2", *ESTIMATES},
+    "commander:c1": set(KEYS) - {"checkpoint"},
     "recorder:r1": set(KEYS) - {BY_NAME},
 }
 MAY_LIVE = NOBODY | {

@@ -17,7 +17,7 @@ from bridge.pki.member import Member
 
 WARD = "w"
 #: name -> role: what the cells are tried by
-MEMBERS = ("bridge:b1", "bridge:b2", "estimator:e1", "viewer:v1", "commander:c1", "recorder:r1")
+MEMBERS = ("bridge:b1", "bridge:b2", "estimator:e1", "estimator:e2", "viewer:v1", "commander:c1", "recorder:r1")
 HOSTS = ("127.0.0.1", "localhost")
 
 

@@ -84,6 +84,12 @@ def one_device_twice(files: Files) -> None:
     files.write("bridge.b1", "estimator.e1", more=BRIDGE.format(device="d1").replace("b1", "b7"))
 
 
+def other_knobs(files: Files) -> None:
+    files.write("bridge.b1", "estimator.e1")
+    text = ESTIMATOR.replace("e1", "e2") + "silence_s = 5.0\n"
+    files.one.write_text(files.one.read_text("utf-8") + text, "utf-8")
+
+
 def expired(files: Files) -> None:
     here = files.pki.path
     ca = Pair((here / "ca.pem").read_bytes(), (here / "ca.key").read_bytes())
@@ -109,6 +115,7 @@ def unknown(files: Files) -> None:
         (a_viewers, "for router:r, where a"),
         (another_port, "no router listens at tls/127.0.0.1:7448; they do at tls/0.0.0.0:7447"),
         (one_device_twice, "device 'd1' of ward 'w' is in"),
+        (other_knobs, "[estimator] silence_s is 2.0, in"),
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "no router knows bridge:b1"),

@@ -56,8 +56,9 @@ function corrected(raw) {
     device: raw.device, boot: big(raw.boot), sequence: big(raw.sequence), start: big(raw.startTimeNs),
     period: raw.tickPeriodS, clock: raw.clockRate, ticks: raw.ticks.map(big), rate: vectors(raw.rate),
     quality: raw.quality, noise: raw.noiseStd, biasStd: raw.biasStd, scale: raw.scaleStd, cross: raw.crossStd,
-    bias: raw.bias, calibration: raw.calibration,
+    bias: raw.bias, calibration: raw.calibration, epoch: big(raw.epoch),
   };
+  whole(batch.epoch, MOST, "epoch");
   check(1 <= n && n <= 1024, `length: ${n} samples`);
   whole(batch.sequence, MOST, "sequence");
   whole(batch.start, MOST, "start_time_ns");
@@ -132,6 +133,16 @@ function std(batch, rate, biasStd) {
   });
 }
 
+// Takes nothing of an older epoch after a newer one, which is forgotten when nothing of it has come for five seconds.
+const newest = new Map();
+function current(device, epoch) {
+  const known = newest.get(device);
+  const now = performance.now();
+  if (known !== undefined && epoch < known.epoch && now - known.heard <= 5000) return false;
+  newest.set(device, { epoch, heard: now });
+  return true;
+}
+
 // Takes each sample once: the number after the last one taken, and when that batch began, of each boot of each device.
 const taken = new Map();
 function first(batch) {
@@ -173,6 +184,7 @@ function take(key, payload) {
   const [what, raw] = open(key, payload);
   if (what === "corrected") {
     const batch = corrected(raw);
+    if (!current(batch.device, batch.epoch)) return;
     for (let i = first(batch); i < batch.ticks.length; i++) {
       kept.push([batch, i]);
       print({

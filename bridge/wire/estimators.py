@@ -1,0 +1,142 @@
+"""What the estimators of a ward say to each other: what each has, and what another would need to go on with it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.wire import checks, keys
+from bridge.wire import truerate_pb2 as pb
+from bridge.wire.batches import MAX_CELSIUS, MAX_SEQUENCE
+from bridge.wire.checks import MAX_EPOCH, MAX_NAME, MAX_SENTENCE, clean
+from bridge.wire.envelope import parse_key, read, same_id
+from bridge.wire.messages import VERSION, Checkpoint, Holding, Move, Owned
+from bridge.wire.records import calibration_in, calibration_message
+from bridge.wire.refusal import Reason, Refusal
+
+MAX_HOLDINGS, MAX_MOVES, MAX_PARTS = 512, 8, 64
+#: elements of a filter's state; its covariance
+STATE, _MAX_STATE, _MAX_COVARIANCE = 6, 1e6, 1e12
+_MAX_LOAD, _MAX_DEVICE_S = 1e4, 1e12
+
+
+def encode_owned(owned: Owned) -> bytes:
+    """The payload of owned/<estimator>."""
+    return pb.Owned(
+        version=VERSION,
+        estimator=owned.estimator,
+        time_ns=owned.time_ns,
+        epoch=owned.epoch,
+        load=owned.load,
+        part=owned.part,
+        parts=owned.parts,
+        holdings=[pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next) for h in owned.holdings],
+        moves=[
+            pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=clean(m.reason, MAX_SENTENCE))
+            for m in owned.moves
+        ],
+    ).SerializeToString()
+
+
+def decode_owned(key: str, payload: bytes) -> Owned:
+    """What is published under owned/<estimator>."""
+    place = parse_key(key, "owned")
+    raw = read(pb.Owned, payload)
+    same_id(raw.estimator, place, "estimator")
+    if len(raw.holdings) > MAX_HOLDINGS or len(raw.moves) > MAX_MOVES:
+        raise Refusal(
+            Reason.LENGTH,
+            f"{len(raw.holdings)} holdings and {len(raw.moves)} moves; {MAX_HOLDINGS} and {MAX_MOVES} are taken",
+        )
+    parts = checks.whole(raw.parts, "parts", MAX_PARTS)
+    return Owned(
+        estimator=raw.estimator,
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        epoch=checks.whole(raw.epoch, "epoch", MAX_EPOCH),
+        load=checks.number(raw.load, "load", 0.0, _MAX_LOAD),
+        holdings=tuple(_holding(h) for h in raw.holdings),
+        moves=tuple(_move(m) for m in raw.moves),
+        part=checks.whole(raw.part, "part", max(0, parts - 1)),
+        parts=parts,
+    )
+
+
+def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
+    """The payload of checkpoint/<device>."""
+    return pb.Checkpoint(
+        version=VERSION,
+        device=checkpoint.device,
+        boot=checkpoint.boot,
+        epoch=checkpoint.epoch,
+        time_ns=checkpoint.time_ns,
+        x=checkpoint.x.tolist(),
+        covariance=checkpoint.covariance.ravel().tolist(),
+        device_time_s=checkpoint.device_time_s,
+        temperature_c=checkpoint.temperature_c,
+        powered_s=checkpoint.powered_s,
+        doubted=checkpoint.doubted,
+        asked_by=clean(checkpoint.asked_by, MAX_NAME),
+        asked_why=clean(checkpoint.asked_why, MAX_SENTENCE),
+        bridge=checkpoint.bridge,
+        calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
+    ).SerializeToString()
+
+
+def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
+    """What is published under checkpoint/<device>."""
+    place = parse_key(key, "checkpoint")
+    raw = read(pb.Checkpoint, payload)
+    same_id(raw.device, place, "device")
+    n = STATE if raw.x else 0
+    x = checks.vector(raw.x, "x", n, -_MAX_STATE, _MAX_STATE)
+    covariance = checks.vector(raw.covariance, "covariance", n * n, -_MAX_COVARIANCE, _MAX_COVARIANCE).reshape(n, n)
+    if n and not _believable(covariance):
+        raise Refusal(Reason.RANGE, "covariance is of no six numbers: not symmetric, or with a negative variance")
+    powered_s = raw.powered_s
+    if powered_s != -math.inf:
+        checks.number(powered_s, "powered_s", -_MAX_DEVICE_S, _MAX_DEVICE_S)
+    calibration = calibration_in(raw.calibration) if raw.HasField("calibration") else None
+    if calibration is not None and calibration.device != raw.device:
+        raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {raw.device!r}")
+    return Checkpoint(
+        device=raw.device,
+        boot=raw.boot,
+        epoch=checks.whole(raw.epoch, "epoch", MAX_EPOCH),
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        x=x,
+        covariance=covariance,
+        device_time_s=checks.number(raw.device_time_s, "device_time_s", -_MAX_DEVICE_S, _MAX_DEVICE_S),
+        temperature_c=checks.number_or_nan(raw.temperature_c, "temperature_c", -MAX_CELSIUS, MAX_CELSIUS),
+        powered_s=powered_s,
+        doubted=raw.doubted,
+        asked_by=checks.text(raw.asked_by, "asked_by"),
+        asked_why=checks.text(raw.asked_why, "asked_why", MAX_SENTENCE),
+        calibration=calibration,
+        bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
+    )
+
+
+def _believable(covariance: NDArray[np.float64]) -> bool:
+    """Whether a filter can go on from it, rounding aside."""
+    worst = 1e-9 * float(np.abs(covariance).max())
+    if np.abs(covariance - covariance.T).max() > worst:
+        return False
+    return bool(np.linalg.eigvalsh(covariance)[0] >= -worst)
+
+
+def _holding(raw: pb.Holding) -> Holding:
+    return Holding(
+        device=keys.check_id(raw.device, "a device"),
+        epoch=checks.whole(raw.epoch, "epoch", MAX_EPOCH),
+        boot=raw.boot,
+        next=checks.whole(raw.next, "next", 2 * MAX_SEQUENCE),
+    )
+
+
+def _move(raw: pb.Move) -> Move:
+    return Move(
+        time_ns=checks.time_ns(raw.time_ns, "time_ns"),
+        came=raw.came,
+        left=raw.left,
+        reason=checks.text(raw.reason, "reason", MAX_SENTENCE),
+    )

@@ -1,0 +1,74 @@
+"""Nothing of an older epoch after a newer one: a former estimator of a device that wakes up is not listened to. Pure.
+
+`Fence` is for what is said now and then, `Turns` for samples, which have numbers.
+
+An epoch is of an estimator's turn at a device; a later turn has a higher number. The newest is forgotten when nothing of it has
+come for a while: a machine whose clock was set back, and so makes lower numbers, must not be shut out for ever.
+"""
+
+from dataclasses import dataclass
+
+#: nothing came of the newest epoch for so long, s
+FORGET_S = 5.0
+_TURNS = 8
+
+
+class Fence:
+    """Epochs of a bounded number of devices."""
+
+    def __init__(self, devices: int = 4096) -> None:
+        self._devices = devices
+        self._newest: dict[str, tuple[int, float]] = {}
+
+    def admits(self, device: str, epoch: int, now: float) -> bool:
+        """Whether what came of a device at `now`, seconds of a clock that does not go back, is of its newest epoch."""
+        newest = self._newest.get(device)
+        if newest is not None and epoch < newest[0] and now - newest[1] <= FORGET_S:
+            return False
+        if newest is None and len(self._newest) >= self._devices:
+            del self._newest[next(iter(self._newest))]
+        self._newest[device] = epoch, now
+        return True
+
+
+@dataclass(slots=True)
+class _Turn:
+    epoch: int
+    first: int
+
+
+class Turns:
+    """Whose sample it is, of one boot: from the first number of a turn on, no earlier turn's samples are taken.
+
+    Those below it are: they may have been under way for longer. What is said by who wakes up lies above it, since whoever
+    takes a device over begins no later than where the other had come to.
+    """
+
+    def __init__(self) -> None:
+        self._turns: list[_Turn] = []  # the latest, by epoch
+        self._heard_s = 0.0
+
+    def of(self, epoch: int, first: int, n: int, now: float) -> int:
+        """Of n samples from number `first` on, that came at `now`, how many at the beginning are to be taken."""
+        turns = self._turns
+        if turns and epoch == turns[-1].epoch:
+            turns[-1].first, self._heard_s = min(turns[-1].first, first), now
+            return n
+        if turns and epoch < turns[-1].epoch and now - self._heard_s <= FORGET_S:
+            later = min(turn.first for turn in turns if turn.epoch > epoch)
+            self._note(epoch, first)
+            return max(0, min(n, later - first))
+        if turns and epoch < turns[-1].epoch:
+            turns.clear()
+        self._heard_s = now
+        self._note(epoch, first)
+        return n
+
+    def _note(self, epoch: int, first: int) -> None:
+        for turn in self._turns:
+            if turn.epoch == epoch:
+                turn.first = min(turn.first, first)
+                return
+        self._turns.append(_Turn(epoch, first))
+        self._turns.sort(key=lambda turn: turn.epoch)
+        del self._turns[:-_TURNS]

@@ -1,0 +1,166 @@
+"""Which devices are ours, among several estimators, as one of them knows it. Pure: `now` is monotonic seconds.
+
+An estimator takes a device when it is the owner of those that are alive, and keeps it until it hears another say that it has it,
+under a higher epoch: so nothing stops while a device moves, and of two that have it one always gives way.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+
+from bridge.wire.messages import Holding, Owned
+from estimator.service.epochs import epoch_after
+from estimator.service.ownership import owner
+
+#: more than a ward has
+MAX_PEERS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterKnobs:
+    """Seconds."""
+
+    #: where the router was away, or we were: until everybody has had the time to come back, nobody is taken for gone
+    settle_s: float = 1.0
+    #: who still reads what was said before waits for this much longer, and no longer than that in all
+    behind_s: float = 0.3
+    most_s: float = 15.0
+    #: one whose connection lives and that says nothing for this long hangs
+    hangs_s: float = 2.5
+    #: a device that another has under a higher epoch, and that we think is ours, is not taken before
+    retry_s: float = 3.0
+
+
+@dataclass(slots=True)
+class _Peer:
+    heard_s: float
+    alive: bool = True
+    parts: dict[int, tuple[Holding, ...]] = field(default_factory=dict)
+
+
+class Cluster:
+    """peers: the others that are known to be there at the start; without any, nobody is waited for."""
+
+    def __init__(
+        self, own: str, peers: Collection[str] = (), now: float = 0.0, knobs: ClusterKnobs | None = None
+    ) -> None:
+        self.own, self.knobs = own, knobs or ClusterKnobs()
+        #: our devices, each with the epoch of our turn
+        self.held: dict[str, int] = {}
+        #: the highest epoch that was heard of, or used
+        self.highest = 0
+        self._turn = 0
+        self._peers = {name: _Peer(now) for name in peers if name != own}
+        self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
+        self._settled_by_s = now + self.knobs.most_s
+        self._not_before: dict[str, float] = {}
+        #: all estimators that are taken for alive, ourselves among them
+        self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
+
+    @property
+    def alone(self) -> bool:
+        """Whether all devices are ours."""
+        return len(self.members) == 1
+
+    @property
+    def undisputed(self) -> bool:
+        """Whether nobody says to have any of them."""
+        return self.alone and not self._not_before
+
+    def settled(self, now: float) -> bool:
+        """Whether it is known who is there."""
+        return now >= self._settled_s
+
+    def change(self, name: str, now: float, *, alive: bool) -> None:
+        """An estimator's token was born or has died."""
+        if name == self.own:
+            return
+        if alive and name not in self._peers and len(self._peers) >= MAX_PEERS:
+            return
+        peer = self._peers.setdefault(name, _Peer(now))
+        peer.alive, peer.heard_s = alive, now
+
+    def unreachable(self, now: float) -> None:
+        """There is no router now, and what became of the others is not known: it stays as it is."""
+        self._settled_s, self._settled_by_s = now + self.knobs.settle_s, now + self.knobs.most_s
+
+    def behind(self, now: float) -> None:
+        """There is more to be read than we got round to: who takes a device now would go on with what is long past."""
+        if not self.settled(now):
+            self._settled_s = max(self._settled_s, min(now + self.knobs.behind_s, self._settled_by_s))
+
+    def held_up(self, seconds: float) -> None:
+        """We did not get round to listening for so long: nobody's silence."""
+        for peer in self._peers.values():
+            peer.heard_s += seconds
+
+    def look(self, now: float) -> tuple[list[str], list[str]]:
+        """Who has come, and who is gone, since the last look."""
+        there = {self.own}
+        for name, peer in list(self._peers.items()):
+            if peer.alive and now - peer.heard_s <= self.knobs.hangs_s:
+                there.add(name)
+            elif self.settled(now) and not peer.alive:
+                del self._peers[name]
+        before = set(self.members)
+        if not self.settled(now):
+            there |= before
+        if there == before:
+            return [], []
+        self.members = tuple(sorted(there))
+        return sorted(there - before), sorted(before - there)
+
+    def said(self, owned: Owned, now: float) -> list[str]:
+        """What another says to have; our devices that it has taken."""
+        if owned.estimator == self.own:
+            return []
+        peer = self._peers.get(owned.estimator)
+        if peer is not None:
+            peer.heard_s = now
+            peer.parts[owned.part] = owned.holdings
+            for part in [part for part in peer.parts if part >= owned.parts]:
+                del peer.parts[part]
+        self.highest = max(self.highest, owned.epoch, *(h.epoch for h in owned.holdings), 0)
+        return [h.device for h in owned.holdings if h.epoch > self.held.get(h.device, h.epoch)]
+
+    def wants(self, device: str, now: float) -> bool:
+        """Whether a device that is not ours is to be taken now."""
+        if not self.settled(now) or owner(device, self.members) != self.own:
+            return False
+        until = self._not_before.get(device)
+        if until is not None and now < until:
+            return False
+        self._not_before.pop(device, None)
+        return True
+
+    def take(self, device: str, now_ns: int) -> int:
+        """A device is ours from now on: the epoch of our turn, the same for all until another has had one."""
+        if not self._turn or self.highest != self._turn:
+            self.highest = self._turn = epoch_after(self.highest, now_ns, self.own)
+        self.held[device] = self._turn
+        return self._turn
+
+    def lose(self, device: str, now: float) -> None:
+        """Another has it."""
+        self.held.pop(device, None)
+        if owner(device, self.members) == self.own:
+            self._not_before[device] = now + self.knobs.retry_s
+
+    def keep(self, devices: Collection[str]) -> None:
+        """Of our devices there are these."""
+        self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
+
+    def leaving(self) -> list[str]:
+        """Our devices that are to be another's, and are ours until it says so."""
+        return [] if self.alone else [device for device in self.held if owner(device, self.members) != self.own]
+
+    def answers(self, device: str) -> bool:
+        """Whether it is for us to speak of a device: it is ours, or would be, and nobody else has it. From any thread."""
+        if device in self.held or self.alone:
+            return True
+        return owner(device, self.members) == self.own and not any(h.device == device for h in self._claims())
+
+    def _claims(self) -> Iterator[Holding]:
+        for name in self.members:
+            peer = self._peers.get(name)
+            for holdings in list(peer.parts.values()) if peer is not None else ():
+                yield from holdings

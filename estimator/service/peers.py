@@ -1,0 +1,243 @@
+"""The other estimators of the ward, over the bus: who is there, who has what, and what is kept to take over from them."""
+
+import logging
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Sequence
+
+from bridge.bus.contract import Bus, Message
+from bridge.wire import codec, keys
+from bridge.wire.messages import Checkpoint, Holding, Move, Owned
+from bridge.wire.refusal import Refusal, Tally
+from estimator.door import Door
+from estimator.service.cluster import Cluster
+from estimator.service.device import Device
+from estimator.service.replicas import Replicas, checkpoint_of
+from estimator.service.roster import MAX_DEVICES
+from estimator.service.standby import Standby
+
+log = logging.getLogger(__name__)
+
+#: how often it is said what is ours; where there is nobody to whom it matters, only for who looks
+SAY_S, SAY_ALONE_S = 0.2, 1.0
+#: a round that begins so long after the one before was held up
+HELD_UP_S = 0.5
+#: so many messages in a round: there are more to be read
+MANY = 512
+#: how often it is looked whether there is a router, when no token has changed
+_LOOK_S = 0.25
+_MOVES, _WAITING = 8, 65536
+
+
+class Peers:
+    """Used from the service's own thread but for `answers` and what the bus tells of tokens.
+
+    peers: the ids of those that were found at the start.
+    """
+
+    def __init__(
+        self,
+        ward: str,
+        own: str,
+        data: Bus,
+        control: Bus,
+        now_ns: Callable[[], int],
+        counts: Tally,
+        peers: Collection[str],
+    ) -> None:
+        self.cluster = Cluster(own, peers, time.monotonic())
+        self.replicas = Replicas(MAX_DEVICES)
+        self._buses, self._now_ns, self._counts = (data, control), now_ns, counts
+        self._standby = Standby(MAX_DEVICES)
+        self._tokens: deque[tuple[str, bool]] = deque(maxlen=_WAITING)
+        self._owned = Door[Owned]("ownership", codec.decode_owned)
+        self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
+        self._said = data.publisher(keys.build(ward, "owned", estimator=own))
+        self._heard = data.subscribe(keys.pattern(ward, "owned"))
+        self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
+        self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
+        self._next_say = self._next_scan = self._next_look = 0.0
+        self._looked = time.monotonic()
+        self._moves: deque[Move] = deque(maxlen=_MOVES)
+        self._came, self._left, self._why = 0, Counter[str](), ""
+        self._newcomer = False
+        self._load = 0.0
+        self._load_since = time.monotonic(), time.process_time()
+
+    def close(self) -> None:
+        """Listen no more."""
+        for thing in (self._watch, self._heard, self._kept, self._said):
+            thing.close()
+
+    def refused(self) -> dict[str, int]:
+        """What was not understood or had no room, counted."""
+        said = {
+            f"{door.name} messages refused, {why}": n
+            for door in (self._owned, self._checkpoints)
+            for why, n in door.refused.as_dict().items()
+        }
+        return said | ({"messages of others' devices dropped": n} if (n := self._standby.dropped) else {})
+
+    # ---- whose devices are --------------------------------------------------------------------------------------------
+
+    def look(self, now: float) -> list[str]:
+        """Hear what the others say, once a round; the devices of ours that are another's now."""
+        cluster = self.cluster
+        if (late_s := now - self._looked) > HELD_UP_S:
+            cluster.held_up(late_s)
+        self._looked = now
+        if self._tokens:
+            self._next_look = now
+        while self._tokens:
+            self._changed(*self._tokens.popleft(), now)
+        lost: dict[str, None] = {}
+        for message in self._heard.drain(512, 0.0):
+            owned = self._owned.take(message)
+            if owned is not None and owned.estimator != cluster.own:
+                self._hear(owned, lost, now)
+        for message in self._kept.drain(4096, 0.0):
+            checkpoint = self._checkpoints.take(message)
+            if checkpoint is not None:
+                cluster.highest = max(cluster.highest, checkpoint.epoch)
+                self.replicas.note(checkpoint)
+        if now >= self._next_look and not cluster.alone:
+            self._next_look = now + _LOOK_S
+            if not all(bus.connected for bus in self._buses):
+                cluster.unreachable(now)
+        self._notice(*cluster.look(now), now)
+        for device in lost:
+            cluster.lose(device, now)
+        return list(lost)
+
+    def _hear(self, owned: Owned, lost: dict[str, None], now: float) -> None:
+        fresh = [device for device in self.cluster.said(owned, now) if device not in lost]
+        lost |= dict.fromkeys(fresh)
+        self._left[owned.estimator] += len(fresh)
+        for h in owned.holdings:
+            if h.device not in self.cluster.held:
+                self._standby.done(h.device, h.boot, h.next, now)
+
+    def _notice(self, came: list[str], gone: list[str], now: float) -> None:
+        for name in came:
+            log.info("estimator %s is here: devices are shared with it", name)
+        for name in gone:
+            log.warning("estimator %s is gone: its devices are taken over", name)
+        if came or gone:
+            self._newcomer |= bool(came)
+            self._next_scan = self._next_say = now
+            self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
+
+    def sift(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
+        """Of samples that came, those of our devices; the others are kept for a while."""
+        cluster = self.cluster
+        if cluster.undisputed and not self._standby:
+            return messages
+        if len(messages) >= MANY:
+            cluster.behind(now)
+        ours: list[Message] = []
+        for message in messages:
+            try:
+                device = keys.parse(message.key).device
+            except Refusal:
+                ours.append(message)  # the door refuses it, too, and counts it
+                continue
+            if device in cluster.held:
+                ours.append(message)
+            elif self._standby.hold(device, message, now):
+                self._next_scan = now  # it may be ours, and is said to be first
+        return ours
+
+    def taken_over(self, devices: dict[str, Device], now: float) -> list[list[Message]]:
+        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order."""
+        if now < self._next_scan:
+            return []
+        self._next_scan = now + SAY_ALONE_S
+        self._standby.tidy(now)
+        self.cluster.keep(devices)
+        queues = [self._take(device) for device in list(self._standby) if self.cluster.wants(device, now)]
+        if queues:
+            self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
+        return queues
+
+    def epoch(self, device: str) -> int:
+        """Since when a device is ours; it is from now on, if it was not."""
+        return self.cluster.held.get(device) or self._begin(device)
+
+    def back(self, device: str, message: Message, now: float) -> None:
+        """A message of a device that has left us, and that nobody has looked at."""
+        self._standby.hold(device, message, now)
+
+    def answers(self, device: str) -> bool:
+        """Whether it is for us to answer a command; from any thread."""
+        return self.cluster.answers(device)
+
+    def _take(self, device: str) -> list[Message]:
+        self._begin(device)
+        return self._standby.take(device)
+
+    def _begin(self, device: str) -> int:
+        self._came += 1
+        return self.cluster.take(device, self._now_ns())
+
+    def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        self._tokens.append((key, alive))
+
+    def _changed(self, key: str, alive: bool, now: float) -> None:  # noqa: FBT001
+        try:
+            name = keys.parse(key).ids["estimator"]
+        except Refusal as refusal:
+            self._counts.add(f"tokens refused, {refusal.reason}")
+            return
+        self.cluster.change(name, now, alive=alive)
+
+    # ---- what is said of ours ---------------------------------------------------------------------------------------
+
+    def say(self, devices: dict[str, Device], now: float) -> None:
+        """Say what is ours, if it is time to, or if something was taken."""
+        cluster = self.cluster
+        if not (now >= self._next_say or (self._came and not cluster.alone)):
+            return
+        self._next_say = now + (SAY_ALONE_S if cluster.alone else SAY_S)
+        time_ns = self._now_ns()
+        self._moved(time_ns)
+        self._measure(now)
+        holdings = [_holding(name, epoch, devices.get(name)) for name, epoch in cluster.held.items()]
+        most = codec.MAX_HOLDINGS
+        parts = max(1, -(-len(holdings) // most))
+        for part in range(parts):
+            some = tuple(holdings[part * most : (part + 1) * most])
+            owned = Owned(cluster.own, time_ns, cluster.highest, self._load, some, tuple(self._moves), part, parts)
+            self._said.put(codec.encode_owned(owned))
+        if self._newcomer:
+            self._newcomer = False
+            for name in cluster.leaving():
+                if name in devices:
+                    self.tell(devices[name])
+
+    def tell(self, device: Device) -> None:
+        """Say what another would need of a device, where there is another."""
+        if self.cluster.alone:
+            return
+        checkpoint = checkpoint_of(device, self._now_ns())
+        if checkpoint is not None:
+            device.say_checkpoint(codec.encode_checkpoint(checkpoint))
+
+    def _moved(self, time_ns: int) -> None:
+        if self._came:
+            self._moves.append(Move(time_ns, self._came, 0, self._why or "heard for the first time"))
+            self._came, self._why = 0, ""
+        for name, n in self._left.items():
+            if n:
+                self._moves.append(Move(time_ns, 0, n, f"{name} has taken them"))
+        self._left.clear()
+
+    def _measure(self, now: float) -> None:
+        since, spent = self._load_since
+        if now - since >= SAY_ALONE_S:
+            self._load = (time.process_time() - spent) / (now - since)
+            self._load_since = now, time.process_time()
+
+
+def _holding(name: str, epoch: int, device: Device | None) -> Holding:
+    session = None if device is None else device.session
+    return Holding(name, epoch, *(0, 0) if session is None else (session.boot or 0, session.sequence.next or 0))

@@ -1,0 +1,85 @@
+"""What the estimators of a ward tell each other of their devices, so that any of them can go on with any device. Pure."""
+
+import numpy as np
+
+from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
+from estimator.restore import differing, restore_key
+from estimator.service.device import Device
+from estimator.session import Remembered
+from estimator.track.bias_filter import OWN, BiasState
+
+_NONE = np.zeros(0)
+#: no clock of a device shows as much
+_ENDLESS_S = 1e12
+
+
+def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
+    """What another would need of a device; None before it has a boot."""
+    session = device.session
+    if session.boot is None:
+        return None
+    state, asked = session.checkpoint(), session.asked or ("", "")
+    used = session.calibration or session.prior
+    known = state is not None and bool(np.isfinite(state.x).all() and np.isfinite(state.P).all())
+    return Checkpoint(
+        device=device.name,
+        boot=session.boot,
+        epoch=device.epoch,
+        time_ns=time_ns,
+        x=state.x[:OWN] if state is not None and known else _NONE,
+        covariance=state.P[:OWN, :OWN] if state is not None and known else _NONE.reshape(0, 0),
+        device_time_s=state.time if state is not None and known else 0.0,
+        temperature_c=state.temperature_c if state is not None and known else np.nan,
+        powered_s=state.powered if state is not None and known and abs(state.powered) < _ENDLESS_S else -np.inf,
+        doubted=session.tracker.doubted and session.calibration is not None,
+        asked_by=asked[0],
+        asked_why=asked[1],
+        calibration=used,
+        bridge=device.source.owner,
+    )
+
+
+class Replicas:
+    """The latest checkpoint of a bounded number of devices."""
+
+    def __init__(self, devices: int) -> None:
+        self._room = devices
+        self._latest: dict[str, Checkpoint] = {}
+
+    def note(self, checkpoint: Checkpoint) -> None:
+        """Keep it, unless a later turn has said something of the device."""
+        known = self._latest.get(checkpoint.device)
+        if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known.time_ns):
+            return
+        self._latest.pop(checkpoint.device, None)
+        self._latest[checkpoint.device] = checkpoint
+        while len(self._latest) > self._room:
+            del self._latest[next(iter(self._latest))]
+
+    def bridge(self, device: str) -> str:
+        """Whom it was heard from; empty where nothing was said of it."""
+        known = self._latest.get(device)
+        return "" if known is None else known.bridge
+
+    def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
+        """What was said of this very boot."""
+        known = self._latest.get(device)
+        if known is None or known.boot != boot:
+            return None
+        calibration = known.calibration if known.calibration and known.calibration.boot == boot else None
+        bias = None
+        if len(known.x):
+            at = known.device_time_s, known.temperature_c, known.powered_s
+            bias = BiasState(known.x, known.covariance, *at)
+        if calibration is None and bias is None:
+            return None
+        asked = (known.asked_by, known.asked_why) if known.asked_by else None
+        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked)
+
+    def prior(self, info: DeviceInfo) -> Calibration | None:
+        """The calibration last said of the same hardware, of an earlier boot."""
+        known = self._latest.get(info.device)
+        used = None if known is None else known.calibration
+        if used is None or used.boot == info.boot or differing(restore_key(used), info):
+            return None
+        return used

@@ -1,0 +1,115 @@
+"""The last that other estimators' devices have sent: kept until it is corrected by them, to go on from when one is gone. Pure.
+
+What an estimator says to have corrected is kept a little longer: its words and its corrected samples may go different ways, and
+those that it had sent when it died may have got lost. Whoever hears a sample twice takes it once.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from google.protobuf.message import DecodeError
+
+from bridge.bus.contract import Message
+from bridge.wire import columns_pb2 as columns
+
+#: longer than it takes to notice that an estimator hangs; shorter than a bridge's cache, from which more would come
+HELD_S = 6.0
+OVERLAP_S = 0.5
+#: of one device; bytes of all together, of which those of the device that has most go first
+MOST, MOST_BYTES = 512, 64 * 2**20
+
+
+@dataclass(slots=True)
+class _Held:
+    message: Message
+    came_s: float
+    reaches: tuple[int, int] | None = None  # boot, and the number after its last sample
+
+    def read(self) -> tuple[int, int]:
+        if self.reaches is None:
+            try:
+                raw = columns.SampleBatch.FromString(self.message.payload)
+                self.reaches = raw.boot, raw.sequence + len(raw.ticks) // 8
+            except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+                self.reaches = -1, 0  # whoever has the device refuses it
+        return self.reaches
+
+
+@dataclass(slots=True)
+class _Queue:
+    held: deque[_Held] = field(default_factory=deque)
+    size: int = 0
+
+    def drop(self) -> int:
+        size = len(self.held.popleft().message.payload)
+        self.size -= size
+        return size
+
+
+class Standby:
+    """Messages by device; `now` is monotonic seconds."""
+
+    def __init__(self, devices: int) -> None:
+        self._room = devices
+        self._queues: dict[str, _Queue] = {}
+        self._size = 0
+        #: messages that were dropped although nobody is known to have corrected them, for want of room
+        self.dropped = 0
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._queues)
+
+    def __len__(self) -> int:
+        return len(self._queues)
+
+    def hold(self, device: str, message: Message, now: float) -> bool:
+        """Keep a message of another's device; whether it is the only one."""
+        queue = self._queues.get(device)
+        if queue is None:
+            if len(self._queues) >= self._room:
+                self.take(next(iter(self._queues)))
+            queue = self._queues[device] = _Queue()
+        queue.held.append(_Held(message, now))
+        queue.size += len(message.payload)
+        self._size += len(message.payload)
+        while queue.held[0].came_s < now - HELD_S:
+            self._size -= queue.drop()
+        if len(queue.held) > MOST:
+            self._size -= queue.drop()
+            self.dropped += 1
+        while self._size > MOST_BYTES:
+            self._size -= max(self._queues.values(), key=lambda q: q.size).drop()
+            self.dropped += 1
+        return len(queue.held) <= 1
+
+    def done(self, device: str, boot: int, next_: int, now: float) -> None:
+        """Whose device it is has corrected all of this boot below this number."""
+        queue = self._queues.get(device)
+        if queue is None:
+            return
+        last = -1
+        for at, held in enumerate(queue.held):
+            if held.came_s > now - OVERLAP_S:
+                break
+            its, reaches = held.read()
+            if its == boot and reaches <= next_:
+                last = at
+        for _ in range(last + 1):
+            self._size -= queue.drop()
+
+    def take(self, device: str) -> list[Message]:
+        """What is kept of a device, in the order in which it came; it is another's no more."""
+        queue = self._queues.pop(device, None)
+        if queue is None:
+            return []
+        self._size -= queue.size
+        return [held.message for held in queue.held]
+
+    def tidy(self, now: float) -> None:
+        """Forget what is too old, and devices that send nothing."""
+        for device, queue in list(self._queues.items()):
+            while queue.held and queue.held[0].came_s < now - HELD_S:
+                self._size -= queue.drop()
+            if not queue.held:
+                del self._queues[device]

@@ -1,0 +1,205 @@
+"""Three estimators share 300 devices: what a subscriber notices when one is killed, or hangs and wakes up. `make bench-cluster`.
+
+Router, bridge and estimators are processes of their own. A gap is the longest time between two batches of a device that were
+new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part.
+"""
+
+import argparse
+import itertools
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from bridge.bus.router import Router
+from bridge.bus.zenoh_bus import ZenohBus
+from bridge.columns import Column, Columns
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch, Owned
+from estimator.client import Client
+from estimator.demo.ward import free_port, listens
+from estimator.service.ownership import owner
+from tests.bench.load.stream import WARD
+
+NAMES = ("estimator-1", "estimator-2", "estimator-3")
+RATE_HZ, SAMPLES = 104.0, 5
+GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
+_CONFIG = """ward = "{ward}"
+[bus]
+connect = ["{endpoint}"]
+[estimator]
+id = "{name}"
+store = "{folder}/{name}.sqlite3"
+"""
+
+
+class Cluster:
+    """The processes, and a subscriber that keeps when each batch came."""
+
+    def __init__(self, folder: Path, stack: ExitStack, devices: int, seconds: float) -> None:
+        self.folder, self._stack = folder, stack
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        # The router of a ward does not wait for a viewer that is slow: on a busy machine that loss would be counted here.
+        stack.enter_context(_process("tests.bench.cluster", "router", self.endpoint))
+        if not listens(self.endpoint, 20.0):
+            raise RuntimeError("the router does not listen")
+        bus = stack.enter_context(ZenohBus([self.endpoint]))
+        self._heard = bus.subscribe(keys.pattern(WARD, "owned"))
+        self.owned: dict[str, Owned] = {}
+        self.client = stack.enter_context(Client([self.endpoint], ward=WARD))
+        self.stream = self.client.corrected(wait_s=10.0)
+        self.came: dict[str, list[tuple[float, CorrectedBatch]]] = {}
+        for name in NAMES:
+            self.start(name)
+        self.until(lambda: len(self.owned) == len(NAMES), 60.0)
+        arguments = [self.endpoint, str(devices), str(RATE_HZ), str(SAMPLES), "paced", str(seconds), "0"]
+        self.sender = stack.enter_context(_process("tests.bench.load.sender", *arguments, pipe=True))
+
+    def start(self, name: str) -> None:
+        config = self.folder / f"{name}.toml"
+        config.write_text(
+            _CONFIG.format(ward=WARD, endpoint=self.endpoint, name=name, folder=self.folder), encoding="utf-8"
+        )
+        process = self._stack.enter_context(_process("estimator.cli", "estimator", "serve", str(config)))
+        self.processes[name] = process
+
+    def poll(self, wait_s: float = 0.01) -> None:
+        for batch in self.stream.drain(wait_s):
+            self.came.setdefault(batch.device, []).append((time.monotonic(), batch))
+        for message in self._heard.drain(4096, 0.0):
+            owned = codec.decode_owned(message.key, message.payload)
+            self.owned[owned.estimator] = owned
+
+    def until(self, true: Callable[[], bool], timeout_s: float) -> float:
+        began = time.monotonic()
+        while not true():
+            if time.monotonic() - began > timeout_s:
+                raise RuntimeError(f"it did not come: {self.shares()}")
+            self.poll()
+        return time.monotonic() - began
+
+    def listen(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() >= end, seconds + 60.0)
+
+    def has(self, name: str) -> set[str]:
+        return {h.device for h in self.owned[name].holdings} if name in self.owned else set()
+
+    def home(self) -> bool:
+        """Whether each device is where it is to be, with all of them alive."""
+        devices = {h.device for owned in self.owned.values() for h in owned.holdings}
+        return all(self.has(name) == {d for d in devices if owner(d, NAMES) == name} for name in NAMES)
+
+    def shares(self) -> dict[str, int]:
+        return {name: len(self.has(name)) for name in NAMES if name in self.owned}
+
+    def gaps(self, devices: set[str], since: float, for_s: float) -> NDArray[np.float64]:
+        """(devices,) the longest silence of each that ends within so long."""
+        found = []
+        for device in sorted(devices):
+            moments = np.array([at for at, _ in self.came[device] if at >= since - 1.0])
+            moments = np.append(moments, time.monotonic())  # what has not come yet is a gap, too
+            during = (moments[1:] >= since) & (moments[:-1] <= since + for_s)
+            found.append(np.diff(moments)[during].max(initial=0.0))
+        return np.array(found)
+
+    def faults(self) -> dict[str, int]:
+        """Samples that are not there, that are there twice, and batches of an older epoch after a newer one."""
+        lost = twice = older = 0
+        for batches in self.came.values():
+            for (_, before), (_, after) in itertools.pairwise(batches):
+                step = after.sequence - before.sequence - len(before)
+                lost, twice = lost + max(0, step), twice + max(0, -step)
+                older += after.epoch < before.epoch
+        return {"lost": lost, "given twice": twice, "of an older epoch": older}
+
+
+@contextmanager
+def _process(module: str, *arguments: str, pipe: bool = False) -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdin=subprocess.PIPE if pipe else subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.kill()
+        process.wait()
+
+
+def main() -> int:
+    """Print what was found; 1 when a sample was lost, given twice, or taken from who had lost its device."""
+    if sys.argv[1:2] == ["router"]:
+        with Router([sys.argv[2]]):
+            threading.Event().wait()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--devices", type=int, default=300)
+    parser.add_argument("--rounds", type=int, default=3)
+    args = parser.parse_args()
+    console = Console(width=140)
+    table = Columns(
+        [
+            Column("what"),
+            *(Column(words, number=True) for words in ("devices", "gap p50", "worst", "others' p50", "worst", "goal")),
+        ]
+    )
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        cluster = Cluster(Path(folder), stack, args.devices, 40.0 * args.rounds + 60.0)
+        cluster.until(lambda: sum(cluster.shares().values()) == args.devices and cluster.home(), 60.0)
+        cluster.listen(3.0)
+        even = args.devices / len(NAMES)
+        worst = max(abs(n - even) / even for n in cluster.shares().values())
+        console.print(f"shares: {cluster.shares()}, {worst:.0%} from even at most (goal 20 %)")
+        loads = {name: f"{owned.load:.0%}" for name, owned in cluster.owned.items()}
+        console.print(f"processor time: {loads}")
+        at = time.monotonic()
+        cluster.listen(STOP_S)
+        usual = cluster.gaps(set(cluster.came), at, 3.0)
+        table.add(
+            "nothing", "", "", "", *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())), ""
+        )
+        for number in range(args.rounds):
+            victim = NAMES[number % len(NAMES)]
+            for what, goal in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S)):
+                theirs = cluster.has(victim)
+                others = set(cluster.came) - theirs
+                at = time.monotonic()
+                process = cluster.processes[victim]
+                process.send_signal(getattr(signal, what))
+                cluster.owned.pop(victim)
+                cluster.until(lambda: sum(cluster.shares().values()) == args.devices, 30.0)
+                cluster.listen(STOP_S)
+                gaps, usual = cluster.gaps(theirs, at, 3.0), cluster.gaps(others, at, 3.0)
+                words = (np.median(gaps), gaps.max(), np.median(usual), usual.max(), goal)
+                table.add(what, str(len(theirs)), *(f"{1e3 * seconds:.0f} ms" for seconds in words))
+                if what == "SIGSTOP":
+                    process.send_signal(signal.SIGCONT)
+                else:
+                    process.wait()
+                    cluster.start(victim)
+                cluster.until(cluster.home, 60.0)
+                cluster.listen(2.0)
+        console.print(table)
+        console.print(
+            f"{sum(len(b) for came in cluster.came.values() for _, b in came):,} samples given; {cluster.faults()}; "
+            f"left out as repeated {cluster.stream.repeated:,}, as outdated {cluster.stream.outdated:,}; "
+            f"missing {sum(m.samples for m in cluster.stream.missing.values())}, refused {cluster.stream.refused}"
+        )
+        return int(any(cluster.faults().values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,208 @@
+"""Who has which device: some estimators in one world, told of each other late, or not at all, or wrongly."""
+
+from bridge.wire.messages import Holding, Owned
+from estimator.service.cluster import Cluster, ClusterKnobs
+from estimator.service.ownership import owner
+
+KNOBS = ClusterKnobs(settle_s=1.0, hangs_s=2.5, retry_s=3.0)
+DEVICES = [f"d{number:02d}" for number in range(60)]
+
+
+class World:
+    """A clock, and who hears whom."""
+
+    def __init__(self, *names: str) -> None:
+        self.now = 0.0
+        self.all: dict[str, Cluster] = {}
+        self.cut: set[frozenset[str]] = set()
+        for name in names:
+            self.start(name)
+
+    def start(self, name: str) -> Cluster:
+        self.all[name] = made = Cluster(name, [other for other in self.all if other != name], self.now, KNOBS)
+        for other in self.all.values():
+            other.change(name, self.now, alive=True)
+        return made
+
+    def kill(self, name: str) -> None:
+        del self.all[name]
+        for other in self.all.values():
+            other.change(name, self.now, alive=False)
+
+    def run(self, seconds: float, still: str = "") -> None:
+        """Every 0.1 s each looks, takes what it wants of all devices, and says what it has."""
+        for _ in range(round(seconds / 0.1)):
+            self.now += 0.1
+            for name, one in self.all.items():
+                if name != still:
+                    one.look(self.now)
+                    for device in DEVICES:
+                        if device not in one.held and one.wants(device, self.now):
+                            one.take(device, round(self.now * 1e9))
+                    self.say(name)
+
+    def say(self, name: str) -> None:
+        one = self.all[name]
+        said = Owned(name, 0, one.highest, 0.0, tuple(Holding(d, e, 0, 0) for d, e in one.held.items()))
+        for other in self.all.values():
+            if other is not one and frozenset((name, other.own)) not in self.cut:
+                for device in other.said(said, self.now):
+                    other.lose(device, self.now)
+
+    def part(self, one: str, other: str, *, cut: bool) -> None:
+        (self.cut.add if cut else self.cut.discard)(frozenset((one, other)))
+        self.all[one].change(other, self.now, alive=not cut)
+        self.all[other].change(one, self.now, alive=not cut)
+
+    def assert_shared(self) -> None:
+        """Each device has one estimator: the one it is to have."""
+        for name, one in self.all.items():
+            assert set(one.held) == {d for d in DEVICES if owner(d, list(self.all)) == name}, name
+
+    def most(self) -> dict[str, str]:
+        """Who is listened to, by device: the highest epoch."""
+        return {d: max(self.all.values(), key=lambda one: one.held.get(d, -1)).own for d in DEVICES}
+
+
+def test_who_is_alone_has_all_at_once() -> None:
+    alone = Cluster("e1", now=5.0)
+    assert alone.alone
+    assert all(alone.wants(device, 5.0) for device in DEVICES)
+    assert alone.answers("anything")
+
+
+def test_who_is_alone_uses_one_epoch() -> None:
+    alone = Cluster("e1")
+    assert len({alone.take(device, n * 10**9) for n, device in enumerate(DEVICES)}) == 1
+
+
+def test_devices_are_shared_and_move_no_more_than_they_must() -> None:
+    world = World("e1")
+    world.run(1.0)
+    assert len(world.all["e1"].held) == len(DEVICES)
+    world.start("e2")
+    world.start("e3")
+    world.run(1.5)
+    world.assert_shared()
+    before = {name: dict(one.held) for name, one in world.all.items()}
+    world.kill("e2")
+    world.run(0.2)
+    world.assert_shared()
+    for name, one in world.all.items():
+        assert before[name].items() <= one.held.items()
+
+
+def test_a_newcomer_waits_until_it_knows_and_the_former_owner_goes_on_until_then() -> None:
+    world = World("e1")
+    world.run(1.0)
+    world.start("e2")
+    world.run(0.8)
+    assert len(world.all["e1"].held) == len(DEVICES)
+    assert not world.all["e2"].held
+    world.run(0.5)
+    world.assert_shared()
+
+
+def test_a_newcomer_that_still_reads_the_past_waits_and_not_for_ever() -> None:
+    world = World("e1")
+    world.run(1.0)
+    world.start("e2")
+    for _ in range(30):
+        world.run(0.1)
+        world.all["e2"].behind(world.now)
+    assert not world.all["e2"].held
+    world.run(0.5)
+    world.assert_shared()
+    world.start("e3")
+    for _ in range(160):
+        world.run(0.1)
+        world.all["e3"].behind(world.now)
+    world.assert_shared()
+
+
+def test_each_turn_at_a_device_has_a_higher_epoch_whatever_the_clocks_say() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    ahead = world.all["e1"].held.copy()
+    for device in ahead:  # its clock is a year ahead
+        ahead[device] = world.all["e1"].take(device, 2**55)
+    world.run(0.2)
+    world.kill("e1")
+    world.run(0.2)
+    assert all(world.all["e2"].held[device] > epoch for device, epoch in ahead.items())
+
+
+def test_without_a_router_nothing_changes_and_nobody_is_gone_before_all_had_time_to_come_back() -> None:
+    world = World("e1", "e2", "e3")
+    world.run(1.5)
+    one = world.all["e1"]
+    held = dict(one.held)
+    for name in ("e2", "e3"):
+        one.change(name, world.now, alive=False)
+    for _ in range(40):
+        world.now += 0.1
+        one.unreachable(world.now)
+        assert one.look(world.now) == ([], [])
+    assert [d for d in DEVICES if d not in held and one.wants(d, world.now)] == []
+    one.change("e2", world.now, alive=True)
+    assert one.look(world.now + 0.9) == ([], [])
+    assert one.look(world.now + 1.1) == ([], ["e3"])
+    assert held == one.held
+
+
+def test_one_that_hangs_though_its_connection_lives_is_gone_and_gives_way_when_it_wakes_up() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.run(2.4, still="e2")
+    world.assert_shared()
+    world.run(0.4, still="e2")
+    assert set(world.all["e1"].held) == set(DEVICES)
+    world.say("e2")
+    assert set(world.all["e1"].held) == set(DEVICES)
+    world.say("e1")
+    assert world.all["e2"].held == {}
+    world.run(KNOBS.retry_s + 0.3)
+    world.assert_shared()
+
+
+def test_our_own_sleep_is_not_held_against_the_others() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.now += 10.0
+    world.all["e1"].held_up(10.0)
+    assert world.all["e1"].look(world.now) == ([], [])
+
+
+def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.part("e1", "e2", cut=True)
+    world.run(10.0)
+    assert all(set(one.held) == set(DEVICES) for one in world.all.values())
+    assert all(world.all["e1"].held[d] != world.all["e2"].held[d] for d in DEVICES)
+    world.part("e1", "e2", cut=False)
+    world.run(0.3)
+    assert sorted(d for one in world.all.values() for d in one.held) == DEVICES
+    world.run(KNOBS.retry_s + 0.5)
+    world.assert_shared()
+
+
+def test_one_who_does_not_know_of_another_does_not_fight_with_it() -> None:
+    """e1 never sees e2's token: it goes on with all, and e2 asks for its share again and again, not all the time."""
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.all["e1"].change("e2", world.now, alive=False)
+    changes, before = 0, world.most()
+    for _ in range(60):
+        world.run(0.1)
+        changes += sum(before[d] != who for d, who in world.most().items())
+        before = world.most()
+    assert changes <= 6 * len(DEVICES)
+
+
+def test_one_answers_for_a_device_that_nobody_has() -> None:
+    world = World("e1", "e2", "e3")
+    world.run(1.5)
+    for device in ("nobody", *DEVICES):
+        assert sum(one.answers(device) for one in world.all.values()) == 1
+    assert [d for d in DEVICES if world.all["e1"].answers(d)] == sorted(world.all["e1"].held)

@@ -1,0 +1,86 @@
+"""The estimators of a ward at one look, and `truerate cluster status`."""
+
+import json
+from collections.abc import Sequence
+
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.wire import codec, keys
+from bridge.wire.messages import Holding, Move, Owned
+from estimator import cli_cluster
+from estimator.cli import main
+from estimator.client import Client
+from estimator.cluster_view import as_json, cluster_view
+
+
+def owned(name: str, *devices: str, epoch: int = 5, part: int = 0, parts: int = 1, at: int = 1) -> Owned:
+    holdings = tuple(Holding(device, epoch, 7, 100) for device in devices)
+    moves = (Move(at, len(devices), 0, "e9 is gone"),)
+    return Owned(name, at, epoch, 0.25, holdings, moves, part, parts)
+
+
+def test_who_has_what_of_what_came_last() -> None:
+    view = cluster_view("w", ["e1", "e2"], [owned("e1", "a", "b"), owned("e1", "a"), owned("e2", "b", "c")])
+    assert {device: name for device, (name, _) in view.devices.items()} == {"a": "e1", "b": "e2", "c": "e2"}
+    assert view.troubles == []
+
+
+def test_what_is_said_in_parts_is_put_together_and_taken_apart() -> None:
+    said = [owned("e1", "a", parts=2), owned("e1", "b", part=1, parts=2)]
+    assert set(cluster_view("w", ["e1"], said).devices) == {"a", "b"}
+    assert set(cluster_view("w", ["e1"], [*said, owned("e1", "c")]).devices) == {"c"}
+
+
+@pytest.mark.parametrize(
+    ("alive", "said", "words"),
+    [
+        ([], [], "no estimator is alive"),
+        (["e1"], [], "e1 is alive and says nothing"),
+        (["e1", "e2"], [owned("e1", "a"), owned("e2", "a", epoch=9)], "1 device with two estimators"),
+    ],
+)
+def test_what_is_wrong_is_said(alive: Sequence[str], said: Sequence[Owned], words: str) -> None:
+    view = cluster_view("w", alive, said)
+    assert words in view.troubles[0]
+    assert not as_json(view)["well"]
+
+
+def test_of_two_that_say_to_have_a_device_the_later_has_it() -> None:
+    view = cluster_view("w", ["e1", "e2"], [owned("e1", "a", epoch=9), owned("e2", "a", epoch=5)])
+    assert view.devices["a"][0] == "e1"
+
+
+class TestCommand:
+    @pytest.fixture(autouse=True)
+    def ward(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        broker = MemoryBroker()
+        self.bus = MemoryBus(broker)
+        for name, devices in (("e1", ("a", "b")), ("e2", ("c",))):
+            self.bus.declare_alive(keys.build("w", "alive/estimator", estimator=name))
+            put = self.bus.publisher(keys.build("w", "owned", estimator=name), cache=1).put
+            put(codec.encode_owned(owned(name, *devices, epoch=2**57 + 3)))
+        monkeypatch.setattr("estimator.client.ZenohBus", lambda _: MemoryBus(broker))
+        monkeypatch.setattr(Client.owned, "__defaults__", (0.1,))
+
+    def test_it_says_who_has_how_many_and_what_moved(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["cluster", "status", "--ward", "w", "--devices"]) == 0
+        said = capsys.readouterr().out
+        assert "w: 3 devices, 2 estimators" in said
+        assert "2 came: e9 is gone" in said
+        assert str(2**57 + 3) in said
+
+    def test_programs_get_all_of_it(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["cluster", "status", "--ward", "w", "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        first = said["estimators"][0]
+        assert (first["id"], first["alive"], first["load"]) == ("e1", True, 0.25)
+        assert first["devices"]["a"] == {"epoch": 2**57 + 3, "boot": "0000000000000007", "next": 100}
+
+    def test_none_alive_is_trouble(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["cluster", "status", "--ward", "elsewhere"]) == 1
+        assert "no estimator is alive" in capsys.readouterr().out
+
+
+def test_the_clock_is_of_here() -> None:
+    assert len(cli_cluster._clock(1_700_000_000_000_000_000)) == 8

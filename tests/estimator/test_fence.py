@@ -1,0 +1,83 @@
+"""Nothing of an older epoch after a newer one, and nobody is shut out for ever."""
+
+from dataclasses import replace
+
+from bridge.wire.messages import CorrectedBatch
+from estimator.fence import FORGET_S, Fence, Turns
+from estimator.once import Once
+from tests.estimator.test_revision import batch
+
+
+def test_what_is_older_is_refused_after_what_is_newer() -> None:
+    fence = Fence()
+    assert [fence.admits("d", epoch, 0.0) for epoch in (0, 5, 5, 4, 6, 5, 6)] == [
+        *(True, True, True, False, True, False, True),
+    ]
+
+
+def test_devices_have_nothing_to_do_with_each_other() -> None:
+    fence = Fence()
+    assert fence.admits("a", 9, 0.0)
+    assert fence.admits("b", 1, 0.0)
+
+
+def test_an_epoch_that_is_not_heard_any_more_is_forgotten() -> None:
+    fence = Fence()
+    assert fence.admits("d", 9, 0.0)
+    assert not fence.admits("d", 1, FORGET_S)
+    assert fence.admits("d", 1, FORGET_S + 0.1)
+    assert fence.admits("d", 9, FORGET_S + 0.2)
+
+
+def test_a_refused_epoch_does_not_keep_itself_out_nor_the_newer_one_alive() -> None:
+    fence = Fence()
+    fence.admits("d", 9, 0.0)
+    assert [fence.admits("d", 1, now) for now in (1.0, 4.0, 5.1)] == [False, False, True]
+
+
+def test_devices_are_bounded() -> None:
+    fence = Fence(devices=2)
+    for device in "abc":
+        fence.admits(device, 9, 0.0)
+    assert fence.admits("a", 1, 0.0)
+    assert not fence.admits("c", 1, 0.0)
+
+
+def test_from_the_first_number_of_a_turn_on_no_earlier_one_is_taken() -> None:
+    turns = Turns()
+    assert turns.of(1, 0, 10, 0.0) == 10
+    assert turns.of(2, 30, 10, 0.1) == 10
+    assert turns.of(1, 10, 10, 0.2) == 10  # it was under way for longer
+    assert turns.of(1, 20, 15, 0.3) == 10
+    assert turns.of(1, 35, 10, 0.4) == 0
+    assert turns.of(2, 20, 10, 0.5) == 10
+    assert turns.of(1, 20, 10, 0.6) == 0
+
+
+def test_of_three_turns_the_first_is_over_where_the_second_begins() -> None:
+    turns = Turns()
+    for epoch, first in ((1, 0), (3, 50), (2, 20)):
+        assert turns.of(epoch, first, 10, 0.0) == 10
+    assert turns.of(1, 10, 20, 0.1) == 10
+    assert turns.of(2, 40, 20, 0.1) == 10
+
+
+def test_a_turn_that_is_not_heard_any_more_is_forgotten() -> None:
+    turns = Turns()
+    turns.of(9, 0, 10, 0.0)
+    assert turns.of(1, 10, 10, FORGET_S) == 0
+    assert turns.of(1, 20, 10, FORGET_S + 0.1) == 10
+    assert turns.of(1, 30, 10, FORGET_S + 0.2) == 10
+
+
+def test_a_subscriber_takes_a_sample_from_one_estimator_only_and_misses_none() -> None:
+    """One hangs at sample 20; another goes on from 10 on; the first wakes up and says what it had begun."""
+    once = Once()
+    spans = [(0, 10, 1), (10, 20, 1), (10, 30, 2), (20, 25, 1), (30, 40, 2), (25, 45, 1), (40, 50, 2)]
+    for at, (start, end, epoch) in enumerate(spans):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    given = [event for event in once.ready if isinstance(event, CorrectedBatch)]
+    assert [b.sequence + i for b in given for i in range(len(b))] == list(range(50))
+    assert [b.epoch for b in given] == sorted(b.epoch for b in given)
+    assert once.left_out.as_dict() == {"repeated": 10, "outdated": 25}
+    assert once.missing == {}

@@ -1,0 +1,151 @@
+"""Two services on one bus, by hand: a calibrated device goes over to the other, as it was, and commands find who has it."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.messages import CommandReply, CorrectedBatch, Quality, SampleBatch
+from estimator.client import Client
+from estimator.config import Estimator
+from estimator.service.ownership import owner
+from estimator.service.shell import Service
+from estimator.service.store import Store
+from tests.estimator.served import numbers
+from tests.estimator.stream import NAME, calibration, info
+
+WARD = "w"
+FIRST, SECOND = ("e1", "e2") if owner(NAME, ("e1", "e2")) == "e2" else ("e2", "e1")
+
+
+class Both:
+    """FIRST has the device while it is alone; it is SECOND's where both are there. The clock stands still but for `pass_`."""
+
+    def __init__(self) -> None:
+        self.now, self.now_ns = 1000.0, 1_700_000_100_000_000_000
+        self.broker = MemoryBroker()
+        self.buses: dict[str, tuple[MemoryBus, MemoryBus]] = {}
+        self.services: dict[str, Service] = {}
+        self.stores: dict[str, Store] = {}
+        self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
+        self.stream = self.client.corrected(wait_s=1e9)
+        bridge = MemoryBus(self.broker)
+        self._raw = bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=500)
+        self._info = bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
+
+    def start(self, name: str) -> None:
+        self.buses[name] = data, control = MemoryBus(self.broker), MemoryBus(self.broker)
+        self.stores[name] = Store(":memory:")
+        self.services[name] = Service(
+            WARD, Estimator(id=name), data, control, self.stores[name], lambda: self.now_ns, peers=[*self.services]
+        )
+        time.sleep(0.02)  # tokens arrive on a thread of the bus
+
+    def kill(self, name: str) -> None:
+        del self.services[name]
+        for bus in self.buses.pop(name):
+            bus.detach()
+        time.sleep(0.02)
+
+    def pass_(self, seconds: float) -> None:
+        for _ in range(max(1, round(seconds / 0.1))):
+            self.now, self.now_ns = self.now + 0.1, self.now_ns + 100_000_000
+            for service in self.services.values():
+                service.step(0.0)
+
+    def send(self, batches: list[SampleBatch]) -> None:
+        self._info.put(codec.encode_info(info()))
+        for at in range(0, len(batches), 20):
+            for batch in batches[at : at + 20]:
+                self._raw.put(codec.encode_samples(batch))
+            self.pass_(0.1)
+
+    def has(self) -> list[str]:
+        return [name for name, service in self.services.items() if NAME in service._devices]
+
+    def command(self) -> CommandReply:
+        """Ask, and let the services answer."""
+        replies: list[CommandReply] = []
+        asking = threading.Thread(target=lambda: replies.append(self.client.note(NAME, "nurse", "sat up")))
+        asking.start()
+        while asking.is_alive():
+            self.pass_(0.1)
+            time.sleep(0.005)
+        return replies[0]
+
+
+@pytest.fixture
+def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
+    made = Both()
+    for module in ("shell", "peers", "device", "lane"):
+        monkeypatch.setattr(f"estimator.service.{module}.time", Clock(made))
+    yield made
+    for pair in made.buses.values():
+        for bus in pair:
+            bus.close()
+
+
+class Clock:
+    """The module `time` as services see it."""
+
+    def __init__(self, both: Both) -> None:
+        self._both = both
+        self.time_ns, self.process_time = time.time_ns, time.process_time
+
+    def monotonic(self) -> float:
+        return self._both.now
+
+
+def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    worn = len(batches) - 120
+    both.start(FIRST)
+    both.send(batches[:worn])
+    (made,) = both.stores[FIRST].calibrations(NAME)
+    assert both.has() == [FIRST]
+
+    both.start(SECOND)
+    both.pass_(0.5)
+    assert both.has() == [FIRST], "a newcomer looks round first"
+    both.pass_(2.5)
+    both.send(batches[worn : worn + 60])
+    assert both.has() == [SECOND]
+    assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [made.id]
+    assert both.command().accepted
+
+    both.kill(SECOND)
+    both.send(batches[worn + 60 :])
+    both.pass_(0.5)
+    assert both.has() == [FIRST]
+    assert both.command().accepted
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    moved = next(at for at, batch in enumerate(given) if batch.quality is Quality.GOOD)
+    assert {(batch.quality, batch.calibration) for batch in given[moved:]} == {(Quality.GOOD, made.id)}
+    assert len({batch.epoch for batch in given}) == 3
+    statuses = both.client.statuses(0.1)
+    assert statuses[NAME].epoch == given[-1].epoch
+    assert all(not service.counts.as_dict() for service in both.services.values())
+
+
+def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    batches = calibration(seed=1).batches()
+    both.send(batches[:40])
+    both.pass_(1.2)
+    assert both.has() == [SECOND]
+    epochs = {name: dict(service._peers.cluster.held) for name, service in both.services.items()}
+    both.broker.stop()
+    time.sleep(0.02)
+    both.pass_(10.0)
+    both.broker.start()
+    time.sleep(0.02)
+    both.send(batches[40:80])
+    both.pass_(3.0)
+    assert {name: service._peers.cluster.held for name, service in both.services.items()} == epochs

@@ -1,0 +1,91 @@
+"""What others' devices have sent last: kept until it is corrected, in bounded room."""
+
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.wire import codec
+from estimator.service import standby
+from estimator.service.standby import HELD_S, MOST, OVERLAP_S, Standby
+from tests.bridge.test_codec import plain
+
+KEY = "truerate/@v1/w/raw/b1/d1"
+LATER = OVERLAP_S + 0.1
+
+
+def message(first: int, boot: int = 7, n: int = 10) -> Message:
+    return Message(KEY, codec.encode_samples(plain(n, sequence=first, boot=boot)))
+
+
+def firsts(messages: list[Message]) -> list[tuple[int, int]]:
+    found = [codec.decode_samples(*one) for one in messages]
+    return [(batch.boot, batch.sequence) for batch in found]
+
+
+def held(*messages: Message, at: float = 0.0) -> Standby:
+    made = Standby(devices=3)
+    for one in messages:
+        made.hold("d1", one, at)
+    return made
+
+
+def test_what_is_not_corrected_is_kept_in_the_order_in_which_it_came() -> None:
+    kept = held(message(0), message(20), message(10))
+    assert firsts(kept.take("d1")) == [(7, 0), (7, 20), (7, 10)]
+    assert kept.take("d1") == []
+
+
+def test_what_is_corrected_goes_but_for_the_last_moments() -> None:
+    kept = held(message(0), message(10), message(20))
+    kept.done("d1", 7, 20, LATER - 0.2)
+    assert len(firsts(kept.take("d1"))) == 3
+    kept = held(message(0), message(10), message(20))
+    kept.done("d1", 7, 20, LATER)
+    assert firsts(kept.take("d1")) == [(7, 20)]
+
+
+def test_half_a_message_is_not_corrected() -> None:
+    kept = held(message(0), message(10))
+    kept.done("d1", 7, 15, LATER)
+    assert firsts(kept.take("d1")) == [(7, 10)]
+
+
+def test_a_boot_that_whose_device_it_is_has_not_come_to_is_kept_and_one_before_it_goes() -> None:
+    kept = held(message(0, boot=6), message(0, boot=7), message(0, boot=8))
+    kept.done("d1", 7, 10, LATER)
+    assert firsts(kept.take("d1")) == [(8, 0)]
+    kept = held(message(0, boot=8))
+    kept.done("d1", 7, 10, LATER)
+    assert firsts(kept.take("d1")) == [(8, 0)]
+
+
+def test_what_nobody_understands_goes_with_what_comes_after_it() -> None:
+    kept = held(message(0), Message(KEY, b"\xff\xff"), message(10), Message(KEY, b"\xff"))
+    kept.done("d1", 7, 20, LATER)
+    assert [one.payload for one in kept.take("d1")] == [b"\xff"]
+
+
+def test_what_is_old_is_forgotten_and_who_sends_nothing() -> None:
+    kept = held(message(0))
+    kept.hold("d1", message(10), HELD_S + 1)
+    kept.hold("d2", message(10), 0.0)
+    kept.tidy(HELD_S + 1)
+    assert list(kept) == ["d1"]
+    assert firsts(kept.take("d1")) == [(7, 10)]
+
+
+def test_room_is_bounded_by_device_by_bytes_and_in_devices() -> None:
+    kept = held(*(message(10 * n) for n in range(MOST + 5)))
+    assert kept.dropped == 5
+    for device in "abcd":
+        kept.hold(device, message(0), 0.0)
+    assert len(kept) == 3
+
+
+def test_of_too_many_bytes_those_of_who_sends_most_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(standby, "MOST_BYTES", 4 * len(message(20).payload))
+    kept = held(message(0), message(10), message(20))
+    kept.hold("d2", message(0), 0.0)
+    kept.hold("d2", message(10), 0.0)
+    assert firsts(kept.take("d1")) == [(7, 10), (7, 20)]
+    assert len(kept.take("d2")) == 2
+    assert kept.dropped == 1
