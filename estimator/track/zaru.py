@@ -36,9 +36,9 @@ class ZaruKnobs:
     quasi_static: float = radians(0.003)
     #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
     unproven: float = radians(0.1)
-    #: the same before any rest was proven, where nothing else is known to hold it against: one half-breath at power-up shut
-    #: out the truth for minutes (tests/bench/warming.py: seed 16, begun late)
-    unproven_at_first: float = radians(0.2)
+    #: the same before any rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for
+    #: minutes (tests/bench/warming.py: seed 16, begun late)
+    unproven_at_first: float = radians(0.19)
     proven_after: int = 4
     #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
     edge: float = radians(0.015)
@@ -69,7 +69,8 @@ class ZaruKnobs:
 class Zaru:
     """Seconds in, receipts out; feeds one BiasFilter."""
 
-    def __init__(self, knobs: ZaruKnobs | None = None) -> None:
+    def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
+        """known: whether the bias is known well enough to hold a rest against."""
         self.knobs = knobs or ZaruKnobs()
         self._means = np.zeros((_RECENT, 2, 3))  # of the latest quiet seconds, with their variance
         self._quiet = 0  # how many there have been in a row
@@ -81,7 +82,7 @@ class Zaru:
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._proven = False  # whether the latest second of rest is one
-        self._ever_proven = False
+        self._ever_proven = known
         self._tilted = False
         self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
