@@ -154,5 +154,5 @@ def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.broker.start()
     both.told()
     both.send(batches[40:80])
-    both.pass_(3.0)
+    both.pass_(4.0)
     assert {name: service._peers.cluster.held for name, service in both.services.items()} == epochs
