@@ -19,8 +19,10 @@ MAX_PEERS = 64
 class ClusterKnobs:
     """Seconds."""
 
-    #: where the router was away, or we were: until everybody has had the time to come back, nobody is taken for gone
+    #: who starts looks round for so long
     settle_s: float = 1.0
+    #: where the router was away: until everybody has had the time to come back, nobody is taken for gone
+    return_s: float = 2.0
     #: who still reads what was said before waits for this much longer, and no longer than that in all
     behind_s: float = 0.3
     most_s: float = 15.0
@@ -81,7 +83,7 @@ class Cluster:
 
     def unreachable(self, now: float) -> None:
         """There is no router now, and what became of the others is not known: it stays as it is."""
-        self._settled_s, self._settled_by_s = now + self.knobs.settle_s, now + self.knobs.most_s
+        self._settled_s, self._settled_by_s = now + self.knobs.return_s, now + self.knobs.most_s
 
     def behind(self, now: float) -> None:
         """There is more to be read than we got round to: who takes a device now would go on with what is long past."""

@@ -4,7 +4,7 @@ from bridge.wire.messages import Holding, Owned
 from estimator.service.cluster import Cluster, ClusterKnobs
 from estimator.service.ownership import owner
 
-KNOBS = ClusterKnobs(settle_s=1.0, hangs_s=2.5, retry_s=3.0)
+KNOBS = ClusterKnobs(settle_s=1.0, return_s=1.0, hangs_s=2.5, retry_s=3.0)
 DEVICES = [f"d{number:02d}" for number in range(60)]
 
 
