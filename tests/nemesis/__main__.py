@@ -1,6 +1,7 @@
 """Seeds one after the other, each with what was done and what was broken. `make nemesis`, `python -m tests.nemesis --help`."""
 
 import argparse
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -20,6 +21,9 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=40.0, help="of faults, in each run")
     args = parser.parse_args()
     console = Console(soft_wrap=True)
+    # However it is ended, the ward it has begun ends with it.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda got, _: sys.exit(128 + got))
     with tempfile.TemporaryDirectory() as folder:
         if Clock.found(Path(folder)) is None:
             console.print("No clocks are set: libfaketime is not installed (Debian: apt-get install libfaketime)")

@@ -3,6 +3,7 @@
 Needs Node and npm, and protobufjs from npm's registry; without them it is skipped, unless TRUERATE_NODE=required (as in .ci/run).
 """
 
+import fcntl
 import hashlib
 import json
 import math
@@ -56,14 +57,16 @@ def subscriber(pytestconfig: pytest.Config) -> Path:
     assert pytestconfig.cache is not None
     name = hashlib.sha256((HERE / "package-lock.json").read_bytes()).hexdigest()[:16]
     folder = pytestconfig.cache.mkdir(f"node-{name}")
-    if not (folder / "installed").exists():
-        for file in ("package.json", "package-lock.json"):
-            shutil.copy(HERE / file, folder)
-        words = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=240, check=False)
-        if done.returncode:
-            absent(f"npm could not install protobufjs: {done.stderr[-300:]}")
-        (folder / "installed").touch()
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # one of several test processes installs them
+        if not (folder / "installed").exists():
+            for file in ("package.json", "package-lock.json"):
+                shutil.copy(HERE / file, folder)
+            words = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+            done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=240, check=False)
+            if done.returncode:
+                absent(f"npm could not install protobufjs: {done.stderr[-300:]}")
+            (folder / "installed").touch()
     return Path(shutil.copy(HERE / "subscriber.js", folder))
 
 
