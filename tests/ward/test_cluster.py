@@ -77,7 +77,7 @@ def test_who_is_killed_or_hangs_is_missed_by_nobody(ward: Shared) -> None:
     assert all(one.service.counts.as_dict().get("conservation law broken") is None for one in ward.running.values())
 
 
-def test_while_the_router_is_away_no_device_moves(ward: Shared, place: Place) -> None:
+def test_a_router_that_was_away_leaves_every_device_with_one_estimator(ward: Shared, place: Place) -> None:
     for name in ("e1", "e2"):
         ward.start(name)
     ward.until(lambda: sum(ward.split()) == DEVICES and min(ward.split()) > 0 and ward.reached > 100)
@@ -85,9 +85,14 @@ def test_while_the_router_is_away_no_device_moves(ward: Shared, place: Place) ->
     epochs = {name: dict(one.service._peers.cluster.held) for name, one in ward.running.items()}
     place.stop()
     ward.listen(1.5)
+    assert {name: one.service._peers.cluster.held for name, one in ward.running.items()} == epochs, (
+        "none moves meanwhile"
+    )
     place.start()
     away = ward.bridge.sent
     ward.until(lambda: ward.reached >= away + 300)
     ward.finish()
-    assert {name: one.service._peers.cluster.held for name, one in ward.running.items()} == epochs
+    # Who is back first may take the others' for a while; nobody's are nobody's, or two's.
+    held = [device for one in ward.running.values() for device in one.service._peers.cluster.held]
+    assert sorted(held) == sorted({device for of in epochs.values() for device in of})
     assert_each_sample_once(ward)
