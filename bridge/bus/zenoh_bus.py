@@ -12,6 +12,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import Protocol, Self, TypeVar
 
 import zenoh
@@ -23,6 +24,7 @@ from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
 from bridge.bus.keyexpr import check_key, check_pattern, matches
 from bridge.bus.routers import Routers
+from bridge.bus.sequences import Sequences
 
 _T_co = TypeVar("_T_co", covariant=True)
 _T = TypeVar("_T")
@@ -30,11 +32,15 @@ _log = logging.getLogger(__name__)
 
 _CHANNEL = 65536  # between zenoh and our thread, which always drains; a full one would stop the session's receiving
 _BATCH = 512
+_EVERYBODY = ""
+_TURN_S = 0.002
 _HEARTBEAT_S = 0.25  # sent only when something was published since the last one
 _JOIN_S = 1.0
 _MAX_KNOWN = 8192
 _RETRY_S = 0.1
 _PAST_S = 2.0
+# After a reconnection; zenoh knows who listens some 25 ms later here, over slow lines and to a router that is back later, later.
+_REMIND_S = (0.5, 2.0)
 _PARTS = (
     *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
     "access_control",
@@ -103,6 +109,9 @@ class ZenohBus:
         self._threads: set[threading.Thread] = set()
         self._cached = 0
         self._closed = False
+        self._over = threading.Event()
+        links = self._session.info.declare_transport_events_listener(handlers.FifoChannel(256))
+        self.run(lambda: _each(links.handler, self._remind), "remind")
         atexit.register(self.close)
 
     def publisher(self, key: str, *, cache: int = 0) -> "_Publisher":
@@ -138,16 +147,9 @@ class ZenohBus:
             if not history:
                 self._plain.add(pattern)
                 plain = self._session.declare_subscriber(pattern, channel)
-                return _Subscription(self, plain, plain.handler, None, inbox, pattern)
-            subscriber = ext.declare_advanced_subscriber(
-                self._session,
-                pattern,
-                channel,
-                history=ext.HistoryConfig(detect_late_publishers=True),
-                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-            )
-            misses = subscriber.sample_miss_listener(handlers.RingChannel(4096))
-            return _Subscription(self, subscriber, subscriber.handler, misses, inbox, pattern)
+                return _Subscription(self, plain, plain.handler, inbox, pattern)
+            heartbeats = self._session.declare_subscriber(f"{pattern}/@adv/pub/**", handlers.FifoChannel(_CHANNEL))
+            return _Repaired(self, self._session.declare_subscriber(pattern, channel), heartbeats, inbox, pattern)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Declared":
         """See contract.Bus."""
@@ -224,20 +226,29 @@ class ZenohBus:
                 if not any(matches(pattern, check_key(key)) for pattern in self._plain):
                     self._session.declare_keyexpr(key)
 
-    def past(self, key: str, end: int, publisher: str = "") -> Iterable[zenoh.Sample]:
-        """What the caches of a key's publishers, or of one of them, hold below number `end`, as it comes; asked for at once."""
-        whose = f"pub/{publisher}/**" if publisher else "**"
-        try:
-            replies = self._session.get(
-                f"{key}/@adv/{whose}?_sn=..{end - 1}",
-                handlers.FifoChannel(_CHANNEL),
-                consolidation=zenoh.ConsolidationMode.NONE,
-                accept_replies=zenoh.ReplyKeyExpr.ANY,
-                timeout=_PAST_S,
-            )
-        except zenoh.ZError:
-            return ()  # the session is closed
-        return (reply.ok for reply in replies if reply.ok is not None)
+    def past(self, selector: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
+        """What caches of publishers hold, as it comes; asked for at once. Closed when all have answered, or the session is."""
+        return self._session.get(
+            f"{selector}?{what}",
+            handlers.FifoChannel(_CHANNEL + self._cached),  # our own caches answer before this returns
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            timeout=_PAST_S,
+        )
+
+    def _remind(self, event: zenoh.TransportEvent) -> None:
+        """After a router is back, say what was last: what is put in the first moments reaches nobody, nor does the heartbeat."""
+        if event.kind != zenoh.SampleKind.PUT:
+            return
+        started = time.monotonic()
+        for after_s in _REMIND_S:
+            if self._over.wait(started + after_s - time.monotonic()):
+                return
+            for one in list(self.declared):
+                if isinstance(one, _Publisher):
+                    one.remind(self._session)
+                elif isinstance(one, _Repaired):
+                    one.remind()
 
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that close() waits for; work must end when its channel does."""
@@ -257,6 +268,7 @@ class ZenohBus:
         if self._closed:
             return
         self._closed = True
+        self._over.set()
         atexit.unregister(self.close)
         close_session(self._session)
         for thread in list(self._threads):
@@ -304,6 +316,7 @@ class _Publisher(_Declared):
     ) -> None:
         super().__init__(bus, publisher)
         self._publisher, self._key, self._plain = publisher, key, plain
+        self._sent = 0
 
     def put(self, payload: bytes) -> None:
         with self._lock:  # messages leave in the order they are numbered
@@ -311,10 +324,20 @@ class _Publisher(_Declared):
                 raise BusError(f"the publisher of {self._key!r} is closed")
             try:
                 self._publisher.put(payload)
+                self._sent += 1
             except BaseException as error:
                 if not _is_zenohs(error):
                     raise
                 raise BusError(f"could not publish on {self._key!r} ({_said(error)})") from error
+
+    def remind(self, session: zenoh.Session) -> None:
+        """Tell readers the number of the last message, as zenoh's own heartbeat does: who lacks it asks for it."""
+        if self._plain is not None or not self._sent:
+            return
+        whose = self._publisher.id
+        number = ext.z_serialize(ext.UInt32((self._sent - 1) % (1 << 32)))
+        with contextlib.suppress(zenoh.ZError):  # closed meanwhile
+            session.put(f"{self._key}/@adv/pub/{whose.zid}/{whose.eid}/_", number)
 
     @property
     def wanted(self) -> bool:
@@ -327,62 +350,38 @@ class _Publisher(_Declared):
 
 
 class _Subscription(_Declared):
+    """Hands on what comes, from a thread of its own."""
+
     def __init__(
         self,
         bus: ZenohBus,
         subscriber: _Undeclared,
         samples: _Channel[zenoh.Sample],
-        misses: _Channel[ext.Miss] | None,
         inbox: Inbox,
         pattern: str,
     ) -> None:
         super().__init__(bus, subscriber)
-        self._samples, self._misses, self._inbox = samples, misses, inbox
-        self._heard: dict[str, str] = {}  # publishers, in order, and their keys
+        self._samples, self._inbox = samples, inbox
         bus.run(self._pump, f"receive {pattern}")
 
     def _pump(self) -> None:
         try:
+            self._begin()
             while True:
                 batch = [self._samples.recv()]
                 while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
                     batch.append(sample)
-                if self._misses is not None:
-                    batch = [*self._before(batch), *batch]
-                messages = [
-                    Message(str(s.key_expr), s.payload.to_bytes()) for s in batch if s.kind == zenoh.SampleKind.PUT
-                ]
-                self._inbox.put(messages)
-                if self._misses is not None:  # what carries a source comes from a cache
-                    self._bus.learn({str(s.key_expr) for s in batch if s.source_info is not None})
+                self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
             self._inbox.close()
 
-    def _before(self, batch: list[zenoh.Sample]) -> list[zenoh.Sample]:
-        """What publishers that are heard for the first time have sent before.
+    def _begin(self) -> None:
+        """Before anything is taken."""
 
-        zenoh 1.10.2 gives the history of a publisher, but drops it when live messages come while it is being fetched: seen
-        with 39 to 75 of 100 publishers that send at 20 Hz. What it has given is not given again: only older messages are.
-        """
-        asked: list[tuple[Iterable[zenoh.Sample], str, int]] = []
-        for sample in batch:
-            info = sample.source_info
-            if info is not None and (source := _source(info)) not in self._heard:
-                self._heard[source] = key = str(sample.key_expr)
-                if info.source_sn > 0:
-                    # Only it is asked: another of the same key may hang, and would be waited for.
-                    asked.append((self._bus.past(key, info.source_sn, source), source, info.source_sn))
-        for source in list(self._heard)[:-_MAX_KNOWN]:
-            del self._heard[source]
-        found: list[zenoh.Sample] = []
-        for samples, source, number in asked:
-            numbered = [
-                (s.source_info.source_sn, s) for s in samples if s.source_info and _source(s.source_info) == source
-            ]
-            found += [s for n, s in sorted(numbered, key=lambda one: one[0]) if n < number]
-        return found
+    def _take(self, samples: Sequence[zenoh.Sample]) -> None:
+        self._inbox.put(_messages(samples))
 
     def receive(self, timeout_s: float) -> Message | None:
         return self._inbox.receive(timeout_s)
@@ -392,16 +391,11 @@ class _Subscription(_Declared):
 
     @property
     def missed(self) -> int:
-        try:
-            while self._misses is not None and (miss := self._misses.try_recv()) is not None:
-                self._inbox.add_missed(miss.nb, self._heard.get(_publisher(miss.source), ""))
-        except zenoh.ZError:
-            self._misses = None
         return self._inbox.missed
 
     @property
     def missed_by_key(self) -> dict[str, int]:
-        return self._inbox.missed_by_key if self.missed else {}
+        return self._inbox.missed_by_key
 
     @property
     def overflowed(self) -> int:
@@ -420,13 +414,138 @@ class _Subscription(_Declared):
         super().close()
 
 
+class _Repaired(_Subscription):
+    """With what publishers' caches held, and hold of what was lost; see Sequences."""
+
+    def __init__(
+        self,
+        bus: ZenohBus,
+        subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
+        heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
+        inbox: Inbox,
+        pattern: str,
+    ) -> None:
+        self._pattern, self._heartbeats = pattern, heartbeats
+        self._sequences: Sequences[zenoh.Sample] = Sequences()
+        self._order = threading.Lock()  # of whatever is handed on
+        self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
+        self._first = bus.past(f"{pattern}/@adv/**")
+        super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
+        bus.run(lambda: _each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
+        bus.run(self._repair, f"repair {pattern}")
+
+    def _begin(self) -> None:
+        first: list[zenoh.Sample] = []
+        while not _drained(self._first, first):
+            time.sleep(_TURN_S)
+        for source, found in _by_source(first).items():
+            key = str(next(iter(found.values())).key_expr)
+            self._hand_on(partial(self._sequences.history, source, key, found))
+
+    def _take(self, samples: Sequence[zenoh.Sample]) -> None:
+        now_s, ready, cached = time.monotonic(), list[zenoh.Sample](), set[str]()
+        with self._order:
+            for sample in samples:
+                info = sample.source_info
+                if info is None:  # of a publisher without a cache
+                    ready.append(sample)
+                else:
+                    key = str(sample.key_expr)
+                    cached.add(key)
+                    ready += self._sequences.take(_source(info), key, info.source_sn, sample, now_s)
+            self._inbox.put(_messages(ready))
+            lacking = self._sequences.next_due_s() is not None
+        if lacking:
+            self._news.set()
+        self._bus.learn(cached)
+
+    def _heard(self, sample: zenoh.Sample) -> None:
+        """One of zenoh's heartbeats: KEY/@adv/pub/SESSION/PUBLISHER/_, and the number of its last message."""
+        key, _, rest = str(sample.key_expr).rpartition("/@adv/pub/")
+        source = "/".join(rest.split("/")[:2])
+        try:
+            number = int(ext.z_deserialize(ext.UInt32, sample.payload))
+        except ext.ZDeserializeError:
+            _log.debug("no heartbeat: %s", sample.key_expr)
+            return
+        with self._order:
+            self._sequences.heard(source, key, number, time.monotonic())
+        self._news.set()
+
+    def remind(self) -> None:
+        """We were away, and did not hear what we missed: ask everybody for the last message."""
+        self._away.set()
+        self._news.set()
+
+    def _repair(self) -> None:
+        """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
+        asked: dict[str, tuple[_Channel[zenoh.Reply], list[zenoh.Sample]]] = {}
+        while not self._inbox.closed:
+            if self._away.is_set() and _EVERYBODY not in asked:
+                self._away.clear()
+                asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
+            with self._order:
+                gaps, due_s = self._sequences.due(time.monotonic()), self._sequences.next_due_s()
+            for gap in gaps:
+                asked[gap.source] = (self._bus.past(f"{gap.key}/@adv/pub/{gap.source}/**", f"_sn={gap.start}.."), [])
+            for source in [source for source, answer in asked.items() if _drained(*answer)]:
+                self._answered(source, asked.pop(source)[1])
+            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
+            self._news.wait(wait_s)
+            self._news.clear()
+
+    def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
+        now_s = time.monotonic()
+        by_source = _by_source(found)
+        if source != _EVERYBODY:
+            self._hand_on(partial(self._sequences.answered, source, by_source.get(source, {}), now_s))
+            return
+        with self._order:
+            for each, last in by_source.items():
+                number, sample = max(last.items())
+                self._sequences.heard(each, str(sample.key_expr), number, now_s)
+
+    def _hand_on(self, ready: Callable[[], Sequence[zenoh.Sample]]) -> None:
+        with self._order:
+            self._inbox.put(_messages(ready()))
+            for key, count in self._sequences.missed.items():
+                self._inbox.add_missed(count, key)
+            self._sequences.missed.clear()
+
+    def close(self) -> None:
+        super().close()
+        self._news.set()
+        with contextlib.suppress(zenoh.ZError):
+            self._heartbeats.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _messages(samples: Iterable[zenoh.Sample]) -> list[Message]:
+    return [Message(str(sample.key_expr), sample.payload.to_bytes()) for sample in samples]
+
+
+def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, zenoh.Sample]]:
+    """Of each publisher its messages by number."""
+    found: dict[str, dict[int, zenoh.Sample]] = {}
+    for sample in samples:
+        if (info := sample.source_info) is not None:
+            found.setdefault(_source(info), {})[info.source_sn] = sample
+    return found
+
+
+def _drained(replies: _Channel[zenoh.Reply], into: list[zenoh.Sample]) -> bool:
+    """Take what has been answered; whether that was all."""
+    try:
+        while (reply := replies.try_recv()) is not None:
+            if reply.ok is not None:
+                into.append(reply.ok)
+    except zenoh.ZError:
+        return True
+    return False
+
+
 def _source(info: zenoh.SourceInfo) -> str:
-    return _publisher(info.source_id)
-
-
-def _publisher(entity: zenoh.EntityGlobalId) -> str:
     """A publisher; its id has no hash."""
-    return f"{entity.zid}/{entity.eid}"
+    return f"{info.source_id.zid}/{info.source_id.eid}"
 
 
 def _each(channel: _Channel[_T], handle: Callable[[_T], None]) -> None:

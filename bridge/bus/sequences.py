@@ -1,0 +1,156 @@
+"""Messages of many publishers that number them, each in order and exactly once; knows no bus and no clock.
+
+Whoever subscribes asks publishers' caches about what is `due` and hands in what they said. zenoh 1.10.2 has a subscriber that
+does this, but it does not understand its own heartbeats and announcements under keys with a chunk like `@v1`, and takes a
+publisher that it does not reach yet for one that has nothing left (its issue 2767): one router's restart of ten lost messages.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, TypeVar
+
+_T = TypeVar("_T")
+
+#: when a gap is asked about, after it was noticed and after each try that found nobody; then it is given up
+TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0)
+#: a heartbeat may overtake the last message inside this process
+GRACE_S = 0.02
+MOST_HELD = 4096
+MOST_SOURCES = 8192
+
+
+class Gap(NamedTuple):
+    """What is to be asked of a publisher: everything from number `start` on."""
+
+    source: str
+    key: str
+    start: int
+
+
+@dataclass(slots=True)
+class _Source(Generic[_T]):
+    key: str
+    next: int = 0
+    #: the highest number that came, or that it said it has sent
+    newest: int = -1
+    #: whether anything was handed on: what was before is history, of which nobody is promised more than there is
+    begun: bool = False
+    held: dict[int, _T] = field(default_factory=dict)
+    tries: int = 0
+    due_s: float | None = None
+    asked: bool = False
+
+
+class Sequences(Generic[_T]):
+    """What came of each publisher, and what is missing of it. Methods return what may be handed on now."""
+
+    def __init__(self) -> None:
+        self._sources: dict[str, _Source[_T]] = {}
+        self._lacking: dict[str, _Source[_T]] = {}
+        #: how many messages are lost for good, by key
+        self.missed: Counter[str] = Counter()
+
+    def take(self, source: str, key: str, number: int, message: _T, now_s: float) -> Sequence[_T]:
+        """A message that came live."""
+        state = self._sources.get(source) or self._new(source, key)
+        if number == state.next and not state.held:
+            state.next, state.newest, state.begun = number + 1, max(state.newest, number), True
+            if state.due_s is not None:
+                self._review(source, state, now_s)
+            return (message,)
+        if number < state.next:
+            return ()
+        state.held[number] = message
+        state.newest = max(state.newest, number)
+        ready = self._settle(state, state.newest) if len(state.held) > MOST_HELD else self._run(state)
+        self._review(source, state, now_s)
+        return ready
+
+    def heard(self, source: str, key: str, number: int, now_s: float) -> None:
+        """A publisher says that its last message had this number."""
+        state = self._sources.get(source) or self._new(source, key)
+        state.newest = max(state.newest, number)
+        self._review(source, state, now_s + GRACE_S)
+
+    def history(self, source: str, key: str, found: Mapping[int, _T]) -> Sequence[_T]:
+        """What a publisher's cache held as the subscription began."""
+        state = self._sources.get(source) or self._new(source, key)
+        return self._fill(state, found)
+
+    def due(self, now_s: float, most: int = 64) -> list[Gap]:
+        """Gaps to ask about now; each must be `answered`."""
+        found: list[Gap] = []
+        for source, state in self._lacking.items():
+            if len(found) == most:
+                break
+            if not state.asked and state.due_s is not None and state.due_s <= now_s:
+                state.asked = True
+                found.append(Gap(source, state.key, state.next))
+        return found
+
+    def next_due_s(self) -> float | None:
+        """When there is something to ask about again."""
+        return min((s.due_s for s in self._lacking.values() if not s.asked and s.due_s is not None), default=None)
+
+    def answered(self, source: str, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
+        """What a publisher's cache had.
+
+        A cache that was published to is never empty: nothing is the answer of nobody, and to be asked for again.
+        """
+        state = self._sources.get(source)
+        if state is None:
+            return ()
+        before = state.next
+        ready = self._fill(state, found)
+        state.asked, state.due_s = False, None
+        state.tries = 0 if state.next > before else state.tries + 1
+        if state.tries == len(TRIES_S):
+            ready += self._settle(state, state.newest)
+            state.newest = state.next - 1  # what was only told of, and may be a lie, is not waited for
+        self._review(source, state, now_s)
+        return ready
+
+    def _new(self, source: str, key: str) -> _Source[_T]:
+        while len(self._sources) >= MOST_SOURCES:
+            oldest = next(iter(self._sources))
+            del self._sources[oldest]
+            self._lacking.pop(oldest, None)
+        state = self._sources[source] = _Source(key)
+        return state
+
+    def _fill(self, state: _Source[_T], found: Mapping[int, _T]) -> list[_T]:
+        """Add what a cache had, and hand it on: what is missing in it is nowhere."""
+        if not found:
+            return []
+        state.held.update((number, message) for number, message in found.items() if number >= state.next)
+        last = max(found)
+        state.newest = max(state.newest, last)
+        return self._settle(state, last)
+
+    def _settle(self, state: _Source[_T], last: int) -> list[_T]:
+        """Hand on what is here up to `last`, over gaps that nobody can fill."""
+        ready: list[_T] = []
+        for number in sorted(number for number in state.held if number <= last):
+            if state.begun and number > state.next:
+                self.missed[state.key] += number - state.next
+            ready.append(state.held.pop(number))
+            state.next, state.begun = number + 1, True
+        return ready + self._run(state)
+
+    @staticmethod
+    def _run(state: _Source[_T]) -> list[_T]:
+        ready: list[_T] = []
+        while state.next in state.held:
+            ready.append(state.held.pop(state.next))
+            state.next, state.begun = state.next + 1, True
+        return ready
+
+    def _review(self, source: str, state: _Source[_T], from_s: float) -> None:
+        if state.newest < state.next:
+            state.tries, state.due_s = 0, None
+            self._lacking.pop(source, None)
+            return
+        self._lacking[source] = state
+        if state.due_s is None and not state.asked:
+            state.due_s = from_s + TRIES_S[state.tries]

@@ -1,0 +1,185 @@
+"""What a network loses, doubles and turns round, and a publisher still has, is handed on in order and once."""
+
+import random
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.bus.sequences import GRACE_S, MOST_HELD, TRIES_S, Sequences
+
+A, KEY = "publisher-a", "t/a"
+
+
+def by_number(*numbers: int) -> dict[int, int]:
+    return {n: n for n in numbers}
+
+
+def live(sequences: Sequences[int], *numbers: int, now_s: float = 0.0) -> list[int]:
+    return [m for n in numbers for m in sequences.take(A, KEY, n, n, now_s)]
+
+
+def asked(sequences: Sequences[int], now_s: float = 0.0) -> list[int]:
+    return [gap.start for gap in sequences.due(now_s)]
+
+
+def given_up(sequences: Sequences[int], now_s: float = 0.0) -> list[int]:
+    """Nobody answers, however often it is asked."""
+    found: list[int] = []
+    for tries in range(len(TRIES_S)):
+        due_s = sequences.next_due_s()
+        assert due_s is not None
+        assert due_s >= now_s
+        now_s = due_s
+        assert asked(sequences, now_s), f"try {tries}"
+        found += sequences.answered(A, {}, now_s)
+    return found
+
+
+def test_what_comes_in_order_is_handed_on_at_once() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 0, 1, 1, 2, 0) == [0, 1, 2]
+    assert sequences.next_due_s() is None
+
+
+def test_a_gap_is_asked_about_once_and_filled() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 0, 3, 4) == [0]
+    assert asked(sequences) == [1]
+    assert asked(sequences) == [], "it has been asked"
+    assert live(sequences, 5) == []
+    assert list(sequences.answered(A, by_number(1, 2, 3, 4), 0.1)) == [1, 2, 3, 4, 5]
+    assert live(sequences, 4, 6) == [6]
+    assert (sequences.next_due_s(), sequences.missed) == (None, {})
+
+
+def test_what_a_cache_has_no_more_is_missed() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0, 9)
+    assert asked(sequences) == [1]
+    assert list(sequences.answered(A, by_number(5, 7, 8, 9), 0.1)) == [5, 7, 8, 9]
+    assert sequences.missed == {KEY: 5}
+
+
+def test_of_whom_one_hears_first_the_past_comes_before_and_none_of_it_is_missed() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 40) == []
+    assert asked(sequences) == [0]
+    assert list(sequences.answered(A, by_number(31, 32, 39, 40), 0.1)) == [31, 32, 39, 40]
+    assert sequences.missed == {KEY: 6}, "between two that came"
+
+
+def test_history_and_what_came_meanwhile_overlap() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert list(sequences.history(A, KEY, by_number(7, 8, 9))) == [7, 8, 9]
+    assert live(sequences, 8, 9, 10) == [10]
+    assert sequences.missed == {}
+
+
+def test_nobody_answering_is_asked_again_and_given_up() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0, 5)
+    assert given_up(sequences) == [5]
+    assert sequences.missed == {KEY: 4}
+    assert live(sequences, 6) == [6]
+
+
+def test_a_heartbeat_tells_of_what_never_came() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0)
+    sequences.heard(A, KEY, 0, 1.0)
+    assert sequences.next_due_s() is None
+    sequences.heard(A, KEY, 2, 1.0)
+    assert asked(sequences, 1.0) == [], "it may have overtaken them"
+    assert asked(sequences, 1.0 + GRACE_S) == [1]
+    assert list(sequences.answered(A, by_number(1, 2), 1.1)) == [1, 2]
+
+
+def test_a_heartbeat_that_overtook_is_of_no_account() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0)
+    sequences.heard(A, KEY, 1, 1.0)
+    assert live(sequences, 1, now_s=1.0) == [1]
+    assert sequences.next_due_s() is None
+
+
+def test_a_heartbeat_that_lies_harms_nothing() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0)
+    sequences.heard(A, KEY, 2**32 - 1, 0.0)
+    assert given_up(sequences) == []
+    assert (sequences.next_due_s(), sequences.missed) == (None, {})
+    assert live(sequences, 1) == [1]
+
+
+def test_more_than_can_be_held_is_not() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0)
+    found = live(sequences, *range(2, MOST_HELD + 10))
+    assert found == list(range(2, MOST_HELD + 10))
+    assert sequences.missed == {KEY: 1}
+
+
+class Network:
+    """Two publishers with a cache, and what reaches a subscriber of them."""
+
+    def __init__(self, chance: random.Random, loss: float, cache: int) -> None:
+        self._chance, self._loss, self._cache = chance, loss, cache
+        self.sequences: Sequences[tuple[str, int]] = Sequences()
+        self.sent = {"a": 0, "b": 0}
+        self.got: dict[str, list[int]] = {"a": [], "b": []}
+
+    def put(self, source: str, now_s: float) -> None:
+        number = self.sent[source]
+        self.sent[source] += 1
+        if self._chance.random() >= self._loss:
+            for _ in range(self._chance.choice([1, 1, 2])):
+                self._hand_on(self.sequences.take(source, source, number, (source, number), now_s))
+
+    def beat(self, now_s: float) -> None:
+        for source, count in self.sent.items():
+            if count:
+                self.sequences.heard(source, source, count - 1, now_s)
+
+    def answer(self, now_s: float, reached: float = 1.0) -> None:
+        for gap in self.sequences.due(now_s):
+            kept = range(max(gap.start, self.sent[gap.source] - self._cache), self.sent[gap.source])
+            found = {n: (gap.source, n) for n in kept} if self._chance.random() < reached else {}
+            self._hand_on(self.sequences.answered(gap.source, found, now_s))
+
+    def _hand_on(self, found: Iterable[tuple[str, int]]) -> None:
+        for source, number in found:
+            self.got[source].append(number)
+
+
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.5, 0.9]), st.integers(1, 60))
+def test_over_any_network_what_is_cached_comes_once_and_in_order(seed: int, loss: float, cache: int) -> None:
+    chance = random.Random(seed)
+    network = Network(chance, loss, cache)
+    for turn in range(200):
+        now_s = 0.05 * turn
+        network.put(chance.choice("ab"), now_s)
+        if turn % 7 == 0:
+            network.beat(now_s)
+        if chance.random() < 0.7:
+            network.answer(now_s, reached=0.8)
+    network.beat(10.0)
+    while (due_s := network.sequences.next_due_s()) is not None:
+        network.answer(due_s)
+    for source, numbers in network.got.items():
+        count = network.sent[source]
+        assert numbers == sorted(set(numbers))
+        assert numbers[-1:] == [count - 1][:count]
+        assert len(numbers) + network.sequences.missed[source] + (numbers[0] if numbers else 0) == count
+
+
+@pytest.mark.parametrize("gone", [True, False])
+def test_an_answer_after_all_was_well_changes_nothing(gone: bool) -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0, 2)
+    assert asked(sequences) == [1]
+    assert live(sequences, 1) == [1, 2]
+    assert list(sequences.answered(A, {} if gone else by_number(1, 2), 0.1)) == []
+    assert live(sequences, 3) == [3]
+    assert list(sequences.answered("a stranger", by_number(1), 0.1)) == []
