@@ -381,7 +381,7 @@ class _Subscription(_Declared):
         """Before anything is taken."""
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
-        self._inbox.put(_messages(samples))
+        self._inbox.put(map(_message, samples))
 
     def receive(self, timeout_s: float) -> Message | None:
         return self._inbox.receive(timeout_s)
@@ -426,7 +426,7 @@ class _Repaired(_Subscription):
         pattern: str,
     ) -> None:
         self._pattern, self._heartbeats = pattern, heartbeats
-        self._sequences: Sequences[zenoh.Sample] = Sequences()
+        self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
         self._first = bus.past(f"{pattern}/@adv/**")
@@ -439,21 +439,20 @@ class _Repaired(_Subscription):
         while not _drained(self._first, first):
             time.sleep(_TURN_S)
         for source, found in _by_source(first).items():
-            key = str(next(iter(found.values())).key_expr)
+            key = next(iter(found.values())).key
             self._hand_on(partial(self._sequences.history, source, key, found))
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
-        now_s, ready, cached = time.monotonic(), list[zenoh.Sample](), set[str]()
+        now_s, ready, cached = time.monotonic(), list[Message](), set[str]()
         with self._order:
             for sample in samples:
-                info = sample.source_info
+                message, info = _message(sample), sample.source_info
                 if info is None:  # of a publisher without a cache
-                    ready.append(sample)
+                    ready.append(message)
                 else:
-                    key = str(sample.key_expr)
-                    cached.add(key)
-                    ready += self._sequences.take(_source(info), key, info.source_sn, sample, now_s)
-            self._inbox.put(_messages(ready))
+                    cached.add(message.key)
+                    ready += self._sequences.take(_source(info), message.key, info.source_sn, message, now_s)
+            self._inbox.put(ready)
             lacking = self._sequences.next_due_s() is not None
         if lacking:
             self._news.set()
@@ -502,12 +501,12 @@ class _Repaired(_Subscription):
             return
         with self._order:
             for each, last in by_source.items():
-                number, sample = max(last.items())
-                self._sequences.heard(each, str(sample.key_expr), number, now_s)
+                number, message = max(last.items())
+                self._sequences.heard(each, message.key, number, now_s)
 
-    def _hand_on(self, ready: Callable[[], Sequence[zenoh.Sample]]) -> None:
+    def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
         with self._order:
-            self._inbox.put(_messages(ready()))
+            self._inbox.put(ready())
             for key, count in self._sequences.missed.items():
                 self._inbox.add_missed(count, key)
             self._sequences.missed.clear()
@@ -519,16 +518,16 @@ class _Repaired(_Subscription):
             self._heartbeats.undeclare()  # type: ignore[no-untyped-call]
 
 
-def _messages(samples: Iterable[zenoh.Sample]) -> list[Message]:
-    return [Message(str(sample.key_expr), sample.payload.to_bytes()) for sample in samples]
+def _message(sample: zenoh.Sample) -> Message:
+    return Message(str(sample.key_expr), sample.payload.to_bytes())
 
 
-def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, zenoh.Sample]]:
+def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, Message]]:
     """Of each publisher its messages by number."""
-    found: dict[str, dict[int, zenoh.Sample]] = {}
+    found: dict[str, dict[int, Message]] = {}
     for sample in samples:
         if (info := sample.source_info) is not None:
-            found.setdefault(_source(info), {})[info.source_sn] = sample
+            found.setdefault(_source(info), {})[info.source_sn] = _message(sample)
     return found
 
 
