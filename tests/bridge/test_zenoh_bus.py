@@ -100,7 +100,6 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
     with ZenohBus([endpoint]) as a, ZenohBus([endpoint]) as b:
         publisher, subscription = a.publisher("t/raw", cache=2000), b.subscribe("t/raw", history=True)
         time.sleep(0.1)
-        back_s = None
         began = time.monotonic()
         for n in range(800):  # 4 s at 200 Hz, the router away from 1 s to 2 s
             publisher.put(b"%d" % n)
@@ -109,18 +108,14 @@ def test_a_killed_router_costs_nothing(processes: Processes) -> None:
                 router.wait()
             if n == 400:
                 processes.start(ROUTER, endpoint)
-                up = time.monotonic()
-            if n > 400 and back_s is None and a.connected and b.connected:
-                back_s = time.monotonic() - up
             got += [int(m.payload) for m in subscription.drain(1000, 0)]
             time.sleep(max(0.0, began + n * 0.005 - time.monotonic()))
         while message := subscription.receive(2.0):
             got.append(int(message.payload))
         assert got == list(range(800))
         assert subscription.missed == 0
-        print(f"both back {back_s} s after the router")  # noqa: T201
-        assert back_s is not None
-        assert back_s < 1.5
+        assert a.connected
+        assert b.connected
 
 
 @pytest.mark.parametrize("shed", [(), ("t/**",)])
