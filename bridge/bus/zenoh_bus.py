@@ -375,10 +375,14 @@ class _Subscription(_Declared):
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
-            self._inbox.close()
+            self._end()
 
     def _begin(self) -> None:
         """Before anything is taken."""
+
+    def _end(self) -> None:
+        """Nothing will ever come again."""
+        self._inbox.close()
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         self._inbox.put(map(_message, samples))
@@ -410,7 +414,7 @@ class _Subscription(_Declared):
         return self._inbox.closed
 
     def close(self) -> None:
-        self._inbox.close()
+        self._end()
         super().close()
 
 
@@ -432,7 +436,7 @@ class _Repaired(_Subscription):
         self._first = bus.past(f"{pattern}/@adv/**")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
         bus.run(lambda: _each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
-        bus.run(self._repair, f"repair {pattern}")
+        bus.run(self._go_on_repairing, f"repair {pattern}")
 
     def _begin(self) -> None:
         first: list[zenoh.Sample] = []
@@ -476,6 +480,17 @@ class _Repaired(_Subscription):
         self._away.set()
         self._news.set()
 
+    def _end(self) -> None:
+        super()._end()
+        self._news.set()
+
+    def _go_on_repairing(self) -> None:
+        try:
+            self._repair()
+        except zenoh.ZError as error:
+            if not self._inbox.closed:
+                _log.error("what is lost of %s is not fetched again any more (%s)", self._pattern, _said(error))
+
     def _repair(self) -> None:
         """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
         asked: dict[str, tuple[_Channel[zenoh.Reply], list[zenoh.Sample]]] = {}
@@ -513,7 +528,6 @@ class _Repaired(_Subscription):
 
     def close(self) -> None:
         super().close()
-        self._news.set()
         with contextlib.suppress(zenoh.ZError):
             self._heartbeats.undeclare()  # type: ignore[no-untyped-call]
 

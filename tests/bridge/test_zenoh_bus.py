@@ -221,6 +221,17 @@ def test_the_keys_of_many_publishers_are_learnt() -> None:
         assert b._known == {f"t/{n}" for n in range(1000)}
 
 
+def test_closing_leaves_no_thread_behind() -> None:
+    endpoint = free_endpoint()
+    with Router([endpoint]), ZenohBus([endpoint]) as a:
+        for n in range(3):
+            a.subscribe(f"t/{n}", history=True)
+        a.subscribe("t/one", history=True).close()
+        a.subscribe("t/plain")
+        a.close()
+        assert a._threads == set()
+
+
 def eventually_counts(subscription: Subscription, count: int) -> bool:
     got = 0
     while got < count and (new := len(subscription.drain(10_000, 2.0))):
