@@ -8,7 +8,7 @@ from typing import Self
 
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
-from bridge.bus.zenoh_bus import close_session, open_session, read_settings
+from bridge.bus.zenoh_session import close_session, open_session, read_settings
 
 
 class Router:

@@ -9,7 +9,7 @@ from bridge.bus import zenoh_settings
 from bridge.bus.access import access_control
 from bridge.bus.router import endpoints_of
 from bridge.bus.routers import secured
-from bridge.bus.zenoh_bus import read_settings
+from bridge.bus.zenoh_session import read_settings
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from bridge.wire import keys

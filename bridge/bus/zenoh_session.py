@@ -1,0 +1,146 @@
+"""A session of zenoh: opened, closed, its failures, and what is declared in it.
+
+Everything arrives through zenoh's channels and is handed on by daemon threads of ours. zenoh's callbacks would each
+bring a thread that keeps a failed program from exiting, or would need the interpreter's lock on zenoh's receive path.
+"""
+
+import contextlib
+import json
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar
+
+import zenoh
+from zenoh import handlers
+
+from bridge.bus import zenoh_settings
+from bridge.bus.contract import BusError
+from bridge.bus.handlers import HandlerError
+
+_T_co = TypeVar("_T_co", covariant=True)
+_T = TypeVar("_T")
+_log = logging.getLogger(__name__)
+
+_RETRY_S = 0.1
+_PARTS = (
+    *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
+    "access_control",
+)
+
+
+def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: float = 0.0) -> zenoh.Session:
+    """Open a session, trying for timeout_s, or raise BusError beginning with complaint."""
+    with as_bus_error(complaint):
+        config = zenoh.Config.from_json5(json.dumps(settings))
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError:
+                if time.monotonic() >= deadline:
+                    raise
+            time.sleep(_RETRY_S)
+
+
+def read_settings(path: str) -> zenoh_settings.Settings:
+    """A file of zenoh's own, JSON5, as zenoh understands it: with every default; BusError says what is wrong with it."""
+    with as_bus_error(f"{path}: zenoh cannot read it"):
+        config = zenoh.Config.from_file(path)
+        return {part: json.loads(config.get_json(part)) for part in _PARTS}
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session, however broken it is."""
+    with as_bus_error("could not close the session"):
+        session.close()  # type: ignore[no-untyped-call]
+
+
+class Channel(Protocol[_T_co]):
+    """Where zenoh puts what comes; both raise ZError once it is closed."""
+
+    def recv(self) -> _T_co:
+        """Wait for the next."""
+
+    def try_recv(self) -> _T_co | None:
+        """The next, or None where there is none yet."""
+
+
+class Undeclared(Protocol):
+    """What zenoh gives for something declared."""
+
+    def undeclare(self) -> object:
+        """Take it back."""
+
+
+class Home(Protocol):
+    """The bus that something is declared in."""
+
+    declared: set["Declared"]
+
+    def run(self, work: Callable[[], None], name: str) -> None:
+        """Run work in a thread that closing waits for; work must end when its channel does."""
+
+    def past(self, selector: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
+        """What caches of publishers hold, as it comes."""
+
+    def learn(self, keys: set[str]) -> None:
+        """Make zenoh remember keys that cached messages came by."""
+
+
+class Declared:
+    """Something declared in a bus; see contract.Declared."""
+
+    def __init__(self, bus: Home, declared: Undeclared) -> None:
+        self._bus, self._declared = bus, declared
+        self._lock = threading.Lock()
+        self._closed = False
+        bus.declared.add(self)
+
+    def close(self) -> None:
+        """See contract.Declared."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._bus.declared.discard(self)
+            try:
+                self._declared.undeclare()
+            except zenoh.ZError:
+                _log.debug("already gone with its session")
+
+
+def each(channel: Channel[_T], handle: Callable[[_T], None]) -> None:
+    """Handle what comes until the channel is closed."""
+    while True:
+        try:
+            item = channel.recv()
+        except zenoh.ZError:
+            return
+        try:
+            handle(item)
+        except HandlerError:
+            continue  # already logged; the next one may well be handled
+
+
+@contextlib.contextmanager
+def as_bus_error(complaint: str) -> Iterator[None]:
+    """Whatever zenoh raises inside becomes a BusError that begins with the complaint."""
+    try:
+        yield
+    except BaseException as error:
+        if not is_zenohs(error):
+            raise
+        raise BusError(f"{complaint} ({said(error)})") from error
+
+
+def said(error: BaseException) -> str:
+    """What zenoh said, without the lines of its source."""
+    return re.sub(r"\s*\bat /\S+\.rs:\d+\.?", "", str(error)).strip()
+
+
+def is_zenohs(error: BaseException) -> bool:
+    """Whether zenoh failed; a panic of its Rust side is not even an Exception, and has no name to import."""
+    return isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException"

@@ -1,0 +1,243 @@
+"""What comes of zenoh, in a thread of its own, and what was lost of it, fetched again."""
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+
+import zenoh
+from zenoh import ext, handlers
+
+from bridge.bus.contract import Message
+from bridge.bus.inbox import Inbox
+from bridge.bus.sequences import Sequences
+from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, said
+
+_log = logging.getLogger(__name__)
+
+_BATCH = 512
+_EVERYBODY = ""
+_TURN_S = 0.002
+
+
+class Subscription(Declared):
+    """Hands on what comes, from a thread of its own."""
+
+    def __init__(
+        self,
+        bus: Home,
+        subscriber: Undeclared,
+        samples: Channel[zenoh.Sample],
+        inbox: Inbox,
+        pattern: str,
+    ) -> None:
+        super().__init__(bus, subscriber)
+        self._samples, self._inbox = samples, inbox
+        bus.run(self._pump, f"receive {pattern}")
+
+    def _pump(self) -> None:
+        try:
+            self._begin()
+            while True:
+                batch = [self._samples.recv()]
+                while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
+                    batch.append(sample)
+                self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
+        except zenoh.ZError:
+            _log.debug("subscription closed")
+        finally:
+            self._end()
+
+    def _begin(self) -> None:
+        """Before anything is taken."""
+
+    def _end(self) -> None:
+        """Nothing will ever come again."""
+        self._inbox.close()
+
+    def _take(self, samples: Sequence[zenoh.Sample]) -> None:
+        self._inbox.put(map(_message, samples))
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """See contract.Subscription."""
+        return self._inbox.receive(timeout_s)
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """See contract.Subscription."""
+        return self._inbox.drain(limit, timeout_s)
+
+    @property
+    def missed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.missed
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """See contract.Subscription."""
+        return self._inbox.missed_by_key
+
+    @property
+    def overflowed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.overflowed
+
+    @property
+    def waited_s(self) -> float:
+        """See contract.Subscription."""
+        return self._inbox.waited_s
+
+    @property
+    def closed(self) -> bool:
+        """See contract.Subscription."""
+        return self._inbox.closed
+
+    def close(self) -> None:
+        """See contract.Subscription."""
+        self._end()
+        super().close()
+
+
+class Repaired(Subscription):
+    """With what publishers' caches held, and hold of what was lost; see Sequences."""
+
+    def __init__(
+        self,
+        bus: Home,
+        subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
+        heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
+        inbox: Inbox,
+        pattern: str,
+    ) -> None:
+        self._pattern, self._heartbeats = pattern, heartbeats
+        self._sequences: Sequences[Message] = Sequences()
+        self._order = threading.Lock()  # of whatever is handed on
+        self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
+        self._first = bus.past(f"{pattern}/@adv/**")
+        super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
+        bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
+        bus.run(self._go_on_repairing, f"repair {pattern}")
+
+    def _begin(self) -> None:
+        first: list[zenoh.Sample] = []
+        while not _drained(self._first, first):
+            time.sleep(_TURN_S)
+        for source, found in _by_source(first).items():
+            key = next(iter(found.values())).key
+            self._hand_on(partial(self._sequences.history, source, key, found))
+
+    def _take(self, samples: Sequence[zenoh.Sample]) -> None:
+        now_s, ready, cached = time.monotonic(), list[Message](), set[str]()
+        with self._order:
+            for sample in samples:
+                message, info = _message(sample), sample.source_info
+                if info is None:  # of a publisher without a cache
+                    ready.append(message)
+                else:
+                    cached.add(message.key)
+                    ready += self._sequences.take(_source(info), message.key, info.source_sn, message, now_s)
+            self._inbox.put(ready)
+            lacking = self._sequences.next_due_s() is not None
+        if lacking:
+            self._news.set()
+        self._bus.learn(cached)
+
+    def _heard(self, sample: zenoh.Sample) -> None:
+        """One of zenoh's heartbeats: KEY/@adv/pub/SESSION/PUBLISHER/_, and the number of its last message."""
+        key, _, rest = str(sample.key_expr).rpartition("/@adv/pub/")
+        source = "/".join(rest.split("/")[:2])
+        try:
+            number = int(ext.z_deserialize(ext.UInt32, sample.payload))
+        except ext.ZDeserializeError:
+            _log.debug("no heartbeat: %s", sample.key_expr)
+            return
+        with self._order:
+            self._sequences.heard(source, key, number, time.monotonic())
+        self._news.set()
+
+    def remind(self) -> None:
+        """We were away, and did not hear what we missed: ask everybody for the last message."""
+        self._away.set()
+        self._news.set()
+
+    def _end(self) -> None:
+        super()._end()
+        self._news.set()
+
+    def _go_on_repairing(self) -> None:
+        try:
+            self._repair()
+        except zenoh.ZError as error:
+            if not self._inbox.closed:
+                _log.error("what is lost of %s is not fetched again any more (%s)", self._pattern, said(error))
+
+    def _repair(self) -> None:
+        """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
+        asked: dict[str, tuple[Channel[zenoh.Reply], list[zenoh.Sample]]] = {}
+        while not self._inbox.closed:
+            if self._away.is_set() and _EVERYBODY not in asked:
+                self._away.clear()
+                asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
+            with self._order:
+                gaps, due_s = self._sequences.due(time.monotonic()), self._sequences.next_due_s()
+            for gap in gaps:
+                asked[gap.source] = (self._bus.past(f"{gap.key}/@adv/pub/{gap.source}/**", f"_sn={gap.start}.."), [])
+            for source in [source for source, answer in asked.items() if _drained(*answer)]:
+                self._answered(source, asked.pop(source)[1])
+            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
+            self._news.wait(wait_s)
+            self._news.clear()
+
+    def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
+        now_s = time.monotonic()
+        by_source = _by_source(found)
+        if source != _EVERYBODY:
+            self._hand_on(partial(self._sequences.answered, source, by_source.get(source, {}), now_s))
+            return
+        with self._order:
+            for each, last in by_source.items():
+                number, message = max(last.items())
+                self._sequences.heard(each, message.key, number, now_s)
+
+    def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
+        with self._order:
+            self._inbox.put(ready())
+            for key, count in self._sequences.missed.items():
+                self._inbox.add_missed(count, key)
+            self._sequences.missed.clear()
+
+    def close(self) -> None:
+        """See contract.Subscription."""
+        super().close()
+        with contextlib.suppress(zenoh.ZError):
+            self._heartbeats.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _message(sample: zenoh.Sample) -> Message:
+    return Message(str(sample.key_expr), sample.payload.to_bytes())
+
+
+def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, Message]]:
+    """Of each publisher its messages by number."""
+    found: dict[str, dict[int, Message]] = {}
+    for sample in samples:
+        if (info := sample.source_info) is not None:
+            found.setdefault(_source(info), {})[info.source_sn] = _message(sample)
+    return found
+
+
+def _drained(replies: Channel[zenoh.Reply], into: list[zenoh.Sample]) -> bool:
+    """Take what has been answered; whether that was all."""
+    try:
+        while (reply := replies.try_recv()) is not None:
+            if reply.ok is not None:
+                into.append(reply.ok)
+    except zenoh.ZError:
+        return True
+    return False
+
+
+def _source(info: zenoh.SourceInfo) -> str:
+    """A publisher; its id has no hash."""
+    return f"{info.source_id.zid}/{info.source_id.eid}"
