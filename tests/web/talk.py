@@ -54,6 +54,7 @@ class Talk:
         )
         self._bus.answer(keys.pattern(WARD, "rpc"), self._on_command)
         self._latest: dict[str, Status] = {}
+        self._saying = threading.Lock()
         self._hush = threading.Event()
         self._thread = threading.Thread(target=self._again, daemon=True)
         self._thread.start()
@@ -61,9 +62,10 @@ class Talk:
     def __call__(self, *messages: Message) -> None:
         """Say these."""
         for message in messages:
-            if isinstance(message, Status):
-                self._latest[message.device] = message
-            self._put(message)
+            with self._saying:
+                if isinstance(message, Status):
+                    self._latest[message.device] = message
+                self._put(message)
 
     def hush(self) -> None:
         """Nothing is said again."""
@@ -73,8 +75,9 @@ class Talk:
     def _again(self) -> None:
         """Statuses are said again and again, as an estimator does."""
         while not self._hush.wait(0.9):
-            for status in self._latest.copy().values():
-                self._put(replace(status, time_ns=time.time_ns()))
+            for device in list(self._latest):
+                with self._saying:  # what is newer by then is not overtaken by what is old
+                    self._put(replace(self._latest[device], time_ns=time.time_ns()))
 
     def _put(self, message: Message) -> None:
         with self._lock:

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
 from tests.estimator.test_correction import CALIBRATION
@@ -174,6 +174,21 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     expect(page.locator("#lost")).to_contain_text("what is shown is old", timeout=10_000)
     shot("ward-without-dashboard")
     assert serious(page) == []
+
+
+def test_what_changes_while_the_page_loads_is_told_too(page: Page, site: Site) -> None:
+    names = ward(site, 2)
+
+    def change(route: Route) -> None:
+        """After the page was written, and before it can hear anything."""
+        site.talk(said(names[1], State.DEGRADED, boot=5, time_ns=now_ns()))
+        while site.server.desk.known.stories[names[1]].status.state is not State.DEGRADED:  # type: ignore[union-attr]
+            time.sleep(0.02)
+        route.continue_()
+
+    page.route("**/static/live.js", change)
+    page.goto("/")
+    expect(page.locator("#told")).to_contain_text(f"{names[1]}: degraded")
 
 
 def test_a_ward_where_nothing_is_heard(page: Page, shot: Shot) -> None:

@@ -27,7 +27,7 @@ watch(`guide/${id}`, (now) => {
   result(now, said);
   trouble(said.troubles);
   document.title = `${said.head} · ${title}`;
-  announce([said.rebooted, ...said.wrong, said.head, how].filter(Boolean).map((one) => one.replace(/[.。]?$/, ".")).join(" "));
+  announce(sentences(said.rebooted, said.wrong, said.head, how));
 }, { must: true });
 
 function lines(place, words) {
@@ -102,11 +102,13 @@ document.addEventListener("visibilitychange", () => {
 
 // ---- what is told to those who cannot see it ----
 
-let last = null, waiting = 0;
+const sentences = (...all) => all.flat().filter(Boolean).map((one) => one.trim().replace(/[.。]?$/, ".")).join(" ");
+// What the server wrote is read with the page; from there on everything new is told.
+const lines_of = [...$("wrong").lastElementChild.children].map((one) => one.textContent);
+let last = sentences($("rebooted").textContent, lines_of, $("do").textContent, $("how").textContent), waiting = 0;
 function announce(words) {
   if (words === last) return;
-  const first = last === null;
   last = words;
   clearTimeout(waiting);
-  if (!first) waiting = setTimeout(() => say($("told"), words), CALM_MS);
+  waiting = setTimeout(() => say($("told"), words), CALM_MS);
 }

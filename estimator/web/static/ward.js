@@ -177,12 +177,10 @@ addEventListener("resize", () => tiles.forEach((tile) => tile.strip.size()));
 
 // ---- what is told to those who cannot see it ----
 
-let states = null;
+// From what the server wrote on: what has changed before the first frame came is told too.
+let words = new Map([...list.children].map((element) => [element.dataset.id, element.querySelector('[data-f="word"]').textContent]));
 function tell(now) {
-  const said = new Map(now.tiles.map((fields) => [fields.id, fields.state]));
-  if (states) {
-    const news = now.tiles.filter((fields) => states.get(fields.id) !== fields.state).map((fields) => `${fields.id}: ${fields.word}`);
-    if (news.length) say(document.getElementById("told"), news.slice(0, 5).join(". "));
-  }
-  states = said;
+  const news = now.tiles.filter((fields) => words.get(fields.id) !== fields.word).map((fields) => `${fields.id}: ${fields.word}`);
+  if (news.length) say(document.getElementById("told"), news.slice(0, 5).join(". "));
+  words = new Map(now.tiles.map((fields) => [fields.id, fields.word]));
 }
