@@ -18,7 +18,6 @@ from estimator.web.fault import Fault
 from estimator.web.form import fields
 from estimator.web.language import keep, language
 from estimator.web.tiles import ward_page
-from estimator.web.ward_topics import SPARKS, SPARKS_S
 
 TEMPLATES = Jinja2Templates(Path(__file__).parent / "templates")
 TEMPLATES.env.trim_blocks = TEMPLATES.env.lstrip_blocks = True
@@ -53,7 +52,8 @@ def show(request: Request, template: str, values: Mapping[str, Any], status: HTT
 async def ward(request: Request) -> Response:
     """The whole ward."""
     page = ward_page(Desk.of(request).known, time.monotonic(), time.time_ns(), texts(language(request)))
-    return show(request, "ward.html", {"page": page, "sparks": SPARKS, "sparks_s": SPARKS_S})
+    plain = request.cookies.get("truerate-plain") == "1"  # as static/choice.js says
+    return show(request, "ward.html", {"page": page, "plain": plain})
 
 
 async def login_form(request: Request) -> Response:

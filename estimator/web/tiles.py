@@ -25,6 +25,8 @@ TONES = {
 #: tones of devices that need a person
 NEEDS = ("bad", "ask")
 _CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
+#: states of which a person can do something with the device in hand
+_BY_HAND = ("awaiting still", "bias only", "degraded", "turning", "warming")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,7 @@ class Tile:
     turns: str
     rebooted: str
     stale: str
+    calibrate: str
     bias_std: float | None
     calibrated_ns: int | None
     battery_percent: float | None
@@ -145,6 +148,7 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
         else "",
         rebooted=_rebooted(story, now_ns, t) if row.state != TRACKING else "",
         stale=_stale(row, story, now_ns, t),
+        calibrate=t("ward.calibrate") if row.state in _BY_HAND else "",
         bias_std=max(status.bias_std) if status else None,
         calibrated_ns=calibrated_ns or None,
         battery_percent=row.battery_percent,

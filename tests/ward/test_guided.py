@@ -1,4 +1,4 @@
-"""A guided calibration on a ward of real processes, with the page alone and beside it in a terminal: how long it takes."""
+"""Calibrations on a ward of real processes, by a person who does what the pages say: from the ward page to the verdict, and what goes wrong."""
 
 import subprocess
 import sys
@@ -6,19 +6,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
-from bridge.sim.imperfection import DEMO_SPEC
-from bridge.sim.motion import Motion, Piece, Still
-from bridge.sim.script import SessionPlan, flat, session, worn
-from bridge.sim.source import SimulatedSource
-from bridge.sim.virtual_device import VirtualDevice
+from estimator import history
 from estimator.demo.ward import Ward
-from tests.ward.parts import WAITING
+from estimator.service.store import Store
+from tests.ward.hand import Hand, Table
 from tests.ward.test_dashboard import _open
-from tests.web.conftest import OUT
+from tests.web.conftest import OUT, PASSWORD, PEOPLE
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("ward"), pytest.mark.timeout(300)]
 NAME = "wrist"
@@ -26,64 +22,113 @@ NAME = "wrist"
 SPEED = 2.0
 
 
-def handled(rng: np.random.Generator) -> Motion:
-    """Worn, then put on the table, turned once about each axis, and worn again."""
+@pytest.fixture
+def ward(tmp_path: Path) -> Iterator[Ward]:
+    with Ward(tmp_path, (NAME,)) as made:
+        (person,) = PEOPLE
+        with made.config.open("a", encoding="utf-8") as file:
+            file.write(f'[[dashboard.people]]\nname = "{person.name}"\npassword = "{person.password}"\n')
+        made.start("router", "estimator", "bridge", "dashboard")
+        yield made
 
-    def pieces() -> Iterator[Piece]:
-        yield Still(4.0)
-        yield from session(rng, SessionPlan(3.4, None, (3.5, 5.0), 2.0, 3.0, 0.2))
-        yield from worn(rng)
 
-    return Motion(pieces(), flat(rng))
-
-
-def test_from_an_open_page_to_the_verdict(tmp_path: Path, browser: Browser) -> None:
+@pytest.fixture
+def page(ward: Ward, browser: Browser) -> Iterator[Page]:
     expect.set_options(timeout=60_000)
-    with Ward(tmp_path, (NAME,)) as ward:
-        ward.start("router", "estimator", "bridge", "dashboard")
-        page = browser.new_page(base_url=f"http://{ward.page}")
-        _open(page, "/")
-        expect(page.locator(".tile")).to_have_count(1)
-        # A stopwatch of the device's own time: from the page's first sight of it to the verdict.
-        device = VirtualDevice(NAME, SimulatedSource(handled, DEMO_SPEC, 104.0), 4, WAITING)
-        page.goto(f"/devices/{NAME}/calibrate")
-        expect(page.locator("#do")).to_have_text("Nothing is heard of it")
-        page.evaluate(STOPWATCH)
-        words = [sys.executable, "-m", "estimator.cli", "calibrate", "--live", NAME, "--config", str(ward.config)]
-        told = tmp_path / "terminal"
-        with told.open("wb") as out:
-            terminal = subprocess.Popen(
-                [*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL
-            )
-        while not told.stat().st_size:  # it says that nothing is heard of it: it listens
-            time.sleep(0.05)
-            assert terminal.poll() is None
-        ward.plug(NAME, device, speed=SPEED, lossless=True)
-        expect(page.locator("#do")).to_have_text("Done: it is calibrated")
-        expect(page.locator("#rows tr")).to_have_count(3)
-        seen = page.evaluate("window.seen")
-        OUT.mkdir(parents=True, exist_ok=True)
-        page.screenshot(path=OUT / "real-guide-done.png", full_page=True)
-        page.get_by_role("link", name="Certificate, to print").click()
-        expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted")
-        assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
-        page.screenshot(path=OUT / "real-certificate.png", full_page=True)
-        assert "Traceback" not in ward.log("dashboard")
-        assert terminal.wait(60) == 0
+    context = browser.new_context(base_url=f"http://{ward.page}")
+    context.set_default_timeout(60_000)
+    made = context.new_page()
+    _open(made, "/")
+    yield made
+    context.close()
+    assert "Traceback" not in ward.log("dashboard")
+
+
+def keep(page: Page, name: str) -> None:
+    OUT.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=OUT / f"real-{name}.png", full_page=True)
+
+
+def test_a_newcomer_from_the_ward_page_to_the_verdict(ward: Ward, page: Page, tmp_path: Path) -> None:
+    expect(page.locator(".tile")).to_have_count(1)
+    words = [sys.executable, "-m", "estimator.cli", "calibrate", "--live", NAME, "--config", str(ward.config)]
+    told = tmp_path / "terminal"
+    with told.open("wb") as out:
+        terminal = subprocess.Popen([*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL)
+    while not told.stat().st_size:  # it says that nothing is heard of it: it listens
+        time.sleep(0.05)
+        assert terminal.poll() is None
+    table = Table(NAME, 4)
+    begin, port = time.monotonic(), ward.plug(NAME, table.device, speed=SPEED, lossless=True)
+    hand = Hand(page, table)
+    hand.from_the_ward_page(NAME)
+    page.evaluate(STEPS)
+    hand.follow()
+    expect(page.locator("#do")).to_have_text("Done: it is calibrated")
+    took_s, lived_s = time.monotonic() - begin, port.device_time_s
+    expect(page.locator("#rows tr")).to_have_count(3)
+    keep(page, "guide-done")
+    steps = page.evaluate("window.seen")
+    # Each turn is asked for, followed and let rest, and nothing else is said between.
+    assert [steps.count(step) for step in ("turn", "turning", "settle", "done")] == [3, 3, 3, 1], steps
+    page.get_by_role("link", name="Certificate, to print").click()
+    expect(page.locator(".verdict")).to_contain_text(f"{NAME}: accepted")
+    assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
+    keep(page, "certificate")
+    assert terminal.wait(60) == 0
     lines = told.read_text(encoding="utf-8")
     assert "Turn it round once, flat on the table" in lines
     assert lines.index("Put it at the edge of the table, and let go") < lines.index("Done: it is calibrated")
-    steps = [step for _, step in seen]
-    # Each turn is asked for, followed and let rest, and nothing else is said between.
-    assert [steps.count(step) for step in ("turn", "turning", "settle", "done")] == [3, 3, 3, 1], seen
-    print(f"from plugging it in to the verdict: {SPEED * seen[-1][0]:.0f} s of the device's time")  # noqa: T201
+    print(f"from plugging it in to the verdict: {took_s:.0f} s, {lived_s:.0f} s of the device's time")  # noqa: T201
 
 
-STOPWATCH = """{
-  const page = document.querySelector(".guide"), begin = performance.now();
+def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None:
+    table = Table(NAME, 5)
+    ward.plug(NAME, table.device, speed=SPEED, lossless=True)
+    hand, do = Hand(page, table), page.locator("#do")
+    hand.from_the_ward_page(NAME)
+    # Half a turn does not count: it is said why, and only that one is asked for again.
+    hand.follow(turns=2, half="along")
+    expect(page.locator("#wrong")).to_contain_text("Turn it all the way round, once.")
+    expect(do).to_have_text("Again: roll it over once, away from you")
+    expect(page.locator('#turns [data-mark="done"] .axis-name')).to_have_text("z")
+    keep(page, "guide-failed")
+    hand.follow()
+    expect(do).to_have_text("Done: it is calibrated")
+    # Anew, as the nurse; cancelled in the middle of a turn: the calibration before stays.
+    page.get_by_role("link", name="Log in to begin").click()
+    page.get_by_label("Name").fill("nurse")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Begin").click()
+    hand.follow(turns=1)
+    page.get_by_role("button", name="Cancel").click()
+    expect(do).to_have_text("Cancelled")
+    expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
+    keep(page, "guide-cancelled")
+    # Again, and it loses its power with a turn done: said, and it goes on with the first turn by itself.
+    page.get_by_role("button", name="Begin").click()
+    hand.follow(turns=1)
+    hand.wait_for(("turn",))
+    table.reboot()
+    expect(page.locator("#rebooted")).to_contain_text("the turns so far are lost")
+    keep(page, "guide-rebooted")
+    hand.follow()
+    expect(do).to_have_text("Done: it is calibrated")
+    expect(page.locator("#rebooted")).to_be_hidden()
+    store = Store.reading(ward.folder / "truerate.sqlite3")
+    kept = history.read(store, NAME)
+    store.close()
+    assert [(row["verb"], row["who"]) for row in kept.commands] == [
+        ("recalibrate", "nurse"), ("cancel", "nurse"), ("recalibrate", "nurse"),
+    ]  # fmt: skip
+    assert [c.verdict.name for c in kept.calibrations] == ["ACCEPTED", "ACCEPTED"]
+
+
+STEPS = """{
+  const page = document.querySelector(".guide");
   window.seen = [];
   new MutationObserver(() => {
-    const step = page.dataset.step;
-    if (window.seen.at(-1)?.[1] !== step) window.seen.push([(performance.now() - begin) / 1000, step]);
+    if (window.seen.at(-1) !== page.dataset.step) window.seen.push(page.dataset.step);
   }).observe(page, { attributes: true, attributeFilter: ["data-step"] });
 }"""

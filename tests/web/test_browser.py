@@ -135,7 +135,7 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     page.get_by_role("button", name="need a person 3").click()
     page.get_by_label("Find").fill("chest")
     expect(page.locator(".tile:visible")).to_have_count(7)
-    expect(page.locator("#unlike")).to_be_hidden()
+    expect(page.locator("#unlike")).to_contain_text("7 of 20 are shown.")
     page.get_by_label("Find").fill("zzz")
     expect(page.locator("#unlike")).to_contain_text("No device is like that.")
     page.get_by_role("button", name="Show all").click()
@@ -143,6 +143,39 @@ def test_the_ward_at_one_look(page: Page, site: Site, shot: Shot) -> None:
     page.get_by_label("Find").fill("")
     page.get_by_label("Order").select_option("id")
     expect(page.locator(".tile h2").first).to_have_text("bed-01-ankle")
+
+
+def test_what_was_chosen_is_chosen_again(page: Page, site: Site, shot: Shot) -> None:
+    names = ward(site, 6)
+    site.talk(said(names[4], State.DEGRADED, boot=5, time_ns=now_ns()))
+    page.goto("/")
+    page.get_by_role("button", name="less exact 1").click()
+    page.get_by_label("Order").select_option("id")
+    expect(page).to_have_url(re.compile(r"\?only=degraded&order=id$"))
+    expect(page.locator("#unlike")).to_contain_text("1 of 6 are shown.")
+    page.reload()
+    expect(page.locator(".tile:visible")).to_have_count(1)
+    expect(page.get_by_role("button", name="less exact 1")).to_have_attribute("aria-pressed", "true")
+    # To the device, step by step, and back to the ward by the link.
+    page.get_by_role("link", name="Calibrate, step by step").click()
+    expect(page).to_have_url(re.compile(rf"/devices/{names[4]}/calibrate$"))
+    page.get_by_role("link", name="Ward w").click()
+    expect(page.locator(".tile:visible")).to_have_count(1)
+    expect(page.get_by_label("Order")).to_have_value("id")
+    page.get_by_role("button", name="Show all").click()
+    expect(page).to_have_url(re.compile(r"\?order=id$"))
+    # Who does not read numbers sees none, on this tablet, until they are asked for again.
+    expect(page.locator(".tile dl:visible")).to_have_count(6)
+    page.get_by_role("button", name="Numbers").click()
+    page.reload()
+    tile = page.locator(f'.tile[data-id="{names[0]}"]')
+    expect(tile.locator('[data-of="quality"]')).to_be_hidden()
+    expect(tile.locator('[data-of="calibrated"]')).to_be_visible()
+    expect(tile.locator(".state")).to_have_text("tracking")
+    shot("ward-plain")
+    assert serious(page) == []
+    page.get_by_role("button", name="Numbers").click()
+    expect(tile.locator('[data-of="quality"]')).to_be_visible()
 
 
 def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> None:
@@ -154,7 +187,7 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     waiting = said(names[3], State.AWAITING_STILL, boot=6, time_ns=now_ns(), progress=0.0)
     site.talk(boot, replace(waiting, reason="hold the device still for 3 seconds"))
     expect(page.locator(".tile").first.locator(".rebooted")).to_contain_text("it must be calibrated again")
-    expect(page.locator("#told")).to_contain_text(f"{names[3]}: awaiting still")
+    expect(page.locator("#told")).to_contain_text(f"{names[3]}: to be calibrated")
     shot("ward-rebooted")
     # Nothing more is said of them: after a few seconds that is what they are.
     site.talk.hush()
@@ -188,7 +221,7 @@ def test_what_changes_while_the_page_loads_is_told_too(page: Page, site: Site) -
 
     page.route("**/static/live.js", change)
     page.goto("/")
-    expect(page.locator("#told")).to_contain_text(f"{names[1]}: degraded")
+    expect(page.locator("#told")).to_contain_text(f"{names[1]}: less exact")
 
 
 def test_a_ward_where_nothing_is_heard(page: Page, shot: Shot) -> None:

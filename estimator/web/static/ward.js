@@ -1,5 +1,6 @@
 // The ward page: tiles kept true, those that need a person first, or as the reader has chosen.
 
+import { chosen, keep, showNumbers } from "./choice.js";
 import { fill, shape, tone } from "./fields.js";
 import { say, spoken, trouble, watch } from "./live.js";
 import { Strip, spark } from "./pictures.js";
@@ -7,7 +8,10 @@ import { Strip, spark } from "./pictures.js";
 const list = document.getElementById("tiles"), template = document.getElementById("tile");
 const find = document.getElementById("find"), order = document.getElementById("order"), pause = document.getElementById("pause");
 const tiles = new Map(); // id -> { element, strip, spark, seen, number }
-const only = new Set();
+const only = chosen.only;
+find.value = chosen.find;
+if ([...order.options].some((one) => one.value === chosen.order)) order.value = chosen.order;
+for (const chip of document.querySelectorAll("[data-only]")) chip.setAttribute("aria-pressed", String(only.has(chip.dataset.only)));
 let page = null;
 
 const seen = new IntersectionObserver((entries) => {
@@ -37,7 +41,9 @@ watch(spoken("ward"), (now) => {
     const element = tile.element;
     tile.number = fields.number;
     if (!element.isConnected) list.append(element);
-    element.querySelector("h2 a").setAttribute("href", `/devices/${encodeURIComponent(fields.id)}`);
+    const place = `/devices/${encodeURIComponent(fields.id)}`;
+    element.querySelector("h2 a").setAttribute("href", place);
+    element.querySelector(".calibrate a").setAttribute("href", `${place}/calibrate`);
     fill(element, fields);
     tone(element, fields.tone);
     element.toggleAttribute("data-needs", fields.needs);
@@ -95,7 +101,8 @@ function head(now) {
 function chips(counts) {
   const place = document.getElementById("counts");
   const states = counts.map(([state]) => state);
-  for (const chip of [...place.children]) if (!states.includes(chip.dataset.only)) { only.delete(chip.dataset.only); chip.remove(); }
+  for (const state of only) if (state !== "needs" && !states.includes(state)) only.delete(state);
+  for (const chip of [...place.children]) if (!states.includes(chip.dataset.only)) chip.remove();
   counts.forEach(([state, name, n, words], i) => {
     let chip = [...place.children].find((one) => one.dataset.only === state);
     if (!chip) {
@@ -104,7 +111,7 @@ function chips(counts) {
       chip.className = "chip";
       chip.dataset.only = state;
       chip.dataset.tone = name;
-      chip.setAttribute("aria-pressed", "false");
+      chip.setAttribute("aria-pressed", String(only.has(state)));
       const word = document.createElement("span");
       word.textContent = words;
       chip.append(shape(name), word, " ", document.createElement("b"));
@@ -134,6 +141,7 @@ function share(counts, of) {
 const EMPTIEST = new Set(["calibrated_ns", "battery_percent"]);
 
 function arrange() {
+  keep({ only, find: find.value.trim(), order: order.value });
   if (!page) return;
   const word = find.value.trim().toLowerCase(), by = order.value;
   const rows = [...page.tiles];
@@ -151,7 +159,11 @@ function arrange() {
     if (place !== element && !element.contains(document.activeElement)) list.insertBefore(element, place);
     after = element;
   }
-  document.getElementById("unlike").hidden = !rows.length || rows.some((fields) => !tiles.get(fields.id).element.hidden);
+  const shown = rows.filter((fields) => !tiles.get(fields.id).element.hidden).length, unlike = document.getElementById("unlike");
+  unlike.hidden = shown === rows.length;
+  unlike.classList.toggle("some", shown > 0);
+  const { none, some } = unlike.dataset;
+  if (!unlike.hidden) say(unlike.firstElementChild, shown ? some.replace("{shown}", shown).replace("{of}", rows.length) : none);
 }
 
 document.querySelector(".choose").addEventListener("click", (event) => {
@@ -173,6 +185,14 @@ find.addEventListener("input", arrange);
 order.addEventListener("change", arrange);
 pause.addEventListener("click", () => pause.setAttribute("aria-pressed", String(pause.getAttribute("aria-pressed") !== "true")));
 if (matchMedia("(prefers-reduced-motion: reduce)").matches) pause.click();
+const numbers = document.getElementById("numbers");
+numbers.addEventListener("click", () => {
+  const on = numbers.getAttribute("aria-pressed") !== "true";
+  numbers.setAttribute("aria-pressed", String(on));
+  list.classList.toggle("plain", !on);
+  showNumbers(on);
+  for (const tile of tiles.values()) tile.strip.size();
+});
 addEventListener("resize", () => tiles.forEach((tile) => tile.strip.size()));
 
 // ---- what is told to those who cannot see it ----

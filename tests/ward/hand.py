@@ -1,0 +1,84 @@
+"""A person with a device at a table, who knows what the pages say and nothing else: reads, clicks, turns, lets go."""
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+from playwright.sync_api import Page, expect
+
+from bridge.sim.imperfection import DEMO_SPEC
+from bridge.sim.motion import Motion, Piece, Still
+from bridge.sim.script import SessionPlan, TurnPlan, flat, session
+from bridge.sim.source import SimulatedSource
+from bridge.sim.virtual_device import VirtualDevice
+from tests.ward.parts import WAITING
+
+#: it lies there until somebody turns it
+_LIES = Still(0.05)
+#: which of its axes a picture shows turning, of a device that lies flat
+_SHOWN = {"flat": 2, "along": 0, "across": 1}
+#: steps at which there is nothing more to be done
+OVER = ("done", "idle", "cancelled")
+
+
+class Table:
+    """A virtual device on a table, that lives through what a hand does with it; at rest else."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._due: deque[Piece] = deque()
+        self.device = VirtualDevice(name, SimulatedSource(self._lying, DEMO_SPEC, 104.0), seed, WAITING)
+
+    def turn(self, axis: int, angle_deg: float = 360.0) -> None:
+        """By a hand that wobbles, within 3.5 to 5 seconds of the device's time, and does not put it back quite as it lay."""
+        turns = (TurnPlan(axis, angle_deg * self._rng.choice([-1, 1])),)
+        plan = SessionPlan(turns=turns, turn_s=(3.5, 5.0), wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2)
+        self._due.append(session(self._rng, plan)[1])
+
+    def reboot(self) -> None:
+        """Power is lost and comes back; it lies on the table."""
+        self._due.clear()
+        self.device.reboot()
+
+    def _lying(self, rng: np.random.Generator) -> Motion:
+        return Motion(self._pieces(), flat(rng))
+
+    def _pieces(self) -> Iterator[Piece]:
+        while True:
+            yield self._due.popleft() if self._due else _LIES
+
+
+class Hand:
+    """What a person does who looks at the guide's page. reads_ms: to take in what is new before doing anything."""
+
+    def __init__(self, page: Page, table: Table, reads_ms: float = 0.0) -> None:
+        self._page, self._table, self._reads_ms = page, table, reads_ms
+
+    def from_the_ward_page(self, name: str) -> None:
+        """Open what the ward page offers for a device that needs a person."""
+        tile = self._page.locator(f'.tile[data-id="{name}"]')
+        offered = tile.get_by_role("link", name="Calibrate, step by step")
+        expect(offered).to_be_visible()
+        self.reads()
+        offered.click()
+        expect(self._page.locator("#do")).to_be_visible()
+
+    def follow(self, until: tuple[str, ...] = OVER, *, half: str = "", turns: int = 9) -> None:
+        """Do as the page says, until it is at one of these steps or so many turns are made; once by half, at that picture."""
+        for _ in range(turns):
+            if self.wait_for(("turn", *until)) != "turn":
+                return
+            self.reads()
+            shown = self._page.locator("#pictures > :visible").get_attribute("data-picture") or ""
+            self._table.turn(_SHOWN[shown], 180.0 if shown == half else 360.0)
+            half = "" if shown == half else half
+            self.wait_for(("turning",))
+
+    def wait_for(self, steps: tuple[str, ...]) -> str:
+        """The step the page is at, as soon as it is one of these."""
+        chosen = ", ".join(f'.guide[data-step="{step}"]' for step in steps)
+        return self._page.locator(chosen).get_attribute("data-step") or ""
+
+    def reads(self) -> None:
+        """Take in what is new."""
+        self._page.wait_for_timeout(self._reads_ms)
