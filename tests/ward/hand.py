@@ -63,6 +63,11 @@ class Hand:
         offered.click()
         expect(self._page.locator("#do")).to_be_visible()
 
+    def begin(self) -> None:
+        """Ask for a calibration, and see that it is under way."""
+        self._page.get_by_role("button", name="Begin").click()
+        self.wait_for(("place",))
+
     def follow(self, until: tuple[str, ...] = OVER, *, half: str = "", turns: int = 9) -> None:
         """Do as the page says, until it is at one of these steps or so many turns are made; once by half, at that picture."""
         for _ in range(turns):

@@ -1,4 +1,4 @@
-"""Calibrations on a ward of real processes, by a person who does what the pages say: from the ward page to the verdict, and what goes wrong."""
+"""Calibrations on a ward of real processes by somebody who does what the pages say: a good one, and what goes wrong."""
 
 import subprocess
 import sys
@@ -100,14 +100,14 @@ def test_a_turn_that_fails_a_cancel_and_a_reboot(ward: Ward, page: Page) -> None
     page.get_by_label("Name").fill("nurse")
     page.get_by_label("Password").fill(PASSWORD)
     page.keyboard.press("Enter")
-    page.get_by_role("button", name="Begin").click()
+    hand.begin()
     hand.follow(turns=1)
     page.get_by_role("button", name="Cancel").click()
     expect(do).to_have_text("Cancelled")
     expect(page.locator("#wrong")).to_contain_text("nurse has cancelled.")
     keep(page, "guide-cancelled")
     # Again, and it loses its power with a turn done: said, and it goes on with the first turn by itself.
-    page.get_by_role("button", name="Begin").click()
+    hand.begin()
     hand.follow(turns=1)
     hand.wait_for(("turn",))
     table.reboot()

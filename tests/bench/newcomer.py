@@ -1,0 +1,64 @@
+"""From the ward page to a calibrated device, by what the pages say alone: how long somebody new takes. `make bench`.
+
+Router, bridge, estimator and dashboard are processes, the device lives in real time, and the hand reads Chromium's page.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from playwright.sync_api import Browser, expect, sync_playwright
+from rich.console import Console
+
+from estimator.demo.ward import Ward
+from tests.ward.hand import Hand, Table
+from tests.ward.test_dashboard import _open
+
+NAME, _CHROMIUM = "wrist", "/usr/bin/chromium"
+#: to take in a page, or a step that is new, before a hand moves; to turn it takes 3.5 to 5 s
+_READS_MS = 2000.0
+
+
+def calibrated(browser: Browser, seed: int, *, fails: bool) -> tuple[float, float]:
+    """Seconds from the ward page to the verdict, and of the device's life; with one turn that must be repeated, or none."""
+    with tempfile.TemporaryDirectory() as folder, Ward(Path(folder), (NAME,)) as ward:
+        ward.start("router", "estimator", "bridge", "dashboard")
+        context = browser.new_context(base_url=f"http://{ward.page}", viewport={"width": 820, "height": 1180})
+        page = context.new_page()
+        _open(page, "/")
+        expect(page.locator(".tile")).to_have_count(1)
+        table = Table(NAME, seed)
+        begin, port = time.monotonic(), ward.plug(NAME, table.device)
+        hand = Hand(page, table, _READS_MS)
+        hand.from_the_ward_page(NAME)
+        hand.follow(half="along" if fails else "")
+        took = time.monotonic() - begin, port.device_time_s
+        expect(page.locator("#do")).to_have_text("Done: it is calibrated")
+        context.close()
+    return took
+
+
+def main() -> int:
+    """Print it; no verdict."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--times", type=int, default=3)
+    given = parser.parse_args()
+    console = Console()
+    expect.set_options(timeout=60_000)
+    with sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"])
+        for fails in (False, True):
+            for seed in range(given.times):
+                took_s, lived_s = calibrated(browser, seed, fails=fails)
+                how = "one turn failed and repeated" if fails else "each turn right"
+                console.print(
+                    f"from the ward page to the verdict, {how}: {took_s:.0f} s, {lived_s:.0f} s of the device's time"
+                )
+        browser.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
