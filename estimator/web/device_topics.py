@@ -9,7 +9,7 @@ from bridge.wire.messages import SampleBatch
 from estimator.streams import Corrected, Stream
 from estimator.web import topics
 from estimator.web.device_page import device_page
-from estimator.web.heading import Heading
+from estimator.web.heading import Heading, Lost
 from estimator.web.hub import Frame
 from estimator.web.topics import Sources
 from estimator.web.traces import Points, Traces
@@ -90,11 +90,15 @@ class TraceTopic:
         return topics.binary(self._topic, points.time_s.astype("<f8").tobytes() + rates.tobytes())
 
     def _headings(self) -> str:
-        """Since when, how far raw and corrected are apart, and each second of it: time, apart, σ of the corrected; degrees."""
+        """Since when, and each second of it: time, as read, as read less the first bias, σ of the corrected; degrees."""
         heading = self._heading
-        points = [(round(t, 2), round(degrees(a), 3), round(degrees(s), 3)) for t, a, s in heading.points]
-        about = {"since": heading.since_s, "apart": degrees(heading.apart), "std": degrees(heading.std)}
-        return topics.text(self._topic, {**about, "turned": degrees(heading.turned), "points": points})
+        about = {"since": heading.since_s, "vertical": heading.vertical, "turned": degrees(heading.turned)}
+        points = [_in_degrees(point) for point in heading.points]
+        return topics.text(self._topic, {**about, "now": _in_degrees(heading.now), "points": points})
+
+
+def _in_degrees(lost: Lost) -> tuple[float, ...]:
+    return round(lost.time_s, 2), *(round(degrees(angle), 3) for angle in (lost.read, lost.zeroed, lost.std))
 
 
 @topics.kind("trail", of_a_device=True)

@@ -1,6 +1,8 @@
-"""How far the attitude by raw rates comes away from that by corrected rates. Pure."""
+"""How far the heading by raw rates comes away from that by corrected rates. Pure."""
 
 from collections import deque
+from dataclasses import dataclass
+from math import atan2, cos, nan, pi, remainder, sin
 
 import numpy as np
 
@@ -12,34 +14,54 @@ from estimator.web.traces import Pair
 TORN_S = 0.5
 #: one point a second
 POINTS, POINT_S = 900, 1.0
+#: seconds of the accelerometer, before it begins anew, that say which way is up
+_UP_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """What the heading has lost at one moment of host time; rad.
+
+    read, zeroed: how far from that by corrected rates it is by raw ones, and by raw ones less the bias they had at first.
+    std: how far the corrected one may be from the truth by its bias alone, 1 σ.
+    """
+
+    time_s: float
+    read: float
+    zeroed: float
+    std: float
 
 
 class Heading:
-    """Both attitudes of one device, from `restart` on. Angles in rad."""
+    """One device, from `restart` on.
+
+    The heading is the turn about the vertical, which its accelerometer tells at the beginning; without one it is the whole
+    angle between two attitudes.
+    """
 
     def __init__(self) -> None:
-        #: host time, how far raw is from corrected, how far corrected may be from the truth by its bias alone (1 σ)
-        self.points: deque[tuple[float, float, float]] = deque(maxlen=POINTS)
+        self.points: deque[Lost] = deque(maxlen=POINTS)
         self.since_s = 0.0
         self._boot, self._latest_s = 0, -np.inf
         self._asked_s = 0.0
-        self._raw = self._corrected = np.eye(3)
-        self._var: Floats = np.zeros(3)
+        self._accel: deque[tuple[float, Floats]] = deque()
+        self._read: Floats
+        self._zeroed: Floats
+        self._corrected: Floats
+        self._bias: Floats
+        self._up: Floats | None
+        self.now: Lost
+        self._anew()
 
     @property
-    def apart(self) -> float:
-        """The angle between the two attitudes now."""
-        return float(np.linalg.norm(rotation.log(self._corrected.T @ self._raw)))
+    def vertical(self) -> bool:
+        """Whether it is known which way is up."""
+        return self._up is not None
 
     @property
     def turned(self) -> float:
         """How far the device has turned, by the corrected rates, from where it began."""
         return float(np.linalg.norm(rotation.log(self._corrected)))
-
-    @property
-    def std(self) -> float:
-        """What the uncertainty of the bias alone has made of the corrected attitude: its largest axis."""
-        return float(np.sqrt(self._var.max()))
 
     def restart(self, at_s: float) -> None:
         """Begin anew from a moment of host time, such as the beginning of a rest; one that was told already changes nothing."""
@@ -51,6 +73,7 @@ class Heading:
         """Go on by some samples; what is not corrected, or torn, begins anew."""
         if not np.isfinite(pair.corrected).all() or pair.boot != self._boot:
             self._boot = pair.boot
+            self._accel.clear()
             self._anew()
             if not np.isfinite(pair.corrected).all():
                 return
@@ -60,20 +83,48 @@ class Heading:
                 return
             self._anew()
             dt[0] = np.median(dt[1:]) if len(dt) > 1 else 0.0
-        if not self.since_s:
-            self.since_s = float(pair.time_s[0])
         self._latest_s = float(pair.device_s[-1])
-        self._raw = self._raw @ rotation.attitudes(pair.raw, dt)[-1]
+        self._feel(pair)
+        if not self.since_s:
+            self._begin(pair)
         self._corrected = self._corrected @ rotation.attitudes(pair.corrected, dt)[-1]
-        # A bias that is wrong is wrong for the whole time: its angle grows with time, not with its root.
-        elapsed_s = pair.time_s[-1] - self.since_s
-        self._var = (pair.bias_std * elapsed_s) ** 2
+        self._read = self._read @ rotation.attitudes(pair.raw, dt)[-1]
+        self._zeroed = self._zeroed @ rotation.attitudes(pair.raw - self._bias, dt)[-1]
         now_s = float(pair.time_s[-1])
-        if not self.points or now_s - self.points[-1][0] >= POINT_S:
-            self.points.append((now_s, self.apart, self.std))
+        # A bias that is wrong is wrong for the whole time: its angle grows with time, not with its root.
+        bias_std = pair.bias_std.max() if self._up is None else np.linalg.norm(self._up * pair.bias_std)
+        self.now = Lost(
+            now_s, self._apart(self._read, self.now.read), self._apart(self._zeroed, self.now.zeroed),
+            float(bias_std) * (now_s - self.since_s),
+        )  # fmt: skip
+        if not self.points or now_s - self.points[-1].time_s >= POINT_S:
+            self.points.append(self.now)
+
+    def _feel(self, pair: Pair) -> None:
+        if pair.accel is not None:
+            self._accel.append((float(pair.time_s[-1]), pair.accel))
+        while self._accel and pair.time_s[-1] - self._accel[0][0] > _UP_S:
+            self._accel.popleft()
+
+    def _begin(self, pair: Pair) -> None:
+        self.since_s, self._bias = float(pair.time_s[0]), pair.bias
+        felt = np.sum([accel for _, accel in self._accel], axis=0) if self._accel else np.zeros(3)
+        size = float(np.linalg.norm(felt))
+        self._up = felt / size if size > 0 else None
+
+    def _apart(self, attitude: Floats, before: float) -> float:
+        """How far an attitude is turned from the corrected one about the vertical, unwrapped from what it was before."""
+        vector = rotation.log(attitude @ self._corrected.T)
+        angle = float(np.linalg.norm(vector))
+        if self._up is None or angle == 0:
+            return angle
+        # The part of a rotation that is about one axis: its quaternion, without what stands across that axis.
+        about = 2 * atan2(sin(angle / 2) * float(vector @ self._up) / angle, cos(angle / 2))
+        return before + remainder(about - before, 2 * pi)
 
     def _anew(self) -> None:
-        self._raw = self._corrected = np.eye(3)
-        self._var = np.zeros(3)
+        self._read = self._zeroed = self._corrected = np.eye(3)
+        self._bias, self._up = np.full(3, nan), None
         self._latest_s, self.since_s = -np.inf, 0.0
+        self.now = Lost(0.0, 0.0, 0.0, 0.0)
         self.points.clear()

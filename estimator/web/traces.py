@@ -31,7 +31,10 @@ class Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """n samples of one boot, read and corrected: device and host time (n,) s, rates (n, 3) rad/s."""
+    """n samples of one boot, read and corrected: device and host time (n,) s, rates (n, 3) rad/s.
+
+    bias (3,) rad/s is the reading at zero rate; accel (3,) m/s², their mean, None where there is no accelerometer.
+    """
 
     boot: int
     device_s: Floats
@@ -39,7 +42,9 @@ class Pair:
     raw: Floats
     corrected: Floats
     std: Floats
+    bias: Floats
     bias_std: Floats
+    accel: Floats | None
 
 
 class Traces:
@@ -95,7 +100,8 @@ def _end(batch: SampleBatch | CorrectedBatch) -> int:
 
 
 def _pair(batch: SampleBatch, answers: list[CorrectedBatch]) -> Pair:
-    corrected, std, bias_std = np.full((len(batch), 3), np.nan), np.full((len(batch), 3), np.nan), np.full(3, np.nan)
+    corrected, std = np.full((len(batch), 3), np.nan), np.full((len(batch), 3), np.nan)
+    bias, bias_std = np.full(3, np.nan), np.full(3, np.nan)
     for answer in answers:
         begin, end = max(answer.sequence, batch.sequence), min(_end(answer), _end(batch))
         if begin < end:
@@ -103,9 +109,11 @@ def _pair(batch: SampleBatch, answers: list[CorrectedBatch]) -> Pair:
                 slice(begin - batch.sequence, end - batch.sequence),
                 slice(begin - answer.sequence, end - answer.sequence),
             )
-            corrected[to], std[to], bias_std = answer.rate[of], answer.rate_std[of], answer.bias_std.astype(float)
-    raw = batch.gyro.astype(float)
-    return Pair(batch.boot, batch.device_time, batch.sample_time_ns / 1e9, raw, corrected, std, bias_std)
+            corrected[to], std[to] = answer.rate[of], answer.rate_std[of]
+            bias, bias_std = answer.bias.astype(float), answer.bias_std.astype(float)
+    accel = None if batch.accel is None else batch.accel.mean(axis=0, dtype=float)
+    times = batch.device_time, batch.sample_time_ns / 1e9
+    return Pair(batch.boot, *times, batch.gyro.astype(float), corrected, std, bias, bias_std, accel)
 
 
 def _thinned(columns: list[Floats], points: int) -> list[Floats]:

@@ -13,6 +13,8 @@ from estimator.ward_view import NEVER_S
 POINTS = 720
 #: rests that are so near to each other are one; evidence not older than this is a rest that goes on
 REST_S = 3.0
+#: of what a rest teaches: it began so long before its first evidence came
+TAUGHT_S = 1.0
 RESTS, MARKS = 120, 120
 #: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
 _REFUSED = ": "
@@ -99,7 +101,7 @@ class Trail:
             begin, end = self.rests[-1]
             self.rests[-1] = begin, max(end, at_ns)
         else:
-            self.rests.append((at_ns, at_ns))
+            self.rests.append((at_ns - round(TAUGHT_S * 1e9), at_ns))
 
     def _happenings(self, status: Status) -> None:
         if self._boot and status.boot != self._boot:

@@ -42,7 +42,7 @@ def talk(endpoint: str) -> None:
     puts = {
         what: [bus.publisher(keys.build(WARD, what, **ids, device=name), cache=cache).put for name in names]
         for what, cache, ids in (
-            ("corrected", 512, {}), ("status", 1, {}), ("raw", 512, {"bridge": "b"}), ("info", 1, {"bridge": "b"}),
+            ("corrected", 512, {}), ("status", 1, {}), ("raw", 512, {"bridge": "bridge"}), ("info", 1, {"bridge": "bridge"}),
         )
     }  # fmt: skip
     alive = [bus.declare_alive(keys.build(WARD, f"alive/{kind}", **{kind: "one"})) for kind in ("bridge", "estimator")]

@@ -112,7 +112,7 @@ def test_rests_are_told_by_the_age_of_evidence() -> None:
     trail = Trail()
     for i, age_s in enumerate([0.2, 0.2, 0.2, 1.2, 2.2, 3.2, 4.2, 5.2, 0.2, 0.2]):
         trail.take(said("a", boot=1, time_ns=NOW + i * S, evidence_age_s=age_s))
-    assert [(round((a - NOW) / S, 1), round((b - NOW) / S, 1)) for a, b in trail.rests] == [(-0.2, 1.8), (7.8, 8.8)]
+    assert [(round((a - NOW) / S, 1), round((b - NOW) / S, 1)) for a, b in trail.rests] == [(-1.2, 1.8), (6.8, 8.8)]
 
 
 def test_boots_and_refused_evidence_are_marked() -> None:
@@ -206,10 +206,27 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     for i in range(200):
         for pair in traces.take(0.0, [raw("a", np.radians(3.0), 5 * i)], [corrected("a", 0.0, 5 * i)]):
             heading.add(pair)
-    assert np.degrees(heading.apart) == pytest.approx(3.0 * 10, abs=0.1)
+    assert not heading.vertical
+    assert np.degrees(heading.now.read) == pytest.approx(3.0 * 10, abs=0.1)
+    assert np.degrees(heading.now.zeroed) == pytest.approx(29.44, abs=0.05)  # of a bias of 0.001 rad/s about each axis
     assert heading.turned == pytest.approx(0.0, abs=1e-9)
-    assert heading.std == pytest.approx(0.001 * 9.99, rel=0.01)
-    assert heading.points[-1][1] <= heading.apart
+    assert heading.now.std == pytest.approx(0.001 * 9.99, rel=0.01)
+    assert heading.points[-1].read <= heading.now.read
     heading.restart(NOW / S + 1)
     heading.restart(NOW / S + 1)
-    assert heading.apart == 0.0
+    assert heading.now.read == 0.0
+
+
+@pytest.mark.parametrize(("up", "read_deg"), [((1.0, 0.0, 0.0), 3.0 * 100), ((0.0, 1.0, 0.0), 0.0)])
+def test_a_heading_is_about_the_vertical_and_a_tilt_is_none(up: tuple[float, ...], read_deg: float) -> None:
+    """A bias about x of 3 °/s, over 100 s: turned more than half round where x is upright, tilted only where y is."""
+    traces, heading = Traces(), Heading()
+    bias = np.array([np.radians(3.0), 0, 0], np.float32)
+    for i in range(2000):
+        felt = np.tile(np.array(up, np.float32) * 9.81, (5, 1))
+        read, of = replace(raw("a", np.radians(3.0), 5 * i), accel=felt), replace(corrected("a", 0.0, 5 * i), bias=bias)
+        for pair in traces.take(0.0, [read], [of]):
+            heading.add(pair)
+    assert heading.vertical
+    assert np.degrees(heading.now.read) == pytest.approx(read_deg, abs=0.2)
+    assert np.degrees(heading.now.zeroed) == pytest.approx(0.0, abs=1e-3)

@@ -104,17 +104,19 @@ const number = (value) => (Number.isNaN(value) ? null : value);
 
 const headings = chart($("headings"), {
   label: $("headings").dataset.label, title: "°", height: 150,
-  series: [{ label: page.dataset.asRead, colour: "raw", width: 2.5, dash: [3, 3] }, { label: "1 σ", colour: "z" }, { label: "0", colour: "z", width: 0 }],
-  bands: [[2, 3, "z"]], range: (u, low, high) => [0, Math.max(1, high * 1.05)],
+  series: [{ label: page.dataset.asRead, colour: "raw", width: 2.5, dash: [3, 3] }, { label: page.dataset.zeroed, colour: "y", width: 2 },
+    { label: "+σ", colour: "z" }, { label: "−σ", colour: "z" }],
+  bands: [[3, 4, "z"]], range: (u, low, high) => [Math.min(-0.5, low * 1.05), Math.max(0.5, high * 1.05)],
 });
 
 function heading(now) {
-  const { points } = now;
+  const { points } = now, [, read, zeroed, std] = now.now;
   headings.figure.hidden = points.length < 2;
-  headings.set([points.map((p) => p[0]), points.map((p) => p[1]), points.map((p) => p[2]), points.map(() => 0)]);
+  headings.set([0, 1, 2, 3].map((i) => points.map((p) => p[i])).concat([points.map((p) => -p[3])]));
   if (!now.since) return;
-  const values = { since: hour(now.since), apart: now.apart.toFixed(1), std: now.std.toFixed(2), turned: now.turned.toFixed(1) };
-  const words = $("heading").dataset.words.replace(/\{(\w+)\}/g, (_, name) => values[name]);
+  const size = (value, digits) => Math.abs(value).toFixed(digits);
+  const values = { since: hour(now.since), read: size(read, 1), zeroed: size(zeroed, 1), std: size(std, 2), turned: size(now.turned, 1) };
+  const words = $("heading").dataset[now.vertical ? "heading" : "attitude"].replace(/\{(\w+)\}/g, (_, name) => values[name]);
   say($("heading"), words);
   headings.figure.setAttribute("aria-label", words);
 }
