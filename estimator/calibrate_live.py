@@ -10,7 +10,7 @@ from rich.text import Text
 
 from bridge.bus.contract import BusError
 from bridge.columns import Column, Columns
-from bridge.wire.messages import Calibration, Status
+from bridge.wire.messages import Calibration, DeviceInfo, Status
 from estimator.client import Client
 from estimator.device_knobs import Treatment
 from estimator.guide.compare import compared, differing, last_before
@@ -22,6 +22,8 @@ from estimator.texts import Texts
 
 #: how often it looks
 LOOK_S = 0.1
+#: after so long a device that no bridge lists is taken for one that there is not
+MISNAMED_S = 3.0
 _SIGMAS = 1.96
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
@@ -39,10 +41,11 @@ def calibrate(
 ) -> int:
     """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
     samples, statuses = client.raw(device), client.follow(device)
-    made = client.follow_calibrations(device)
+    made, infos = client.follow_calibrations(device), client.follow_infos()
+    there: dict[str, DeviceInfo] = {}
     knobs = knobs or Treatment().of(device)
     guide, known = Guide(knobs.method, knobs.stillness), dict[str, Calibration]()
-    asked, status, begin = False, None, time.monotonic()
+    asked, status, begin, misnamed = False, None, time.monotonic(), False
     screen = Screen(console, t, device)
     try:
         while True:
@@ -52,7 +55,12 @@ def calibrate(
                 status = latest
                 guide.take_status(latest)
             known.update({calibration.id: calibration for calibration in made.drain()})
+            there |= {info.device: info for info in infos.drain()}
             told = guide.told()
+            passed = time.monotonic() - begin
+            if passed > MISNAMED_S and not misnamed and status is None and there and device not in there:
+                misnamed = True
+                console.print(t.said(f"no device {device} was heard; there are: {', '.join(sorted(there))}"))
             if told.step is Step.IDLE and not asked:
                 asked = True
                 reply = client.recalibrate(device, who)
@@ -62,7 +70,6 @@ def calibrate(
                 continue
             if told.step is not Step.IDLE:
                 screen.show(told)
-            passed = time.monotonic() - begin
             if told.step in (Step.DONE, Step.CANCELLED) or (seconds is not None and passed > seconds):
                 break
     except KeyboardInterrupt:
@@ -71,7 +78,7 @@ def calibrate(
         screen.close()
         if asked and guide.told().step not in (Step.DONE, Step.CANCELLED, Step.IDLE):
             _give_up(console, client, device, who)
-        for stream in (samples, statuses, made):
+        for stream in (samples, statuses, made, infos):
             stream.close()
     return _end(console, t, guide.told(), status, known)
 

@@ -60,6 +60,7 @@ class DevicePage:
     progress: float
     can_recalibrate: bool
     can_cancel: bool
+    blocked: str
     facts: Sequence[tuple[str, str]]
     calibrations: Sequence[CalibrationLine]
     boots: Sequence[Line]
@@ -73,7 +74,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
     row = known.row(device, now)
     status = story.status
     in_use = status.calibration if status else ""
-    shown = tile(row, story, now_ns, t)
+    shown, deaf = tile(row, story, now_ns, t), known.deaf(device)
     return DevicePage(
         ward=known.ward,
         title=f"{device}: {shown.word} · {known.ward}",
@@ -82,8 +83,9 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
         troubles=troubles(known, t),
         tile=shown,
         progress=status.progress if status else 0.0,
-        can_recalibrate=status is not None and status.state in _RECALIBRATES,
-        can_cancel=status is not None and status.state in _CANCELS,
+        can_recalibrate=not deaf and status is not None and status.state in _RECALIBRATES,
+        can_cancel=not deaf and status is not None and status.state in _CANCELS,
+        blocked=t("device.blocked") if deaf else "",
         facts=_facts(story, t),
         calibrations=[_calibration(c, in_use, t) for c in reversed(story.calibrations.values())],
         boots=[

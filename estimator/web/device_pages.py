@@ -12,7 +12,7 @@ from bridge.wire.messages import CommandReply
 from estimator.guide.guide import CALIBRATING
 from estimator.texts import texts
 from estimator.web.commanding import commands
-from estimator.web.desk import Desk
+from estimator.web.desk import VERBS, Desk
 from estimator.web.device_page import device_page
 from estimator.web.fault import Fault
 from estimator.web.form import fields
@@ -25,6 +25,7 @@ def routes() -> list[BaseRoute]:
     return [
         Route("/devices/{device}", device, name="device"),
         *commands("/devices/{device}", command),
+        *(Route(f"/devices/{{device}}/{verb}", back) for verb in VERBS),
     ]
 
 
@@ -35,6 +36,11 @@ async def device(request: Request) -> Response:
     await desk.remember(name)
     page = device_page(desk.known, name, time.monotonic(), time.time_ns(), texts(language(request)))
     return show(request, "device.html", {"page": page, "longest": MAX_SENTENCE})
+
+
+async def back(request: Request) -> Response:
+    """A command's place in the address line, as after a page that was loaded again: it is given by the page alone."""
+    return RedirectResponse(request.url_for("device", device=request.path_params["device"]).path, HTTPStatus.SEE_OTHER)
 
 
 async def command(request: Request, verb: str) -> Response:

@@ -82,7 +82,8 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
     """What is to be shown now of a device that was heard of."""
     story = known.stories[device]
     status = story.status
-    if known.row(device, now).state == SILENT or known.deaf(device):
+    deaf = known.deaf(device)
+    if known.row(device, now).state == SILENT or deaf:
         told = Told(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
     calibration = story.calibrations.get(status.calibration) if status and told.step in _OVER else None
     before = None if calibration is None else last_before(calibration, story.calibrations.values())
@@ -95,8 +96,8 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
         way=(told.angle > 0) - (told.angle < 0) if told.step is Step.TURNING and told.axis is not None else 0,
         percent=round(100 * told.ring),
         centre=_centre(told),
-        can_begin=status is not None and status.state in _RECALIBRATES,
-        can_cancel=status is not None and status.state in CALIBRATING,
+        can_begin=not deaf and status is not None and status.state in _RECALIBRATES,
+        can_cancel=not deaf and status is not None and status.state in CALIBRATING,
         calibration=calibration.id if calibration else "",
         result=rows(calibration, before) if calibration else (),
         say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},

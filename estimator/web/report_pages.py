@@ -1,6 +1,7 @@
 """Reports for the file: a certificate of a calibration, a summary of the ward, and a picture of a device's bias."""
 
 import time
+from datetime import UTC, datetime
 from http import HTTPStatus
 from importlib.metadata import version
 from io import BytesIO
@@ -68,10 +69,11 @@ def _drawn(of: History) -> bytes:
     from estimator.figures.histories import history  # noqa: PLC0415 - matplotlib takes a second to load
 
     drawn = BytesIO()
-    history(of, drawn)
+    history(of, drawn, datetime.now().astimezone().tzinfo or UTC, words=False)
     return drawn.getvalue()
 
 
 def _report(request: Request, template: str, page: object, **more: object) -> Response:
-    values = {"page": page, "made": words.clock(time.time_ns()), "version": version("truerate")}
+    zone = words.zone_name(datetime.now().astimezone())
+    values = {"page": page, "made": words.clock(time.time_ns()), "zone": zone, "version": version("truerate")}
     return show(request, template, {**values, **more})

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, Floats, Status
+from estimator.track.seconds import SecondKnobs
 from estimator.ward_view import NEVER_S
 
 #: points kept; when there are so many, every other one of the older half is left out
@@ -14,7 +15,7 @@ POINTS = 720
 #: rests that are so near to each other are one; evidence not older than this is a rest that goes on
 REST_S = 3.0
 #: of what a rest teaches: it began so long before its first evidence came
-TAUGHT_S = 1.0
+TAUGHT_S = SecondKnobs().length_s
 RESTS, MARKS = 120, 120
 #: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
 _REFUSED = ": "

@@ -58,5 +58,12 @@ def lasting(seconds: float, t: Texts) -> str:
 
 
 def clock(time_ns: int) -> str:
-    """A date and a time, of the server's zone."""
-    return datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    """`2026-11-21 13:39:19 UTC+01:00`: a date and a time of the server's zone, which it says."""
+    local = datetime.fromtimestamp(time_ns / 1e9, UTC).astimezone()
+    return f"{local:%Y-%m-%d %H:%M:%S} {zone_name(local)}"
+
+
+def zone_name(local: datetime) -> str:
+    """How far a time's zone is from UTC: `UTC`, or `UTC+01:00`."""
+    offset = local.isoformat()[-6:]
+    return "UTC" if offset == "+00:00" else f"UTC{offset.replace('-', MINUS)}"

@@ -9,7 +9,7 @@ from rich.console import Console, Group
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Piece, Still
-from estimator.calibrate_live import calibrate, panel
+from estimator.calibrate_live import MISNAMED_S, calibrate, panel
 from estimator.cli import main
 from estimator.client import Client
 from estimator.guide.reasons import Words
@@ -17,7 +17,7 @@ from estimator.guide.steps import Picture, Step, Told
 from estimator.texts import texts
 from tests.estimator.stream import NAME
 from tests.web.played import Played
-from tests.web.talk import WARD, Talk
+from tests.web.talk import WARD, Talk, about
 from tests.web.test_guide import rests_between, turn
 
 
@@ -82,6 +82,18 @@ def test_a_device_nobody_hears_of() -> None:
         assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
     assert isinstance(console.file, io.StringIO)
     assert "Nothing is heard of it" in console.file.getvalue()
+
+
+def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    talk(about("chest", boot=1), about("ankle", boot=1))
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, "chset", "nurse", texts("en"), seconds=MISNAMED_S + 0.5) == 1
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().count("no device chset was heard; there are: ankle, chest") == 1
 
 
 def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:

@@ -296,6 +296,16 @@ def test_cancel_leaves_everything_usable(page: Page, site: Site) -> None:
     site.talk(said(name, boot=5, time_ns=now_ns()))
     expect(page.get_by_role("button", name="Cancel the calibration")).to_be_disabled()
     expect(page.get_by_role("button", name="Recalibrate")).to_be_enabled()
+    # A command's place in the address line, as of a page that is loaded again, is its device's; a note of blanks is told.
+    page.goto(f"/devices/{name}/recalibrate")
+    expect(page).to_have_url(re.compile(rf"/devices/{name}$"))
+    page.get_by_role("textbox", name="Note").fill("   ")
+    page.get_by_role("button", name="Write it down").click()
+    expect(page.locator("#said")).to_have_text(f"{name}: A note needs a text.")
+    # While nobody answers nothing can be asked, and it is said why.
+    site.talk.die()
+    expect(page.get_by_role("button", name="Recalibrate")).to_be_disabled()
+    expect(page.locator("#blocked")).to_contain_text("nothing can be asked of it now")
 
 
 def test_words_of_strangers_are_words(page: Page, site: Site, shot: Shot) -> None:

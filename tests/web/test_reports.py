@@ -1,14 +1,17 @@
 """What is printed: a certificate and the ward's summary, in a real browser and as a PDF of it."""
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
 from bridge.wire.messages import State, Turn, Verdict
+from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.conftest import Site
 from tests.web.talk import about, said
@@ -68,6 +71,11 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".paper")).to_contain_text("by more than both are unsure: z")
     expect(page.locator(".paper")).to_contain_text("−359.8°")
     assert page.locator(".figure").evaluate("picture => picture.decode().then(() => picture.naturalWidth)") > 1000
+    # When it was is said with its zone, and the picture below is in the same.
+    zone = words.zone_name(datetime.now().astimezone())
+    expect(page.locator(".facts")).to_contain_text(re.compile(rf"\d\d:\d\d:\d\d {re.escape(zone)}"))
+    expect(page.locator(".paper")).to_contain_text(f"Times in {zone}.")
+    expect(page.locator(".signs")).to_contain_text("Turned by:")
     shot("certificate")
     assert serious(page) == []
     assert pages_of(page) == 1
@@ -76,6 +84,12 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".paper")).to_contain_text("相差超过两者的不确定度：z")
     shot("certificate-zh")
     assert serious(page) == []
+
+
+def test_a_zone_is_named_by_how_far_it_is_from_utc() -> None:
+    noon = datetime(2026, 11, 21, 12, tzinfo=UTC)
+    zones = [UTC, timezone(timedelta(hours=8)), timezone(timedelta(hours=-3, minutes=-30))]
+    assert [words.zone_name(noon.astimezone(zone)) for zone in zones] == ["UTC", "UTC+08:00", "UTC−03:30"]
 
 
 def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Shot) -> None:

@@ -19,6 +19,7 @@ watch(spoken(`device/${id}`), (now) => {
   trouble(now.troubles);
   if ($("recalibrate")) $("recalibrate").disabled = !now.can_recalibrate;
   if ($("cancel")) $("cancel").disabled = !now.can_cancel;
+  if ($("blocked")) say($("blocked"), now.blocked || page.dataset.hint);
   if (told !== now.tile.word) { if (told) say($("told"), `${id}: ${now.tile.word}. ${now.tile.reason}`); told = now.tile.word; }
   rows("calibrations", now.calibrations, (c) => [c.when + (c.in_use ? ` ${page.dataset.inUse}` : ""), c.verdict, c.who, c.method, c.scale.join(", "), c.bias.join(", "), c.turns, c.reason], (c) => c.in_use);
   for (const name of ["boots", "notes", "events"]) rows(name, now[name], (line) => [line.when, line.what, line.words]);
