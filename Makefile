@@ -59,6 +59,8 @@ bench: setup-dev
 	$(BIN)/python -m tests.bench.watching
 	$(BIN)/python -m tests.bench.dashboard
 	$(BIN)/python -m tests.bench.newcomer
+	$(BIN)/python -m tests.bench.dashboard_memory
+	$(BIN)/python -m tests.bench.dashboard_viewers
 	$(BIN)/python -m tests.bench.access
 
 # The bridge by itself: what many devices cost and how long a sample is under way, a device pulled a thousand times. Takes minutes.

@@ -109,7 +109,7 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
         bias=[
             interval(degrees(float(c.bias[i])), degrees(std.get(f"bias_{axis}", nan)), 3) for i, axis in enumerate(AXES)
         ],
-        turns=", ".join(
+        turns="\n".join(
             t(
                 "words.axis",
                 axis=AXES[turn.axis],

@@ -27,6 +27,8 @@ from estimator.demo.ward import free_port, listens
 from tests.web.talk import about, said
 
 WARD, DEVICES, RATE_HZ, BATCH_S = "bench", 60, 104.0, 0.05
+NAMES = [f"bed-{n // 3:02d}-{('chest', 'wrist', 'ankle')[n % 3]}" for n in range(DEVICES)]
+CLI = ("-m", "estimator.cli")
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 _CHROMIUM = "/usr/bin/chromium"
 #: beside each other, as on a ward in the morning
@@ -35,18 +37,20 @@ _TABLETS = 20
 _WATCHED, _SLOPE_MINUTES = ("/", "/devices/bed-01-chest"), 20
 
 
-def talk(endpoint: str) -> None:
-    """Raw and corrected rates, statuses and infos of sixty devices, as bridge and estimator send them; until stdin ends."""
+def talk(endpoint: str, hurry: float) -> None:
+    """Raw and corrected rates, statuses and infos of sixty devices, as bridge and estimator send them; until stdin ends.
+
+    hurry: how many statuses and infos of each a second.
+    """
     bus = ZenohBus((endpoint,), open_timeout_s=20)
-    names = [f"bed-{n // 3:02d}-{('chest', 'wrist', 'ankle')[n % 3]}" for n in range(DEVICES)]
     puts = {
-        what: [bus.publisher(keys.build(WARD, what, **ids, device=name), cache=cache).put for name in names]
+        what: [bus.publisher(keys.build(WARD, what, **ids, device=name), cache=cache).put for name in NAMES]
         for what, cache, ids in (
             ("corrected", 512, {}), ("status", 1, {}), ("raw", 512, {"bridge": "bridge"}), ("info", 1, {"bridge": "bridge"}),
         )
     }  # fmt: skip
     alive = [bus.declare_alive(keys.build(WARD, f"alive/{kind}", **{kind: "one"})) for kind in ("bridge", "estimator")]
-    begin, sent, second = time.monotonic(), 0, 0
+    begin, sent, second = time.monotonic(), 0, 0.0
     rng = np.random.default_rng(1)
     small = np.full(3, 0.001, np.float32)
     while not _over():
@@ -55,7 +59,7 @@ def talk(endpoint: str) -> None:
         if n > 0:
             ticks = (np.arange(sent, due) * 1e6 / RATE_HZ).astype(np.uint64)
             flags = np.zeros(n, np.uint32)
-            for i, name in enumerate(names):
+            for i, name in enumerate(NAMES):
                 swing = np.sin(ticks[:, None] * 1e-6 + i + np.arange(3)) * (1 + i % 5)
                 rate = (swing + rng.normal(0, 0.01, (n, 3))).astype(np.float32)
                 raw = SampleBatch(name, 1, sent, now_ns, now_ns, 1e-6, 1.0, ticks, rate + small, None, None, flags)
@@ -66,8 +70,8 @@ def talk(endpoint: str) -> None:
                 puts["corrected"][i](codec.encode_corrected(corrected))
             sent = due
         if time.monotonic() - begin >= second:
-            second += 1
-            for i, name in enumerate(names):
+            second += 1 / hurry
+            for i, name in enumerate(NAMES):
                 state = State.DEGRADED if i % 20 == 7 else State.TRACKING
                 puts["status"][i](codec.encode_status(said(name, state, time_ns=time.time_ns(), boot=1)))
                 puts["info"][i](codec.encode_info(about(name, boot=1, time_ns=time.time_ns(), battery_percent=80.0)))
@@ -155,7 +159,7 @@ def guided(url: str, tablets: int, seconds: float) -> None:
     """Tablets that follow the guide, each of another device."""
 
     counts: list[int] = []
-    names = [f"guide/bed-{n // 3:02d}-{('chest', 'wrist', 'ankle')[n % 3]}" for n in range(tablets)]
+    names = [f"guide/{name}" for name in NAMES[:tablets]]
 
     async def ready() -> None:
         while len(counts) < tablets or min(counts) < 3:  # noqa: ASYNC110 - a bench may look
@@ -206,11 +210,12 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=0.0, help="watch the memory for so long, and nothing else")
     parser.add_argument("--guides", action="store_true", help="what a guide costs, and nothing else")
     parser.add_argument("--talk")
+    parser.add_argument("--hurry", type=float, default=1.0)
     parser.add_argument("--crowd")
     parser.add_argument("--tablets", type=int, default=0)
     given = parser.parse_args()
     if given.talk:
-        talk(given.talk)
+        talk(given.talk, given.hurry)
         return 0
     if given.tablets:
         guided(given.crowd, given.tablets, given.seconds)
@@ -222,15 +227,12 @@ def main() -> int:
     router, web = f"tcp/127.0.0.1:{free_port()}", free_port()
     url = f"http://127.0.0.1:{web}"
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "ward.toml"
-        text = f'ward = "{WARD}"\n[bus]\nconnect = ["{router}"]\n[router]\nlisten = ["{router}"]\n'
-        file.write_text(text + f'[dashboard]\nlisten = "127.0.0.1:{web}"\n')
-        cli = ("-m", "estimator.cli")
-        with process(*cli, "router", "--config", str(file)):
+        file = ward_file(Path(folder), router, web)
+        with process(*CLI, "router", "--config", str(file)):
             listens(router, 20)
             with (
                 process("-m", "tests.bench.dashboard", "--talk", router),
-                process(*cli, "dashboard", "--config", str(file)) as it,
+                process(*CLI, "dashboard", "--config", str(file)) as it,
             ):
                 _wait(url)
                 console.print(
@@ -242,6 +244,14 @@ def main() -> int:
                 elif not given.guides:
                     _measure(console, it.pid, url, given.seconds, given.viewers)
     return 0
+
+
+def ward_file(folder: Path, router: str, web: int, ward: str = WARD) -> Path:
+    """The file of a ward that is talked of alone, with a dashboard."""
+    file = folder / "ward.toml"
+    text = f'ward = "{ward}"\n[bus]\nconnect = ["{router}"]\n[router]\nlisten = ["{router}"]\n'
+    file.write_text(text + f'[dashboard]\nlisten = "127.0.0.1:{web}"\n')
+    return file
 
 
 def _wait(url: str) -> None:
