@@ -1,7 +1,7 @@
 """Do fifty viewers of the dashboard slow the estimator? `make bench`.
 
 Sixty devices at 100 Hz, a real estimator and a real dashboard, each a process; a subscriber that says how old each corrected
-sample is when it comes. By turns nobody looks and fifty do, in one run, so that whatever else the machine does weighs on both alike.
+sample is when it comes. By turns nobody looks and fifty do, in one run: whatever else the machine does weighs on both alike.
 """
 
 import argparse
