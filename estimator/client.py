@@ -76,6 +76,13 @@ class Client:
         subscription = self._subscribe("corrected", device, history=history, queue=queue)
         return Corrected(subscription, Door("corrected", codec.decode_corrected), idle_s, OnceKnobs(wait_s), on_miss)
 
+    def rates(self, device: Devices = None) -> Stream[codec.Rates]:
+        """How fast devices turn, as it comes from now on and nothing more: for who looks at many of them.
+
+        A sample may come twice where two estimators say it, and none is waited for.
+        """
+        return Stream(self._subscribe("corrected", device, history=False), Door("corrected", codec.decode_rates))
+
     def revisions(
         self, device: Devices = None, *, history: bool = True, idle_s: float | None = None, queue: int = QUEUE
     ) -> Stream[BiasRevision]:

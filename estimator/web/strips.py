@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bridge.wire.messages import CorrectedBatch, Floats
+from bridge.wire.codec import Rates
+from bridge.wire.messages import Floats
 
 
 class Strips:
     """Batches of many devices made one frame, all of them at once."""
 
-    def take(self, batches: Sequence[CorrectedBatch], numbers: Mapping[str, int]) -> Floats:
+    def take(self, batches: Sequence[Rates], numbers: Mapping[str, int]) -> Floats:
         """(n, 2) °/s by device number, NaN of a device that said nothing; of devices without a number nothing is told."""
         found = np.full((max(numbers.values(), default=-1) + 1, 2), np.nan)
         known = [batch for batch in batches if batch.device in numbers]
@@ -18,7 +19,7 @@ class Strips:
             return found
         rates = np.concatenate([batch.rate for batch in known])
         speed = np.sqrt(np.einsum("ij,ij->i", rates, rates))
-        edges = np.cumsum([0, *(len(batch) for batch in known[:-1])])
+        edges = np.cumsum([0, *(len(batch.rate) for batch in known[:-1])])
         least, most = np.minimum.reduceat(speed, edges), np.maximum.reduceat(speed, edges)
         where = np.array([numbers[batch.device] for batch in known])
         for column, values, keep in ((0, least, np.fmin), (1, most, np.fmax)):

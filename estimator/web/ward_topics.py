@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from estimator.streams import Corrected
+from bridge.wire.codec import Rates
+from estimator.streams import Stream
 from estimator.web import topics
 from estimator.web.hub import Frame
 from estimator.web.strips import Strips
@@ -45,7 +46,7 @@ class RatesTopic:
     def __init__(self, topic: str, sources: Sources) -> None:
         self._topic, self._known = topic, sources.known
         self._strips = Strips()
-        self._corrected: Corrected | None = sources.client.corrected(history=False) if sources.client else None
+        self._rates: Stream[Rates] | None = sources.client.rates() if sources.client else None
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - it begins with what comes
         """Nothing: it begins with what comes."""
@@ -53,16 +54,16 @@ class RatesTopic:
 
     def frames(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """float64 seconds of the server's clock; float32 least and most of |rate| in °/s by number, NaN when nothing came."""
-        if self._corrected is None:
+        if self._rates is None:
             return
         numbers = {name: story.number for name, story in self._known.stories.items()}
-        found = self._strips.take(self._corrected.drain(), numbers)
+        found = self._strips.take(self._rates.drain(), numbers)
         yield topics.binary(self._topic, np.float64(now_ns / 1e9).tobytes() + found.astype("<f4").tobytes())
 
     def close(self) -> None:
         """Stop listening."""
-        if self._corrected is not None:
-            self._corrected.close()
+        if self._rates is not None:
+            self._rates.close()
 
 
 @topics.kind("bias")

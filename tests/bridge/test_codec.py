@@ -183,6 +183,30 @@ def test_corrected_round_trip(data: st.DataObject) -> None:
     assert_same(codec.decode_corrected(CORRECTED, codec.encode_corrected(batch)), batch)
 
 
+@given(st.data())
+def test_the_rates_alone_are_those_of_the_batch(data: st.DataObject) -> None:
+    batch = corrected(data)
+    found = codec.decode_rates(CORRECTED, codec.encode_corrected(batch))
+    assert found.device == batch.device
+    np.testing.assert_array_equal(found.rate, batch.rate)
+
+
+@pytest.mark.parametrize(
+    ("rate", "reason"),
+    [
+        (np.full((5, 3), np.nan), Reason.NON_FINITE),
+        (np.full((5, 3), 1e9), Reason.RANGE),
+        (np.zeros((0, 3)), Reason.LENGTH),
+        (np.zeros((codec.MAX_SAMPLES + 1, 3)), Reason.LENGTH),
+        (np.zeros((5, 2)), Reason.LENGTH),
+    ],
+)
+def test_rates_that_are_none_are_refused(rate: np.ndarray, reason: Reason) -> None:
+    bad = codec.encode_corrected(dataclasses.replace(FIXED, rate=rate.astype(np.float32)))
+    assert refused(bad, CORRECTED, codec.decode_rates) is reason
+    assert refused(bad, RAW, codec.decode_rates) is Reason.BAD_KEY
+
+
 @given(INFOS)
 def test_info_round_trip(info: DeviceInfo) -> None:
     assert codec.decode_info(INFO, codec.encode_info(info)) == info

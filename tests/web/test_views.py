@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.wire.codec import Rates
 from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
@@ -169,7 +170,8 @@ def raw(device: str, rate: float, sequence: int = 0, n: int = 5, boot: int = 1) 
 
 
 def test_strips_have_the_least_and_the_most_of_each_device() -> None:
-    batches = [corrected("a", 1.0), corrected("b", 2.0), corrected("a", 3.0), corrected("stranger", 9.0)]
+    said_of = (("a", 1.0), ("b", 2.0), ("a", 3.0), ("stranger", 9.0))
+    batches = [Rates(name, corrected(name, rate).rate) for name, rate in said_of]
     found = Strips().take(batches, {"b": 0, "quiet": 1, "a": 2})
     np.testing.assert_allclose(found[[0, 2]], np.degrees([[2, 2], [1, 3]]), rtol=1e-6)
     assert np.isnan(found[1]).all()
