@@ -12,8 +12,8 @@ from estimator.web.strips import Strips
 from estimator.web.tiles import ward_page
 from estimator.web.topics import Sources
 
-#: sixteen and more redraws a second
-RATES_S = 0.06
+#: eighteen redraws a second; no more often than a bridge sends
+RATES_S = 0.055
 #: points of a tile's bias, and how far back they go
 SPARKS, SPARKS_S = 40, 1200.0
 

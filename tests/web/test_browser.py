@@ -338,7 +338,7 @@ def test_pages_are_light_and_stay_at_home(page: Page, site: Site) -> None:
     ward(site, 60)
     sizes: dict[str, int] = {}
     page.on("response", lambda answer: sizes.__setitem__(answer.url, len(answer.body())))
-    for path in ("/", "/devices/bed-01-chest", "/devices/bed-01-chest/calibrate", "/report", "/login"):
+    for path in ("/", "/?lang=zh", "/devices/bed-01-chest", "/devices/bed-01-chest/calibrate", "/report", "/login"):
         sizes.clear()
         page.goto(path)
         page.wait_for_load_state("networkidle")
