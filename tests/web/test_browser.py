@@ -10,11 +10,11 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
 from tests.estimator.test_correction import CALIBRATION
-from tests.web.conftest import PASSWORD, Site
+from tests.web.conftest import PASSWORD, Site, served
 from tests.web.talk import about, said
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.timeout(300)]
@@ -189,6 +189,11 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     expect(page.locator(".tile").first.locator(".rebooted")).to_contain_text("it must be calibrated again")
     expect(page.locator("#told")).to_contain_text(f"{names[3]}: to be calibrated")
     shot("ward-rebooted")
+    assert serious(page) == []
+    page.goto(f"/devices/{names[3]}")
+    expect(page.locator(".rebooted")).to_contain_text("it must be calibrated again")
+    assert serious(page) == []
+    page.goto("/")
     # Nothing more is said of them: after a few seconds that is what they are.
     site.talk.hush()
     expect(page.locator(".tile .state").first).to_contain_text("silent", timeout=10_000)
@@ -280,6 +285,25 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     assert serious(page) == []
     page.get_by_role("button", name="Log out").click()
     expect(page.get_by_role("link", name="Log in")).to_be_visible()
+
+
+def test_where_nobody_may_command_it_is_said(browser: Browser) -> None:
+    site = served(people=())
+    name = ward(site, 2)[0]
+    try:
+        mine = browser.new_page(base_url=site.url)
+        for path, words in (
+            ("/", "read only"),
+            (f"/devices/{name}", "This dashboard is read only"),
+            (f"/devices/{name}/calibrate", "It can only be followed here."),
+        ):
+            mine.goto(path)
+            expect(mine.locator("body")).to_contain_text(words)
+            expect(mine.locator('form[method="post"]')).to_have_count(0)
+            assert serious(mine) == []
+        mine.close()
+    finally:
+        site.stop()
 
 
 def test_cancel_leaves_everything_usable(page: Page, site: Site) -> None:

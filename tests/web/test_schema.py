@@ -43,7 +43,7 @@ def test_the_document_is_kept(asking: Asking, mode: str) -> None:
         operation = found.ok()
         tried.add(operation.label)
 
-        @settings(max_examples=10, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+        @settings(max_examples=25, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
         @given(case=operation.as_strategy(generation_mode=MODES[mode]))
         def try_it(case: "Case[Any]") -> None:
             if case.method == "POST":
