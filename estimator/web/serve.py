@@ -6,6 +6,7 @@ import logging
 import signal
 import socket
 import threading
+from ipaddress import ip_address
 from pathlib import Path
 
 from bridge.bus.contract import Bus
@@ -57,7 +58,7 @@ class Server:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
             raise OSError(f"dashboard: cannot listen on {host}:{port}: {error}; --listen takes another") from error
-        log.info("the dashboard of ward %s is at http://%s:%s", self._ward, host, listener.getsockname()[1])
+        log.info("the dashboard of ward %s is at %s", self._ward, _place(host, listener.getsockname()[1]))
         with listener:
             await self.uvicorn.serve([listener])
 
@@ -71,6 +72,13 @@ class Server:
         commands = Client(ward=self._ward, bus=control)
         self._broadcast.connect(Client(ward=self._ward, bus=data), commands)
         self.desk.control = commands
+
+
+def _place(host: str, port: int) -> str:
+    """Where a browser finds it."""
+    if ip_address(host).is_unspecified:
+        return f"port {port} of every address of this machine, {socket.gethostname()}"
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def run(ward: Ward) -> int:
