@@ -6,7 +6,6 @@ import logging
 import signal
 import socket
 import threading
-from ipaddress import ip_address
 from pathlib import Path
 
 from bridge.bus.contract import Bus
@@ -29,6 +28,9 @@ from estimator.web.settings import Dashboard
 __all__ = ["Server", "device_topics", "guide_topics", "run", "ward_topics"]
 
 log = logging.getLogger(__name__)
+
+#: every address of this machine
+_ANY = ("0.0.0.0", "::")  # noqa: S104 - told apart, not bound
 
 
 class Server:
@@ -76,7 +78,7 @@ class Server:
 
 def _place(host: str, port: int) -> str:
     """Where a browser finds it."""
-    if ip_address(host).is_unspecified:
+    if host in _ANY:
         return f"port {port} of every address of this machine, {socket.gethostname()}"
     return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 

@@ -36,6 +36,9 @@ def rests_between(*turns: Piece) -> list[Piece]:
 
 def open_guide(page: Page, words: str = PLACE) -> None:
     page.goto(f"/devices/{NAME}/calibrate")
+    while not page.locator(".guide").count():  # the dashboard has not heard of it yet
+        page.wait_for_timeout(100)
+        page.reload()
     expect(page.locator("#do")).to_have_text(words)
 
 

@@ -11,6 +11,7 @@ from bridge.config import ConfigError, load
 from estimator.cli import main
 from estimator.config import Ward
 from estimator.web.passwords import Passwords
+from estimator.web.serve import _place
 
 HASH = "$argon2id$v=19$m=64,t=1,p=4$c2FsdHNhbHRzYWx0$aGFzaGhhc2hoYXNo"
 
@@ -86,3 +87,21 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         assert main(["dashboard", "--listen", listen, "--connect", "tcp/127.0.0.1:1"]) == 1
     assert f"cannot listen on {listen}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("host", "place"),
+    [
+        ("127.0.0.1", "http://127.0.0.1:8090"),
+        ("::1", "http://[::1]:8090"),
+        ("ward-3.example", "http://ward-3.example:8090"),
+    ],
+)
+def test_where_it_is_can_be_opened(host: str, place: str) -> None:
+    assert _place(host, 8090) == place
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_no_place_is_told_that_no_browser_can_open(host: str) -> None:
+    assert "http" not in _place(host, 8090)
+    assert "port 8090 of every address" in _place(host, 8090)
