@@ -32,6 +32,9 @@ class Lost:
     std: float
 
 
+_NOTHING = Lost(0.0, 0.0, 0.0, 0.0)
+
+
 class Heading:
     """One device, from `restart` on.
 
@@ -45,12 +48,10 @@ class Heading:
         self._boot, self._latest_s = 0, -np.inf
         self._asked_s = 0.0
         self._accel: deque[tuple[float, Floats]] = deque()
-        self._read: Floats
-        self._zeroed: Floats
-        self._corrected: Floats
+        #: (3, 3, 3) by corrected rates, by raw ones, and by raw ones less the first bias
+        self._attitudes: Floats
         self._bias: Floats
         self._up: Floats | None
-        self.now: Lost
         self._anew()
 
     @property
@@ -61,7 +62,12 @@ class Heading:
     @property
     def turned(self) -> float:
         """How far the device has turned, by the corrected rates, from where it began."""
-        return float(np.linalg.norm(rotation.log(self._corrected)))
+        return float(np.linalg.norm(rotation.log(self._attitudes[0])))
+
+    @property
+    def now(self) -> Lost:
+        """The last point."""
+        return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
         """Begin anew from a moment of host time, such as the beginning of a rest; one that was told already changes nothing."""
@@ -87,18 +93,15 @@ class Heading:
         self._feel(pair)
         if not self.since_s:
             self._begin(pair)
-        self._corrected = self._corrected @ rotation.attitudes(pair.corrected, dt)[-1]
-        self._read = self._read @ rotation.attitudes(pair.raw, dt)[-1]
-        self._zeroed = self._zeroed @ rotation.attitudes(pair.raw - self._bias, dt)[-1]
+        rates = np.stack([pair.corrected, pair.raw, pair.raw - self._bias])
+        self._attitudes = self._attitudes @ rotation.attitudes(rates, dt)[:, -1]
         now_s = float(pair.time_s[-1])
+        if self.points and now_s - self.points[-1].time_s < POINT_S:
+            return
         # A bias that is wrong is wrong for the whole time: its angle grows with time, not with its root.
         bias_std = pair.bias_std.max() if self._up is None else np.linalg.norm(self._up * pair.bias_std)
-        self.now = Lost(
-            now_s, self._apart(self._read, self.now.read), self._apart(self._zeroed, self.now.zeroed),
-            float(bias_std) * (now_s - self.since_s),
-        )  # fmt: skip
-        if not self.points or now_s - self.points[-1].time_s >= POINT_S:
-            self.points.append(self.now)
+        read, zeroed = (self._apart(which, before) for which, before in ((1, self.now.read), (2, self.now.zeroed)))
+        self.points.append(Lost(now_s, read, zeroed, float(bias_std) * (now_s - self.since_s)))
 
     def _feel(self, pair: Pair) -> None:
         if pair.accel is not None:
@@ -112,9 +115,9 @@ class Heading:
         size = float(np.linalg.norm(felt))
         self._up = felt / size if size > 0 else None
 
-    def _apart(self, attitude: Floats, before: float) -> float:
-        """How far an attitude is turned from the corrected one about the vertical, unwrapped from what it was before."""
-        vector = rotation.log(attitude @ self._corrected.T)
+    def _apart(self, which: int, before: float) -> float:
+        """How far one attitude is turned from the corrected one about the vertical, unwrapped from what it was before."""
+        vector = rotation.log(self._attitudes[which] @ self._attitudes[0].T)
         angle = float(np.linalg.norm(vector))
         if self._up is None or angle == 0:
             return angle
@@ -123,8 +126,7 @@ class Heading:
         return before + remainder(about - before, 2 * pi)
 
     def _anew(self) -> None:
-        self._read = self._zeroed = self._corrected = np.eye(3)
+        self._attitudes = np.tile(np.eye(3), (3, 1, 1))
         self._bias, self._up = np.full(3, nan), None
         self._latest_s, self.since_s = -np.inf, 0.0
-        self.now = Lost(0.0, 0.0, 0.0, 0.0)
         self.points.clear()

@@ -50,7 +50,7 @@ def talk(endpoint: str, hurry: float) -> None:
         )
     }  # fmt: skip
     alive = [bus.declare_alive(keys.build(WARD, f"alive/{kind}", **{kind: "one"})) for kind in ("bridge", "estimator")]
-    begin, sent, second = time.monotonic(), 0, 0.0
+    begin, sent, second, next_s = time.monotonic(), 0, 0.0, 0.0
     rng = np.random.default_rng(1)
     small = np.full(3, 0.001, np.float32)
     while not _over():
@@ -75,7 +75,8 @@ def talk(endpoint: str, hurry: float) -> None:
                 state = State.DEGRADED if i % 20 == 7 else State.TRACKING
                 puts["status"][i](codec.encode_status(said(name, state, time_ns=time.time_ns(), boot=1)))
                 puts["info"][i](codec.encode_info(about(name, boot=1, time_ns=time.time_ns(), battery_percent=80.0)))
-        time.sleep(BATCH_S)
+        next_s += BATCH_S
+        time.sleep(max(0.0, begin + next_s - time.monotonic()))
     for one in alive:
         one.close()
     bus.close()
