@@ -5,12 +5,16 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from playwright.sync_api import Page, expect
 
 from bridge.wire.messages import State, Turn, Verdict
+from estimator.figures import history
+from estimator.history import Biases, History
 from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.conftest import Site
@@ -90,6 +94,22 @@ def test_a_zone_is_named_by_how_far_it_is_from_utc() -> None:
     noon = datetime(2026, 11, 21, 12, tzinfo=UTC)
     zones = [UTC, timezone(timedelta(hours=8)), timezone(timedelta(hours=-3, minutes=-30))]
     assert [words.zone_name(noon.astimezone(zone)) for zone in zones] == ["UTC", "UTC+08:00", "UTC−03:30"]
+
+
+def test_a_picture_without_words_is_in_no_language_and_of_the_zone_it_is_told(tmp_path: Path) -> None:
+    noon_ns = int(datetime(2026, 11, 21, 12, tzinfo=UTC).timestamp()) * 10**9
+    times = noon_ns + np.arange(7) * 600 * 10**9
+    biases = Biases("", times, np.zeros((7, 3)), np.full((7, 3), 0.001), np.full(7, 30.0))
+    of = History(NAME, [replace(FIRST, time_ns=noon_ns)], [{"time_ns": noon_ns}], (), [biases])
+    written = {}
+    for spoken in (True, False):
+        path = tmp_path / f"{spoken}.svg"
+        with rc_context({"svg.fonttype": "none"}):
+            history(of, path, timezone(timedelta(hours=8)), words=spoken)
+        written[spoken] = re.findall(r">([^<>]+)</text>", path.read_text(encoding="utf-8"))
+    assert "calibration" in written[True]
+    assert [text for text in written[False] if re.search(r"[A-Za-z]{2}", text)] == []
+    assert "20:00" in written[False]
 
 
 def test_a_certificate_of_a_refused_one_says_so(page: Page, site: Site, shot: Shot) -> None:
