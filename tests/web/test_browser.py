@@ -273,10 +273,10 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     log_in(page, "/devices/bed-01-chest")
     expect(page.locator(".person")).to_contain_text("nurse")
     page.get_by_role("button", name="Recalibrate").click()
-    expect(page.get_by_role("status").filter(has_text="recalibrate")).to_have_text("bed-01-chest: recalibrate it is")
+    expect(page.locator("#said").filter(has_text="recalibrate")).to_have_text("bed-01-chest: recalibrate it is")
     page.get_by_role("textbox", name="Note").fill("sat up & <b>ate</b>")
     page.get_by_role("button", name="Write it down").click()
-    expect(page.get_by_role("status").filter(has_text="note")).to_have_text("bed-01-chest: note it is")
+    expect(page.locator("#said").filter(has_text="note")).to_have_text("bed-01-chest: note it is")
     assert site.talk.asked == [
         ("bed-01-chest", "recalibrate", "nurse", ""),
         ("bed-01-chest", "note", "nurse", "sat up & <b>ate</b>"),
@@ -316,7 +316,7 @@ def test_cancel_leaves_everything_usable(page: Page, site: Site) -> None:
         "", accepted=False, message=f"{device} is tracking: no calibration is under way"
     )
     page.get_by_role("button", name="Cancel the calibration").click()
-    expect(page.get_by_role("status").filter(has_text="under way")).to_have_class("banner bad")
+    expect(page.locator("#said").filter(has_text="under way")).to_have_class("banner bad")
     site.talk(said(name, boot=5, time_ns=now_ns()))
     expect(page.get_by_role("button", name="Cancel the calibration")).to_be_disabled()
     expect(page.get_by_role("button", name="Recalibrate")).to_be_enabled()
