@@ -95,11 +95,15 @@ def secured_router(
             "size_limit": MAX_PAYLOAD,
         }
     ]
-    if join:
-        retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-        # Whoever is joined may start later, or be away for a night.
-        settings["connect"] = {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
-    return settings
+    return joined(settings, join) if join else settings
+
+
+def joined(settings: Settings, join: Sequence[str]) -> Settings:
+    """A router that goes to others, which may start later, or be away for a night."""
+    retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+    return settings | {
+        "connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
+    }
 
 
 def _tls(identity: Identity, as_: str) -> Settings:

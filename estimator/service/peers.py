@@ -14,6 +14,7 @@ from estimator.service.cluster import Cluster
 from estimator.service.device import Device
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
+from estimator.service.silent import Silent
 from estimator.service.standby import Standby
 
 log = logging.getLogger(__name__)
@@ -147,13 +148,19 @@ class Peers:
                 self._next_scan = now  # it may be ours, and is said to be first
         return ours
 
-    def taken_over(self, devices: dict[str, Device], now: float) -> list[list[Message]]:
-        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order."""
+    def taken_over(self, devices: dict[str, Device], silent: Silent, now: float) -> list[list[Message]]:
+        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order.
+
+        Those that send nothing are `silent`.
+        """
         if now < self._next_scan:
             return []
         self._next_scan = now + SAY_ALONE_S
         self._standby.tidy(now)
-        self.cluster.keep(devices)
+        self.cluster.keep({*devices, *silent})
+        for known in list(self.replicas) if self.cluster.settled(now) else ():
+            if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
+                silent.take(known, self._begin(known.device), self._now_ns())
         queues = [self._take(device) for device in list(self._standby) if self.cluster.wants(device, now)]
         if queues:
             self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch

@@ -1,5 +1,7 @@
 """What the estimators of a ward tell each other of their devices, so that any of them can go on with any device. Pure."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
@@ -36,6 +38,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         asked_why=asked[1],
         calibration=used,
         bridge=device.source.owner,
+        turned=session.turned,
     )
 
 
@@ -56,6 +59,9 @@ class Replicas:
         while len(self._latest) > self._room:
             del self._latest[next(iter(self._latest))]
 
+    def __iter__(self) -> Iterator[Checkpoint]:
+        return iter(self._latest.values())
+
     def bridge(self, device: str) -> str:
         """Whom it was heard from; empty where nothing was said of it."""
         known = self._latest.get(device)
@@ -71,10 +77,10 @@ class Replicas:
         if len(known.x):
             at = known.device_time_s, known.temperature_c, known.powered_s
             bias = BiasState(known.x, known.covariance, *at)
-        if calibration is None and bias is None:
+        if calibration is None and bias is None and not known.turned:
             return None
         asked = (known.asked_by, known.asked_why) if known.asked_by else None
-        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked)
+        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The calibration last said of the same hardware, of an earlier boot."""

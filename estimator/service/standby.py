@@ -60,6 +60,9 @@ class Standby:
     def __iter__(self) -> Iterator[str]:
         return iter(self._queues)
 
+    def __contains__(self, device: str) -> bool:
+        return device in self._queues
+
     def __len__(self) -> int:
         return len(self._queues)
 
