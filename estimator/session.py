@@ -131,11 +131,8 @@ class DeviceSession:
             self.tracker.restored(self._belief.model, self._resumed(remembered, remembered.bias), self._now)
             self._applied = self._correction()
             outcome.said.append("bias of this boot restored")
-        if remembered is not None and remembered.turned and self._capture is not None:
-            axes = ", ".join(AXES[axis] for axis in remembered.turned)
-            self.scratch = f"the turns about {axes} were taken by an estimator that does not have it now: turn it about all three"
-            self.sequence.events.add(TURNS_LOST, len(remembered.turned))
-            outcome.said.append(self.scratch)
+        if remembered is not None and remembered.turned:
+            self._lost_turns(remembered.turned, outcome)
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
@@ -156,6 +153,16 @@ class DeviceSession:
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
         self._applied = self._correction()
+
+    def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
+        if self._capture is None:
+            return
+        names = ", ".join(AXES[axis] for axis in axes)
+        self.scratch = (
+            f"the turns about {names} were taken by an estimator that does not have it now: turn it about all three"
+        )
+        self.sequence.events.add(TURNS_LOST, len(axes))
+        outcome.said.append(self.scratch)
 
     def start_over(self, why: str) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
@@ -203,6 +210,11 @@ class DeviceSession:
             if not self.tracker.sure:
                 self.tracker.supposed(self._belief.model, self._belief.bias_std, self._now)
             self._applied = self._correction()
+
+    def adopt(self, calibration: Calibration) -> None:
+        """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
+        self._restore(Remembered(calibration, None), calibration)
+        self.scratch, self._done_axes = "", ()
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""

@@ -125,7 +125,8 @@ class Stream(Generic[T]):
 class Corrected(Stream[CorrectedBatch]):
     """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
 
-    What comes more than a second later than it should is flagged `SampleFlag.LATE`, whoever held it up. on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
+    What comes more than a second later than it should is flagged `SampleFlag.LATE`, whoever held it up.
+    on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
 
     def __init__(

@@ -101,9 +101,7 @@ def secured_router(
 def joined(settings: Settings, join: Sequence[str]) -> Settings:
     """A router that goes to others, which may start later, or be away for a night."""
     retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-    return settings | {
-        "connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
-    }
+    return settings | {"connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}}
 
 
 def _tls(identity: Identity, as_: str) -> Settings:

@@ -1,6 +1,7 @@
 """What the estimators of a ward tell each other of their devices, so that any of them can go on with any device. Pure."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +43,11 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
     )
 
 
+def _calibrated(checkpoint: Checkpoint) -> bool:
+    """Whether it has a calibration of its own boot."""
+    return checkpoint.calibration is not None and checkpoint.calibration.boot == checkpoint.boot
+
+
 class Replicas:
     """The latest checkpoint of a bounded number of devices."""
 
@@ -53,7 +59,10 @@ class Replicas:
         """Keep it, unless a later turn has said something of the device."""
         known = self._latest.get(checkpoint.device)
         if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known.time_ns):
-            return
+            # Who did not know yet that the device was another's may have calibrated it meanwhile.
+            if known.boot != checkpoint.boot or _calibrated(known) or not _calibrated(checkpoint):
+                return
+            checkpoint = replace(known, calibration=checkpoint.calibration)
         self._latest.pop(checkpoint.device, None)
         self._latest[checkpoint.device] = checkpoint
         while len(self._latest) > self._room:
@@ -72,7 +81,7 @@ class Replicas:
         known = self._latest.get(device)
         if known is None or known.boot != boot:
             return None
-        calibration = known.calibration if known.calibration and known.calibration.boot == boot else None
+        calibration = known.calibration if _calibrated(known) else None
         bias = None
         if len(known.x):
             at = known.device_time_s, known.temperature_c, known.powered_s

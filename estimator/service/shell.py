@@ -13,7 +13,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
+from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -127,7 +127,15 @@ class Service:
         self._peers.say(self._devices, math.inf)
         for _, publisher in self._left:
             publisher.close()
-        for thing in (*self._declared, self._peers, self._raw, self._info, self._notices, self._silent, *self._devices.values()):
+        for thing in (
+            *self._declared,
+            self._peers,
+            self._raw,
+            self._info,
+            self._notices,
+            self._silent,
+            *self._devices.values(),
+        ):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
@@ -163,6 +171,8 @@ class Service:
         """Give up and take over devices as it is their turn; of what came, that of our devices."""
         if lost := self._peers.look(now):
             self._give_away(lost, now)
+        for calibration in self._peers.calibrated():
+            self._adopt(calibration)
         queues = self._peers.taken_over(self._devices, self._silent, now)
         if not queues:
             return self._peers.sift(messages, now)
@@ -188,8 +198,23 @@ class Service:
         for device in leaving:
             self._stock.leave(device.name)
             del self._devices[device.name]
-            if (publisher := device.leave()) is not None:
-                self._left.append((now + LINGER_S, publisher))
+            self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
+
+    def _adopt(self, calibration: Calibration) -> None:
+        """Another has calibrated it while neither heard of the other: its turns are not to be taken again."""
+        if (device := self._devices.get(calibration.device)) is None:
+            return
+        session = device.session
+        if session.boot != calibration.boot or session.calibration is not None or session.life.away:
+            return
+
+        def adopted() -> None:
+            session.adopt(calibration)
+            log.info("%s: %s", device.name, session.reason)
+            self._record.keep(device, calibration)
+            device.say_status(self._now_ns())
+
+        self._guarded(device, adopted)
 
     def _go_on(self, device: Device, batch: SampleBatch, now: float) -> None:
         """With the bridge that another estimator heard it from, and from the first sample there is."""

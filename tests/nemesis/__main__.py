@@ -44,7 +44,8 @@ def main() -> int:
                 console.print(line, markup=False)
             console.print(
                 f"  again: python -m tests.nemesis --first {seed} --seeds 1 --devices {args.devices} "
-                f"--estimators {args.estimators} --routers {args.routers} --seconds {args.seconds:g}; its logs are in {result.folder}"
+                f"--estimators {args.estimators} --routers {args.routers} --seconds {args.seconds:g}; "
+                f"its logs are in {result.folder}"
             )
     console.print(f"{args.seeds - failed} of {args.seeds} kept every promise")
     return int(failed > 0)

@@ -17,7 +17,7 @@ from bridge.sim.source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from estimator.client import Client
 from estimator.database import inspect
-from estimator.demo.ward import WARD, Ward, free_port
+from estimator.demo.ward import WARD, DemoFailed, Ward, free_port
 from tests.nemesis.clock import Clock
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.invariants import Floats
@@ -58,6 +58,13 @@ class Listener(threading.Thread):
             for status in self._statuses.drain():
                 self.history.statuses[status.device], self.history.status_s = status, time.monotonic()
                 self.history.events.update((status.device, event) for event in status.events)
+
+    def wait_for(self, estimators: int) -> None:
+        """Until so many say what they have."""
+        deadline = time.monotonic() + 20.0
+        while len({owned.estimator for owned in self._client.owned()}) < estimators:
+            if time.monotonic() > deadline:
+                raise DemoFailed(f"not all of {estimators} estimators are heard")
 
     def close(self) -> History:
         """Stop; what was heard."""
@@ -106,9 +113,11 @@ class Field:
 
     def begin(self) -> Listener:
         """Start everything."""
-        self.ward.start(*self.routers, *self.estimators, BRIDGE)
+        self.ward.start(*self.routers, *self.estimators)
         self.ward.wait_for_router()
         listener = Listener(*self.endpoints)
+        listener.wait_for(len(self.estimators))  # a device that moves while it is turned is to be turned anew
+        self.ward.start(BRIDGE)
         for name, device in self.devices.items():
             self.ward.plug(name, device, speed=SPEED, lossless=True)
         return listener

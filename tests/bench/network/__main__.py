@@ -1,4 +1,4 @@
-"""Two routers over TLS and a network that fails: what is lost, given twice, out of order, how long it takes. `make bench-network`.
+"""Two routers over TLS and a network that fails: what is lost, given twice, out of order, for how long. `make bench-network`.
 
 Every machine of the ward has a network of its own (kernel namespaces, which need root): two routers, a bridge, an estimator and a
 subscriber on either side. After each trouble the network is whole again, and it ends when all that was said has come.
@@ -77,6 +77,7 @@ def main() -> int:
     """1 when a promise was broken."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--devices", type=int, default=4, help="of each of the two bridges")
+    parser.add_argument("--speed", type=float, default=2.0, help="of the devices' life")
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--only", default="", help="troubles with these words in their names")
     args = parser.parse_args()
@@ -88,7 +89,7 @@ def main() -> int:
     table = Columns([Column("what"), *(Column(word, number=True) for word in words)])
     broken = 0
     folder = Path(tempfile.mkdtemp(prefix="network-"))
-    with guarded(folder, args.devices) as ward:
+    with guarded(folder, args.devices, args.speed) as ward:
         for name, trouble in [one for one in TROUBLES.items() if args.only in one[0]] * args.rounds:
             since_s = time.monotonic()
             time.sleep(1.0)

@@ -1,4 +1,4 @@
-"""A ward over TLS on machines of its own: two routers, a bridge and an estimator on either side, subscribers; all as processes."""
+"""A ward over TLS on machines of its own: two routers, a bridge and an estimator on either side, subscribers; all processes."""
 
 import json
 import signal
@@ -19,7 +19,7 @@ from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from tests.bench.network.lan import Lan
 
-WARD, PORT, SPEED = "w", 7447, 2.0
+WARD, PORT = "w", 7447
 #: machine -> its switch
 MACHINES = {"r1": "a", "b1": "a", "e1": "a", "v1": "a", "r2": "b", "b2": "b", "e2": "b", "v2": "b"}
 ROUTERS, BRIDGES, ESTIMATORS, VIEWERS = ("r1", "r2"), ("b1", "b2"), ("e1", "e2"), ("v1", "v2")
@@ -69,9 +69,10 @@ class Heard:
 
 
 class Guarded:
-    """All of it; each bridge has so many devices."""
+    """All of it; each bridge has so many devices, which live so many times as fast as life."""
 
-    def __init__(self, folder: Path, lan: Lan, stack: ExitStack, devices: int) -> None:
+    def __init__(self, folder: Path, lan: Lan, stack: ExitStack, devices: int, speed: float) -> None:
+        self._speed = speed
         self.lan, self._folder, self._stack = lan, folder, stack
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self.devices = {b: [f"{b}-d{number}" for number in range(devices)] for b in BRIDGES}
@@ -114,9 +115,11 @@ class Guarded:
             text=True,
         )
         self._processes[name] = process
-        self._stack.callback(self.kill, name)
         if role == "viewer":
-            threading.Thread(target=self._listen, args=(process, self.heard[name]), daemon=True).start()
+            listening = threading.Thread(target=self._listen, args=(process, self.heard[name]), daemon=True)
+            listening.start()
+            self._stack.callback(listening.join)
+        self._stack.callback(self.kill, name)
 
     def kill(self, name: str) -> None:
         """SIGKILL."""
@@ -152,7 +155,11 @@ class Guarded:
         count = sum(map(len, self.devices.values()))
         for heard in self.heard.values():
             last = {said["estimator"]: set(said["held"]) for said in heard.owned[-20:]}
-            if len(last) < len(ESTIMATORS) or sum(map(len, last.values())) != count or len(set().union(*last.values())) != count:
+            if (
+                len(last) < len(ESTIMATORS)
+                or sum(map(len, last.values())) != count
+                or len(set().union(*last.values())) != count
+            ):
                 return False
         return True
 
@@ -161,7 +168,9 @@ class Guarded:
         return self.apart() and all(
             len(young) == sum(map(len, self.devices.values()))
             for heard in self.heard.values()
-            for young in [{b["device"] for b in heard.batches[-400:] if b["age"] < 1.0 and b["at"] > time.monotonic() - 1.0}]
+            for young in [
+                {b["device"] for b in heard.batches[-400:] if b["age"] < 1.0 and b["at"] > time.monotonic() - 1.0}
+            ]
         )
 
     def disputed_until(self, since_s: float) -> float:
@@ -185,8 +194,9 @@ class Guarded:
 
     def _listen(self, process: "subprocess.Popen[str]", heard: Heard) -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            heard.take(line)
+        with process.stdout:
+            for line in process.stdout:
+                heard.take(line)
 
     def _file(self, name: str) -> Path:
         return self._folder / f"{name}.{'json5' if name in ROUTERS else 'toml'}"
@@ -220,16 +230,16 @@ class Guarded:
             text += f'[bridge]\nid = "{name}"\n'
             for number, device in enumerate(self.devices[name]):
                 seed = 100 * BRIDGES.index(name) + number
-                text += _DEVICE.format(id=device, seed=seed, speed=SPEED)
+                text += _DEVICE.format(id=device, seed=seed, speed=self._speed)
         elif name in ESTIMATORS:
             text += f'[estimator]\nid = "{name}"\nstore = "{self._folder}/{name}.sqlite3"\n'
         return text
 
 
 @contextmanager
-def guarded(folder: Path, devices: int) -> Iterator[Guarded]:
-    """A ward that runs, every device calibrated."""
+def guarded(folder: Path, devices: int, speed: float = 2.0) -> Iterator[Guarded]:
+    """A ward that runs, every device calibrated; they live so many times as fast as life."""
     with Lan(MACHINES) as lan, ExitStack() as stack:
-        ward = Guarded(folder, lan, stack, devices)
+        ward = Guarded(folder, lan, stack, devices, speed)
         ward.begin()
         yield ward

@@ -8,11 +8,11 @@ import sys
 import time
 
 from bridge.toml_file import load
+from bridge.wire import codec, keys
 from bridge.wire.messages import SampleFlag
 from estimator.client import Client
 from estimator.config import Ward
 from estimator.once import Miss
-from bridge.wire import codec, keys
 
 #: who does not want to miss anything waits for a router that is gone, and for repeats through lines that lose packets
 PATIENT_S = 20.0
