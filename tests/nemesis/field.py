@@ -61,7 +61,7 @@ class Listener(threading.Thread):
 
     def wait_for(self, estimators: int) -> None:
         """Until so many say what they have."""
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 60.0
         while len({owned.estimator for owned in self._client.owned()}) < estimators:
             if time.monotonic() > deadline:
                 raise DemoFailed(f"not all of {estimators} estimators are heard")
