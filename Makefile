@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 
-.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-faults bench-hostile pins supply fuzz soak nemesis clean
+.PHONY: setup setup-dev demo test check lint types contracts proto study bench bench-bridge bench-tracking bench-load bench-cluster bench-network bench-faults bench-hostile pins supply fuzz soak nemesis clean
 
 setup: $(STAMP)
 setup-dev: $(DEV)
@@ -81,6 +81,10 @@ bench-faults: setup-dev
 # Three estimators share a ward: one is killed, one hangs; what a subscriber notices. ARGS='--devices 60 --rounds 1' for a short look.
 bench-cluster: setup-dev
 	$(BIN)/python -m tests.bench.cluster $(ARGS)
+
+# Two routers over TLS on a network of their own that fails (root, iproute2): what is lost, given twice, late. ARGS='--only router' for some.
+bench-network: setup-dev
+	$(BIN)/python -m tests.bench.network $(ARGS)
 
 # Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is without one; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge import captures, rivals
+from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import ConfigError, load
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble
@@ -82,8 +83,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
 
 def _running(ward: Ward) -> Iterable[Finding]:
     """What the ward itself says, where it runs."""
-    with Client(ward.bus.routers, ward=ward.ward) as client:
-        statuses = client.statuses(0.5)
+    with ZenohBus(ward.bus.routers) as bus:  # by the certificate of whose file it is, who need not hear any
+        statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
     clashes = rivals.found(statuses.values())
     for words in clashes:
         yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")

@@ -7,15 +7,20 @@ from estimator.client import Client
             print(batch.device, batch.quality.name, batch.rate[-1], "±", batch.rate_std[-1])
 """
 
+import logging
 import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self, TypeVar
 
 from bridge.bus.contract import Bus, BusError, Declared, Subscription
+from bridge.bus.routers import Routers
+from bridge.bus.self_test import self_test
 from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
+from bridge.pki.identity import member_of
+from bridge.pki.member import Role
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
     BiasRevision,
@@ -42,16 +47,27 @@ Devices = str | Iterable[str] | None
 #: unread messages kept for a slow program: half a minute of a hundred devices
 QUEUE = 65536
 
+#: whose certificates let them hear what a ward says
+SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER)
+
+log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
 class Client:
-    """One subscriber's session on the bus of a ward; of more wards, open one each. Raises BusError when no router answers."""
+    """One subscriber's session on the bus of a ward; of more wards, open one each. Raises BusError when no router answers.
+
+    Routers deny silently: what ours does not let us do stands in `denied`, in words, and in the log.
+    """
 
     def __init__(self, endpoints: Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
         self.ward = keys.check_id(ward, "ward")
         self._own = bus is None
         self._bus: Bus = ZenohBus(endpoints) if bus is None else bus
+        #: why nothing may come although a router is there; empty where nothing is known to be wrong
+        self.denied = _denied(self._bus, Routers.of(endpoints), ward) if bus is None else ()
+        for words in self.denied:
+            log.error("%s", words)
 
     @property
     def connected(self) -> bool:
@@ -226,6 +242,18 @@ class Client:
             return found
         finally:
             subscription.close()
+
+
+def _denied(bus: Bus, routers: Routers, ward: str) -> tuple[str, ...]:
+    if routers.identity is None:
+        return ()
+    member = member_of(routers.identity)
+    if member.role not in SUBSCRIBERS:
+        fit = ", ".join(role.value for role in SUBSCRIBERS)
+        return (
+            f"the certificate is for {member.label}, which hears little or nothing; who subscribes is one of {fit}",
+        )
+    return tuple(self_test(bus, routers, ward))
 
 
 def _current() -> Callable[[Status], bool]:

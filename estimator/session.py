@@ -39,6 +39,8 @@ from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 from estimator.windowed import Second, Windowed
 
+#: counted under this: turns that did not come along when another estimator took the device over
+TURNS_LOST = "turns lost with an estimator"
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
@@ -68,6 +70,8 @@ class Remembered:
     doubted: bool = False
     #: who had asked for a recalibration that was under way then, and why
     asked: tuple[str, str] | None = None
+    #: axes whose turns were taken then, by another estimator: they are to be taken again
+    turned: tuple[int, ...] = ()
 
 
 @dataclass(slots=True)
@@ -127,6 +131,8 @@ class DeviceSession:
             self.tracker.restored(self._belief.model, self._resumed(remembered, remembered.bias), self._now)
             self._applied = self._correction()
             outcome.said.append("bias of this boot restored")
+        if remembered is not None and remembered.turned:
+            self._lost_turns(remembered.turned, outcome)
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
@@ -147,6 +153,16 @@ class DeviceSession:
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
         self._applied = self._correction()
+
+    def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
+        if self._capture is None:
+            return
+        names = ", ".join(AXES[axis] for axis in axes)
+        self.scratch = (
+            f"the turns about {names} were taken by an estimator that does not have it now: turn it about all three"
+        )
+        self.sequence.events.add(TURNS_LOST, len(axes))
+        outcome.said.append(self.scratch)
 
     def start_over(self, why: str) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
@@ -194,6 +210,11 @@ class DeviceSession:
             if not self.tracker.sure:
                 self.tracker.supposed(self._belief.model, self._belief.bias_std, self._now)
             self._applied = self._correction()
+
+    def adopt(self, calibration: Calibration) -> None:
+        """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
+        self._restore(Remembered(calibration, None), calibration)
+        self.scratch, self._done_axes = "", ()
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""
@@ -429,6 +450,7 @@ class DeviceSession:
         if self.tracker.doubted:
             self.life.on(Event.DOUBTED)
         self._done_axes, self._who = (), ""
+        self.scratch = "" if self.calibration is not None else self.scratch
         self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
         goes_on = (
             "the old one stays"
@@ -458,7 +480,7 @@ class DeviceSession:
     def status(self, time_ns: int) -> Status:
         """All of it, for the bus."""
         applied = self._applied
-        done = self._done_axes if self._capture is not None else ()
+        done = self.turned
         share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._capture is not None else 1.0
         return Status(
             device=self.device,
@@ -501,6 +523,11 @@ class DeviceSession:
     def asked(self) -> tuple[str, str] | None:
         """Who asked for the recalibration that is under way, and why; None while none is."""
         return (self._who, self._why) if self._who and self._capture is not None else None
+
+    @property
+    def turned(self) -> tuple[int, ...]:
+        """Axes whose turns are taken, of a calibration under way."""
+        return self._done_axes if self._capture is not None else ()
 
     @property
     def _calibration_id(self) -> str:

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 from bridge.bus.contract import Message, Subscription
 from bridge.wire.messages import CorrectedBatch
 from estimator.door import Door
+from estimator.lateness import Lateness
 from estimator.once import Miss, Missing, Once, OnceKnobs
 
 T = TypeVar("T")
@@ -124,6 +125,7 @@ class Stream(Generic[T]):
 class Corrected(Stream[CorrectedBatch]):
     """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
 
+    What comes more than a second later than it should is flagged `SampleFlag.LATE`, whoever held it up.
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
 
@@ -136,7 +138,7 @@ class Corrected(Stream[CorrectedBatch]):
         on_miss: Callable[[Miss], None] | None = None,
     ) -> None:
         super().__init__(subscription, door, idle_s)
-        self._once, self._on_miss = Once(knobs), on_miss
+        self._once, self._on_miss, self._lateness = Once(knobs), on_miss, Lateness()
 
     @property
     def repeated(self) -> int:
@@ -198,10 +200,10 @@ class Corrected(Stream[CorrectedBatch]):
         return True
 
     def _take(self, messages: Sequence[Message]) -> None:
-        now = time.monotonic()
+        now, clock = time.monotonic(), time.time()
         for message in messages:
             if (batch := self._door.take(message)) is not None:
-                self._once.feed(batch, now)
+                self._once.feed(self._lateness.marked(batch, clock), now)
 
 
 class _InALoop(AsyncIterator[T]):

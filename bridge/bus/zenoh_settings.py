@@ -17,9 +17,15 @@ CLIENT_CUT_OFF_S = 1.0
 # to a process. Clients: others must know within 1.5 s that an estimator hangs. The router: before its clients think that
 # all devices are silent, after the 2 s of an estimator's `silence_s`.
 CLIENT_LEASE_S, ROUTER_LEASE_S = 1.25, 1.5
+# Over a network, where certificates are asked for, packets get lost, and TCP takes seconds to repeat what was lost twice. Who is
+# given up meanwhile begins anew, with a handshake and all that it has missed: at 30 % loss it never ends. And what waits in the
+# machine for its turn does not hold up others.
+NETWORK_LEASE_S, NETWORK_BUFFER_BYTES = 5.0, 1 << 20
 # So many signs of life in a lease: the more, the closer to all of it a process may be held up.
 SIGNS = 10
-ACCEPT_S = 0.5
+# A handshake through a line that loses packets takes some repeats of the network's own, the first after a second. Longer for who
+# connects, or a router that is cut off would be found again only as late as that: its first packet is repeated ever more seldom.
+ACCEPT_S, OPEN_S = 2.0, 4.0
 MAX_MESSAGE_BYTES = 1 << 20
 
 Settings = dict[str, Any]
@@ -27,7 +33,8 @@ Settings = dict[str, Any]
 
 def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settings:
     """A session that goes to the first router that answers, and looks for one again for ever once it had one."""
-    settings = _common(CLIENT_CUT_OFF_S, CLIENT_LEASE_S) | {
+    waits = (CLIENT_CUT_OFF_S, CLIENT_LEASE_S) if identity is None else (NETWORK_LEASE_S, NETWORK_LEASE_S)
+    settings = _common(*waits) | {
         "mode": "client",
         "connect": {
             "endpoints": list(endpoints),
@@ -52,7 +59,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     }
     # With zenoh's own timestamps, a subscriber with history takes uncached messages of two publishers that cross for old.
     settings["timestamping"] = {"enabled": False}
-    settings["transport"]["unicast"] = {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
+    settings["transport"]["unicast"] |= {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
     if shed:
         settings["qos"] = {
             "network": [
@@ -74,6 +81,7 @@ def secured_router(
     """A router that lets in who has a certificate, by TLS alone, and each only to what is said of it; see bridge.bus.access."""
     settings = router(listen, shed)
     link = settings["transport"]["link"]
+    link["tx"]["lease"] = round(NETWORK_LEASE_S * 1000)
     link["protocols"] = ["tls"]
     link["tls"] = _tls(identity, "listen") | _tls(identity, "connect")
     settings["access_control"] = access_control
@@ -87,11 +95,13 @@ def secured_router(
             "size_limit": MAX_PAYLOAD,
         }
     ]
-    if join:
-        retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
-        # Whoever is joined may start later, or be away for a night.
-        settings["connect"] = {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}
-    return settings
+    return joined(settings, join) if join else settings
+
+
+def joined(settings: Settings, join: Sequence[str]) -> Settings:
+    """A router that goes to others, which may start later, or be away for a night."""
+    retry = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+    return settings | {"connect": {"endpoints": list(join), "timeout_ms": -1, "exit_on_failure": False, "retry": retry}}
 
 
 def _tls(identity: Identity, as_: str) -> Settings:
@@ -101,6 +111,7 @@ def _tls(identity: Identity, as_: str) -> Settings:
         f"{as_}_certificate": identity.certificate,
         f"{as_}_private_key": identity.key,
         "enable_mtls": True,  # without it a client does not show its own
+        "so_sndbuf": NETWORK_BUFFER_BYTES,
         "verify_name_on_connect": True,
         "close_link_on_expiration": True,
     }
@@ -112,6 +123,7 @@ def _common(cut_off_s: float, lease_s: float) -> Settings:
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "adminspace": {"enabled": False},
         "transport": {
+            "unicast": {"open_timeout": round(OPEN_S * 1000)},
             "link": {
                 "tx": {
                     "lease": round(lease_s * 1000),

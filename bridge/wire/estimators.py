@@ -78,6 +78,7 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
         asked_by=clean(checkpoint.asked_by, MAX_NAME),
         asked_why=clean(checkpoint.asked_why, MAX_SENTENCE),
         bridge=checkpoint.bridge,
+        turned=checkpoint.turned,
         calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
     ).SerializeToString()
 
@@ -113,6 +114,7 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
         asked_why=checks.text(raw.asked_why, "asked_why", MAX_SENTENCE),
         calibration=calibration,
         bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
+        turned=tuple(checks.whole(axis, "an axis", 2) for axis in raw.turned[:3]),
     )
 
 

@@ -400,6 +400,7 @@ class Checkpoint:
     asked_why: str
     calibration: Calibration | None  # in use: of this boot, or of an earlier one
     bridge: str = ""  # whose samples of it are taken
+    turned: tuple[int, ...] = ()  # axes whose turns were taken of a calibration under way
 
 
 @dataclass(frozen=True, slots=True)

@@ -462,7 +462,7 @@ class Move(_message.Message):
     def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
-    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge")
+    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -478,6 +478,7 @@ class Checkpoint(_message.Message):
     ASKED_WHY_FIELD_NUMBER: _ClassVar[int]
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
+    TURNED_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -493,7 +494,8 @@ class Checkpoint(_message.Message):
     asked_why: str
     calibration: Calibration
     bridge: str
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ...) -> None: ...
+    turned: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Note(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "who", "text")

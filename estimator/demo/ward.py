@@ -72,6 +72,10 @@ class Ward:
         }
         self._environment: dict[str, dict[str, str]] = {}
 
+    def add(self, name: str, *arguments: str) -> None:
+        """One more process, by what `truerate` is told; to be started as the others are."""
+        self._arguments[name] = arguments
+
     def configure(self, name: str, config: Path, environment: dict[str, str]) -> None:
         """Start a process from another configuration, with these variables in its environment."""
         self._arguments[name] = tuple(

@@ -38,6 +38,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
     "wandered": (r"in a rest the reading wandered", ()),
     "foreign": (r"the gyro's axes are not the accelerometer's", ()),
     "cancelled": (r"calibration cancelled by (.+?);", ("who",)),
+    "moved": (rf"the turns about {_AXES} were taken by an estimator that does not have it now", ("axes",)),
     "changed": (r"(its .+: from scratch)", ("what",)),
 }
 #: what it says when nothing is wrong: the steps themselves tell that

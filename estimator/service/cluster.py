@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.epochs import epoch_after
+from estimator.service.epochs import OWN, epoch_after, own_bits
 from estimator.service.ownership import owner
 
 #: more than a ward has
@@ -160,6 +160,11 @@ class Cluster:
         if device in self.held or self.alone:
             return True
         return owner(device, self.members) == self.own and not any(h.device == device for h in self._claims())
+
+    def orphaned(self, device: str, epoch: int) -> bool:
+        """Whether a device of which another spoke last, under this epoch, is nobody's now, and ours to speak of."""
+        ours = device in self.held or epoch & OWN == own_bits(self.own)
+        return not ours and owner(device, self.members) == self.own and self.answers(device)
 
     def _claims(self) -> Iterator[Holding]:
         for name in self.members:

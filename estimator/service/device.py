@@ -181,9 +181,9 @@ class Device:
         self.session = DeviceSession(self.name, self._knobs)
         self.session.sequence = sequence
 
-    def leave(self) -> Publisher | None:
-        """It is another estimator's: take back what is said of it now; what was said of its rates may still be asked for."""
-        kept = self._publishers.pop("corrected", None)
+    def leave(self) -> list[Publisher]:
+        """It is another estimator's: take back what is said of it now; its rates, and what they name, may still be asked for."""
+        kept = [self._publishers.pop(what) for what in ("corrected", "calibration") if what in self._publishers]
         self.close()
         self._gone = True
         return kept

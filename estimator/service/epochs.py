@@ -10,6 +10,7 @@ from zlib import crc32
 from bridge.wire.checks import MAX_EPOCH
 
 _OWN_BITS = 16
+OWN = (1 << _OWN_BITS) - 1
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
@@ -20,4 +21,4 @@ def epoch_after(highest: int, now_ns: int, estimator: str) -> int:
 
 def own_bits(estimator: str) -> int:
     """What tells an estimator's epochs from another's."""
-    return crc32(estimator.encode()) & ((1 << _OWN_BITS) - 1)
+    return crc32(estimator.encode()) & OWN

@@ -7,13 +7,14 @@ from collections.abc import Callable, Collection, Sequence
 
 from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Holding, Move, Owned
+from bridge.wire.messages import Calibration, Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.door import Door
 from estimator.service.cluster import Cluster
 from estimator.service.device import Device
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
+from estimator.service.silent import Silent
 from estimator.service.standby import Standby
 
 log = logging.getLogger(__name__)
@@ -61,6 +62,7 @@ class Peers:
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
         self._newcomer = False
+        self._calibrated: list[Calibration] = []
         self._load = 0.0
         self._load_since = time.monotonic(), time.process_time()
 
@@ -100,6 +102,8 @@ class Peers:
             if checkpoint is not None:
                 cluster.highest = max(cluster.highest, checkpoint.epoch)
                 self.replicas.note(checkpoint)
+                if checkpoint.calibration is not None and checkpoint.epoch < cluster.held.get(checkpoint.device, 0):
+                    self._calibrated.append(checkpoint.calibration)
         if now >= self._next_look and not cluster.alone:
             self._next_look = now + _LOOK_S
             if not all(bus.connected for bus in self._buses):
@@ -127,6 +131,11 @@ class Peers:
             self._next_scan = self._next_say = now
             self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
 
+    def calibrated(self) -> list[Calibration]:
+        """Calibrations of our devices by those who had them before, said after we took them."""
+        found, self._calibrated = self._calibrated, []
+        return found
+
     def sift(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
         """Of samples that came, those of our devices; the others are kept for a while."""
         cluster = self.cluster
@@ -147,13 +156,19 @@ class Peers:
                 self._next_scan = now  # it may be ours, and is said to be first
         return ours
 
-    def taken_over(self, devices: dict[str, Device], now: float) -> list[list[Message]]:
-        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order."""
+    def taken_over(self, devices: dict[str, Device], silent: Silent, now: float) -> list[list[Message]]:
+        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order.
+
+        Those that send nothing are `silent`.
+        """
         if now < self._next_scan:
             return []
         self._next_scan = now + SAY_ALONE_S
         self._standby.tidy(now)
-        self.cluster.keep(devices)
+        self.cluster.keep({*devices, *silent})
+        for known in list(self.replicas) if self.cluster.settled(now) else ():
+            if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
+                silent.take(known, self._begin(known.device), self._now_ns())
         queues = [self._take(device) for device in list(self._standby) if self.cluster.wants(device, now)]
         if queues:
             self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
@@ -216,7 +231,7 @@ class Peers:
 
     def tell(self, device: Device) -> None:
         """Say what another would need of a device, where there is another."""
-        if self.cluster.alone:
+        if self.cluster.undisputed:
             return
         checkpoint = checkpoint_of(device, self._now_ns())
         if checkpoint is not None:

@@ -97,15 +97,24 @@ class Record:
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
         if unsaved is not None:
             return Remembered(unsaved, None)
-        if (said := self._replicas.recall(device.name, boot, self._now_ns())) is not None:
-            if (c := said.calibration) is not None:
-                self._keep(device.session, lambda: self._store.add_calibration(c))  # another's may be gone for ever
+        said = self._replicas.recall(device.name, boot, self._now_ns())
+        if said is not None and said.calibration is not None:
+            self.keep(device, said.calibration)
             return said
         try:
-            return self._store.recall(device.name, boot, self._now_ns())
+            kept = self._store.recall(device.name, boot, self._now_ns())
         except StoreError as error:
             self._failed(device.session, error)
-            return None
+            return said
+        if said is None:
+            return kept
+        # Our own calibration, where whoever had the device after us has not heard of it.
+        ours = None if kept is None or kept.calibration is None else kept.calibration
+        return said if ours is None or ours.boot != boot else replace(said, calibration=ours, turned=())
+
+    def keep(self, device: Device, calibration: Calibration) -> None:
+        """Another's calibration, which may be gone for ever with it."""
+        self._keep(device.session, lambda: self._store.add_calibration(calibration))
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """The last calibration of the same hardware in an earlier boot, saved or not."""

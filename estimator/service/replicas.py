@@ -1,5 +1,8 @@
 """What the estimators of a ward tell each other of their devices, so that any of them can go on with any device. Pure."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
@@ -36,7 +39,13 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         asked_why=asked[1],
         calibration=used,
         bridge=device.source.owner,
+        turned=session.turned,
     )
+
+
+def _calibrated(checkpoint: Checkpoint) -> bool:
+    """Whether it has a calibration of its own boot."""
+    return checkpoint.calibration is not None and checkpoint.calibration.boot == checkpoint.boot
 
 
 class Replicas:
@@ -50,11 +59,17 @@ class Replicas:
         """Keep it, unless a later turn has said something of the device."""
         known = self._latest.get(checkpoint.device)
         if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known.time_ns):
-            return
+            # Who did not know yet that the device was another's may have calibrated it meanwhile.
+            if known.boot != checkpoint.boot or _calibrated(known) or not _calibrated(checkpoint):
+                return
+            checkpoint = replace(known, calibration=checkpoint.calibration)
         self._latest.pop(checkpoint.device, None)
         self._latest[checkpoint.device] = checkpoint
         while len(self._latest) > self._room:
             del self._latest[next(iter(self._latest))]
+
+    def __iter__(self) -> Iterator[Checkpoint]:
+        return iter(self._latest.values())
 
     def bridge(self, device: str) -> str:
         """Whom it was heard from; empty where nothing was said of it."""
@@ -66,15 +81,15 @@ class Replicas:
         known = self._latest.get(device)
         if known is None or known.boot != boot:
             return None
-        calibration = known.calibration if known.calibration and known.calibration.boot == boot else None
+        calibration = known.calibration if _calibrated(known) else None
         bias = None
         if len(known.x):
             at = known.device_time_s, known.temperature_c, known.powered_s
             bias = BiasState(known.x, known.covariance, *at)
-        if calibration is None and bias is None:
+        if calibration is None and bias is None and not known.turned:
             return None
         asked = (known.asked_by, known.asked_why) if known.asked_by else None
-        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked)
+        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The calibration last said of the same hardware, of an earlier boot."""

@@ -13,7 +13,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply, DeviceInfo, SampleBatch
+from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -32,6 +32,7 @@ from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.record import Record
 from estimator.service.roster import Roster
+from estimator.service.silent import SILENT, Silent
 from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
@@ -84,6 +85,7 @@ class Service:
         self._record = Record(store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell)
         self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
+        self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
@@ -125,7 +127,15 @@ class Service:
         self._peers.say(self._devices, math.inf)
         for _, publisher in self._left:
             publisher.close()
-        for thing in (*self._declared, self._peers, self._raw, self._info, self._notices, *self._devices.values()):
+        for thing in (
+            *self._declared,
+            self._peers,
+            self._raw,
+            self._info,
+            self._notices,
+            self._silent,
+            *self._devices.values(),
+        ):
             thing.close()
         log.info("estimator %s stopped", self.settings.id)
 
@@ -161,7 +171,9 @@ class Service:
         """Give up and take over devices as it is their turn; of what came, that of our devices."""
         if lost := self._peers.look(now):
             self._give_away(lost, now)
-        queues = self._peers.taken_over(self._devices, now)
+        for calibration in self._peers.calibrated():
+            self._adopt(calibration)
+        queues = self._peers.taken_over(self._devices, self._silent, now)
         if not queues:
             return self._peers.sift(messages, now)
         # The first of each device comes first: then the others are known to the fast lane.
@@ -170,6 +182,8 @@ class Service:
 
     def _give_away(self, names: list[str], now: float) -> None:
         """Devices that another estimator has: it goes on from where we were."""
+        for name in names:
+            self._silent.drop(name)
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             for message in self._turns.withdraw(device.name):
@@ -184,8 +198,23 @@ class Service:
         for device in leaving:
             self._stock.leave(device.name)
             del self._devices[device.name]
-            if (publisher := device.leave()) is not None:
-                self._left.append((now + LINGER_S, publisher))
+            self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
+
+    def _adopt(self, calibration: Calibration) -> None:
+        """Another has calibrated it while neither heard of the other: its turns are not to be taken again."""
+        if (device := self._devices.get(calibration.device)) is None:
+            return
+        session = device.session
+        if session.boot != calibration.boot or session.calibration is not None or session.life.away:
+            return
+
+        def adopted() -> None:
+            session.adopt(calibration)
+            log.info("%s: %s", device.name, session.reason)
+            self._record.keep(device, calibration)
+            device.say_status(self._now_ns())
+
+        self._guarded(device, adopted)
 
     def _go_on(self, device: Device, batch: SampleBatch, now: float) -> None:
         """With the bridge that another estimator heard it from, and from the first sample there is."""
@@ -236,6 +265,7 @@ class Service:
             epoch = self._peers.epoch(batch.device)
             device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now, epoch)
             self._go_on(device, batch, now)
+            self._silent.drop(batch.device)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
             device.heard, device.key = now, message.key
@@ -300,6 +330,8 @@ class Service:
             device.say_revision(outcome.revision)
         if outcome.changed:
             device.say_status(self._now_ns())
+            if device.session.turned:
+                self._peers.tell(device)  # or nobody could say that they are lost with us
             self._turns.slow(device.key, now=device.session.near)
 
     def _every_second(self, now: float) -> None:
@@ -321,6 +353,7 @@ class Service:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
+        self._silent.say(self._now_ns())
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)
@@ -371,7 +404,7 @@ class Service:
         """Anybody can make names up: such a command is counted and not kept."""
         names = sorted(self._devices)
         known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        message = self._gate.words(key.device)
+        message = SILENT if key.device in self._silent else self._gate.words(key.device)
         message = (
             f"{key.device}: {message}"
             if message

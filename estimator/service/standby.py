@@ -14,7 +14,7 @@ from bridge.bus.contract import Message
 from bridge.wire import columns_pb2 as columns
 
 #: longer than it takes to notice that an estimator hangs; shorter than a bridge's cache, from which more would come
-HELD_S = 6.0
+HELD_S = 12.0
 OVERLAP_S = 0.5
 #: of one device; bytes of all together, of which those of the device that has most go first
 MOST, MOST_BYTES = 512, 64 * 2**20
@@ -59,6 +59,9 @@ class Standby:
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._queues)
+
+    def __contains__(self, device: str) -> bool:
+        return device in self._queues
 
     def __len__(self) -> int:
         return len(self._queues)

@@ -2,10 +2,13 @@
 
 Router, bridge and estimators are processes of their own. A gap is the longest time between two batches of a device that were
 new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part.
+
+`--pinned`: as much as one processor can do, by one estimator and by three, all held to it; all else has the others.
 """
 
 import argparse
 import itertools
+import os
 import signal
 import subprocess
 import sys
@@ -32,6 +35,8 @@ from tests.bench.load.stream import WARD
 
 NAMES = ("estimator-1", "estimator-2", "estimator-3")
 RATE_HZ, SAMPLES = 104.0, 5
+#: messages, as fast as they are taken; and when no more come
+BURST, QUIET_S = 30_000, 4.0
 GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
 _CONFIG = """ward = "{ward}"
 [bus]
@@ -43,10 +48,21 @@ store = "{folder}/{name}.sqlite3"
 
 
 class Cluster:
-    """The processes, and a subscriber that keeps when each batch came."""
+    """The processes, and a subscriber that keeps when each batch came.
 
-    def __init__(self, folder: Path, stack: ExitStack, devices: int, seconds: float) -> None:
-        self.folder, self._stack = folder, stack
+    load: what the sender is told, after devices, rate and samples; core: the processor that estimators are held to.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        stack: ExitStack,
+        devices: int,
+        load: tuple[str, str],
+        names: tuple[str, ...] = NAMES,
+        core: int | None = None,
+    ) -> None:
+        self.folder, self._stack, self._core = folder, stack, core
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         # The router of a ward does not wait for a viewer that is slow: on a busy machine that loss would be counted here.
@@ -59,10 +75,10 @@ class Cluster:
         self.client = stack.enter_context(Client([self.endpoint], ward=WARD))
         self.stream = self.client.corrected(wait_s=10.0)
         self.came: dict[str, list[tuple[float, CorrectedBatch]]] = {}
-        for name in NAMES:
+        for name in names:
             self.start(name)
-        self.until(lambda: len(self.owned) == len(NAMES), 60.0)
-        arguments = [self.endpoint, str(devices), str(RATE_HZ), str(SAMPLES), "paced", str(seconds), "0"]
+        self.until(lambda: len(self.owned) == len(names), 60.0)
+        arguments = [self.endpoint, str(devices), str(RATE_HZ), str(SAMPLES), *load, "0"]
         self.sender = stack.enter_context(_process("tests.bench.load.sender", *arguments, pipe=True))
 
     def start(self, name: str) -> None:
@@ -72,6 +88,8 @@ class Cluster:
         )
         process = self._stack.enter_context(_process("estimator.cli", "estimator", "serve", str(config)))
         self.processes[name] = process
+        if self._core is not None:
+            os.sched_setaffinity(process.pid, {self._core})  # its threads, which are still to come, have it from it
 
     def poll(self, wait_s: float = 0.01) -> None:
         for batch in self.stream.drain(wait_s):
@@ -140,6 +158,48 @@ def _process(module: str, *arguments: str, pipe: bool = False) -> Iterator[subpr
         process.wait()
 
 
+def pinned(console: Console, devices: int, rounds: int) -> int:
+    """Print how long one and three take for the same; 1 when something was lost."""
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, os.sched_getaffinity(0) - {core} or {core})
+    headings = ("estimators", "messages a second", "seconds of processor", "even within", "lost", "given twice")
+    table = Columns([Column(words, number=True) for words in headings])
+    faulty = False
+    for names in (NAMES[:1], NAMES) * rounds:
+        with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+            cluster = Cluster(Path(folder), stack, devices, ("burst", str(BURST)), names, core)
+            cluster.until(lambda: bool(cluster.came), 60.0)  # noqa: B023 - done at once
+            seen, quiet_s = 0, 0.0
+            while quiet_s < QUIET_S:
+                cluster.listen(0.5)
+                count = sum(map(len, cluster.came.values()))
+                seen, quiet_s = count, quiet_s + 0.5 if count == seen else 0.0
+            moments = [at for came in cluster.came.values() for at, _ in came]
+            samples = sum(len(batch) for came in cluster.came.values() for _, batch in came)
+            even = devices / len(names)
+            off = max(abs(n - even) / even for n in cluster.shares().values())
+            spent_s = sum(_spent_s(process.pid) for process in cluster.processes.values())
+            faults = cluster.faults()
+            lost = BURST // devices * devices * SAMPLES - samples
+            faulty |= bool(lost or faults["given twice"])
+            table.add(
+                str(len(names)),
+                f"{BURST / (max(moments) - min(moments)):,.0f}",
+                f"{spent_s:.1f}",
+                f"{off:.0%}",
+                f"{lost:,}",
+                str(faults["given twice"]),
+            )
+    console.print(table)
+    return int(faulty)
+
+
+def _spent_s(pid: int) -> float:
+    """User and system time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def main() -> int:
     """Print what was found; 1 when a sample was lost, given twice, or taken from who had lost its device."""
     if sys.argv[1:2] == ["router"]:
@@ -148,8 +208,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--devices", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--pinned", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
+    if args.pinned:
+        return pinned(console, args.devices, args.rounds)
     table = Columns(
         [
             Column("what"),
@@ -157,7 +220,7 @@ def main() -> int:
         ]
     )
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        cluster = Cluster(Path(folder), stack, args.devices, 40.0 * args.rounds + 60.0)
+        cluster = Cluster(Path(folder), stack, args.devices, ("paced", str(40.0 * args.rounds + 60.0)))
         cluster.until(lambda: sum(cluster.shares().values()) == args.devices and cluster.home(), 60.0)
         cluster.listen(3.0)
         even = args.devices / len(NAMES)

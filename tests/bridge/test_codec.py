@@ -140,7 +140,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
         "d1", draw(U64), draw(TIME), draw(TIME), np.array(draw(st.lists(st.floats(-9, 9), min_size=n, max_size=n)), float),
         root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
         draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
-        draw(st.sampled_from(["", "b1"])),
+        draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
     )  # fmt: skip
 
 

@@ -65,6 +65,21 @@ def test_a_later_turn_is_not_undone_by_an_earlier_one_that_speaks_later() -> Non
     assert replicas.bridge(NAME) == "b9"
 
 
+def test_a_calibration_said_late_is_not_forgotten_for_a_later_turn_without_one() -> None:
+    device, _ = calibrated()
+    said = checkpoint_of(device, NOW_NS)
+    assert said is not None
+    replicas = Replicas(10)
+    replicas.note(replace(said, epoch=9, calibration=None, turned=(0, 2)))
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert (remembered.calibration, remembered.turned) == (None, (0, 2))
+    replicas.note(replace(said, epoch=8))
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert remembered.calibration is said.calibration
+
+
 def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() -> None:
     device, _ = calibrated()
     said = checkpoint_of(device, NOW_NS)

@@ -32,6 +32,7 @@ SPEAKERS = (
     "estimator/service/gate.py",
     "estimator/service/presence.py",
     "estimator/service/shell.py",
+    "estimator/service/silent.py",
     "estimator/track/tracker.py",
     "estimator/web/app.py",
     "estimator/web/desk.py",

@@ -3,20 +3,25 @@
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply, CorrectedBatch, Quality, SampleBatch
+from bridge.wire.messages import Checkpoint, CommandReply, CorrectedBatch, Quality, SampleBatch, State
 from estimator.client import Client
 from estimator.config import Estimator
+from estimator.guide.reasons import Words, said
 from estimator.service.ownership import owner
+from estimator.service.replicas import checkpoint_of
 from estimator.service.shell import Service
+from estimator.service.silent import SILENT
 from estimator.service.store import Store
 from tests.estimator.served import numbers
 from tests.estimator.stream import NAME, calibration, info
+from tests.estimator.test_replicas import calibrated
 
 WARD = "w"
 FIRST, SECOND = ("e1", "e2") if owner(NAME, ("e1", "e2")) == "e2" else ("e2", "e1")
@@ -35,6 +40,7 @@ class Both:
         self.stream = self.client.corrected(wait_s=1e9)
         bridge = MemoryBus(self.broker)
         self._raw = bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=500)
+        self._kept = bridge.publisher(keys.build(WARD, "checkpoint", device=NAME), cache=1)
         self._info = bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
 
     def start(self, name: str) -> None:
@@ -70,6 +76,10 @@ class Both:
             for batch in batches[at : at + 20]:
                 self._raw.put(codec.encode_samples(batch))
             self.pass_(0.1)
+
+    def say_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """As another estimator would."""
+        self._kept.put(codec.encode_checkpoint(checkpoint))
 
     def has(self) -> list[str]:
         return [name for name, service in self.services.items() if NAME in service._devices]
@@ -156,3 +166,62 @@ def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.send(batches[40:80])
     both.pass_(4.0)
     assert {name: service._peers.cluster.held for name, service in both.services.items()} == epochs
+
+
+def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) * 2 // 3])
+    assert both.has() == [SECOND]
+    done = both.client.statuses(0.1)[NAME].axes_done
+    assert done
+    both.kill(SECOND)
+    both.send(batches[len(batches) * 2 // 3 : -60])
+    status = both.client.statuses(0.1)[NAME]
+    assert both.has() == [FIRST]
+    assert status.events["turns lost with an estimator"] == len(done)
+    axes = ", ".join("xyz"[axis] for axis in done)
+    assert said(status.reason)[-1] == Words("moved", {"axes": axes})
+
+
+def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_counts(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) // 2])
+    assert both.has() == [SECOND]
+    late = checkpoint_of(calibrated()[0], both.now_ns)
+    assert late is not None
+    assert late.calibration is not None
+    both.say_checkpoint(replace(late, epoch=7))
+    both.pass_(1.2)
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
+    assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
+    assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.calibration.id]
+
+
+def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(8.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:-20])
+    both.pass_(30.0)
+    before = both.client.statuses(0.1)[NAME]
+    assert before.state is State.LOST
+    both.kill(SECOND)
+    both.pass_(3.0)
+    after = both.client.statuses(0.1)[NAME]
+    assert (after.state, after.boot, after.calibration) == (State.LOST, before.boot, before.calibration)
+    assert after.epoch > before.epoch
+    assert both.command().message == f"{NAME}: {SILENT}"
+    # It is heard again: by who speaks of it, and as it was.
+    both.send(batches[-20:])
+    both.pass_(1.0)
+    assert both.has() == [FIRST]
+    heard = both.client.statuses(0.1)[NAME]
+    assert (heard.state, heard.calibration) == (State.TRACKING, before.calibration)
+    assert NAME not in both.services[FIRST]._silent

@@ -19,6 +19,8 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--devices", type=int, default=4)
     parser.add_argument("--seconds", type=float, default=40.0, help="of faults, in each run")
+    parser.add_argument("--estimators", type=int, default=1)
+    parser.add_argument("--routers", type=int, default=1)
     args = parser.parse_args()
     console = Console(soft_wrap=True)
     # However it is ended, the ward it has begun ends with it.
@@ -29,7 +31,7 @@ def main() -> int:
             console.print("No clocks are set: libfaketime is not installed (Debian: apt-get install libfaketime)")
     failed = 0
     for seed in range(args.first, args.first + args.seeds):
-        result = run(seed, args.devices, args.seconds)
+        result = run(seed, args.devices, args.seconds, args.estimators, args.routers)
         console.print(
             f"seed {seed}: {len(result.faults)} faults, {result.samples:,} samples, "
             f"{result.good / max(1, result.samples):.0%} GOOD, {result.missing:,} told missing, "
@@ -42,7 +44,8 @@ def main() -> int:
                 console.print(line, markup=False)
             console.print(
                 f"  again: python -m tests.nemesis --first {seed} --seeds 1 --devices {args.devices} "
-                f"--seconds {args.seconds:g}; its logs are in {result.folder}"
+                f"--estimators {args.estimators} --routers {args.routers} --seconds {args.seconds:g}; "
+                f"its logs are in {result.folder}"
             )
     console.print(f"{args.seeds - failed} of {args.seeds} kept every promise")
     return int(failed > 0)

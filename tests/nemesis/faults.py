@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from bridge.sim.faults import BitErrors
-from tests.nemesis.field import PARTS, Field
+from tests.nemesis.field import BRIDGE, ESTIMATOR, ROUTER, TRUNK, Field, numbered
 
 _Fault = Callable[[Field, str], AbstractContextManager[None]]
 
@@ -36,8 +36,9 @@ class Planned:
         return f"{self.kind.name} {self.to} for {self.lasts_s:.1f} s"
 
 
-DEVICES = ("device",)  # stands for any of them
-_ALL = ("router", *PARTS)
+DEVICES = ("device",)  # stands for any of them, as each of the others for all of its kind
+PARTS = (BRIDGE, ESTIMATOR)
+_ALL = (ROUTER, *PARTS)
 
 
 @contextmanager
@@ -97,10 +98,10 @@ def _garbled(field: Field, device: str) -> Iterator[None]:
 
 
 @contextmanager
-def _full(field: Field, _: str) -> Iterator[None]:
-    field.fill_disk(full=True)
+def _full(field: Field, part: str) -> Iterator[None]:
+    field.fill_disk(part, full=True)
     yield
-    field.fill_disk(full=False)
+    field.fill_disk(part, full=False)
 
 
 def _clock(ahead_s: float) -> _Fault:
@@ -123,24 +124,29 @@ KINDS = (
     Kind("reboot", DEVICES, 0.0, 1.0, _rebooted),
     Kind("unplug", DEVICES, 0.1, 2.0, _unplugged),
     Kind("garble the line of", DEVICES, 0.5, 2.0, _garbled),
-    Kind("fill the disk of", ("estimator",), 0.5, 5.0, _full),
+    Kind("fill the disk of", (ESTIMATOR,), 0.5, 5.0, _full),
 )
+#: where there are several routers
+PARTED = (Kind("hold", (TRUNK,), 1.0, 10.0, _held), Kind("cut", (TRUNK,), 1.0, 10.0, _cut))
 CLOCKS = (
     Kind("set forward an hour the clock of", PARTS, 0.5, 4.0, _clock(3600.0)),
     Kind("set back an hour the clock of", PARTS, 0.5, 4.0, _clock(-3600.0)),
 )
 
 
-def plan(seed: int, names: tuple[str, ...], lasts_s: float, *, clocks: bool) -> list[Planned]:
+def plan(
+    seed: int, names: tuple[str, ...], lasts_s: float, *, clocks: bool, estimators: int = 1, routers: int = 1
+) -> list[Planned]:
     """Faults one after the other, up to two at a time and never two on the same thing; the last is over by lasts_s."""
     chance = random.Random(seed)
-    kinds = KINDS + (CLOCKS if clocks else ())
+    kinds = KINDS + (CLOCKS if clocks else ()) + (PARTED if routers > 1 else ())
+    every = {"device": names, ESTIMATOR: numbered(ESTIMATOR, estimators), ROUTER: numbered(ROUTER, routers)}
     planned: list[Planned] = []
     free: dict[str, float] = {}
     at_s = chance.uniform(0.5, 3.0)
     while at_s < lasts_s:
         kind = chance.choice(kinds)
-        to = chance.choice(names if kind.to is DEVICES else kind.to)
+        to = chance.choice([one for what in kind.to for one in every.get(what, (what,))])
         one = Planned(at_s, min(chance.uniform(kind.least_s, kind.most_s), max(0.0, lasts_s - at_s)), kind, to)
         under_way = sum(other.at_s + other.lasts_s > at_s for other in planned)
         if free.get(to, 0.0) <= at_s and under_way < 2:

@@ -10,31 +10,39 @@ from typing import Self
 
 import numpy as np
 
+from bridge.bus import router_file, zenoh_settings
 from bridge.sim.imperfection import DEMO_SPEC
 from bridge.sim.script import demo_script
 from bridge.sim.source import SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from estimator.client import Client
 from estimator.database import inspect
-from estimator.demo.ward import WARD, Ward
+from estimator.demo.ward import WARD, DemoFailed, Ward, free_port
 from tests.nemesis.clock import Clock
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.invariants import Floats
-from tests.nemesis.line import Line
+from tests.nemesis.line import Lines
 
 #: devices live so many times faster than we do
 SPEED = 5.0
-PARTS = ("bridge", "estimator")
+BRIDGE, ESTIMATOR, ROUTER = "bridge", "estimator", "router"
+#: the line by which routers know of each other
+TRUNK = "the routers' line"
 _TRUTH_S = 1200.0
 
 
-class Listener(threading.Thread):
-    """A program on the ward's router that subscribes to all there is; what it got is the history."""
+def numbered(part: str, count: int) -> tuple[str, ...]:
+    """The first has no number."""
+    return (part, *(f"{part}-{number}" for number in range(2, count + 1)))
 
-    def __init__(self, endpoint: str) -> None:
+
+class Listener(threading.Thread):
+    """A program on the ward's routers that subscribes to all there is; what it got is the history."""
+
+    def __init__(self, *endpoints: str) -> None:
         super().__init__(name="listener", daemon=True)
         self.history = History()
-        self._client = Client((endpoint,), ward=WARD)
+        self._client = Client(endpoints, ward=WARD)
         self._corrected = self._client.corrected(on_miss=self.history.misses.append)
         self._statuses, self._calibrations = self._client.follow(), self._client.follow_calibrations()
         self._over = threading.Event()
@@ -51,6 +59,13 @@ class Listener(threading.Thread):
                 self.history.statuses[status.device], self.history.status_s = status, time.monotonic()
                 self.history.events.update((status.device, event) for event in status.events)
 
+    def wait_for(self, estimators: int) -> None:
+        """Until so many say what they have."""
+        deadline = time.monotonic() + 60.0
+        while len({owned.estimator for owned in self._client.owned()}) < estimators:
+            if time.monotonic() > deadline:
+                raise DemoFailed(f"not all of {estimators} estimators are heard")
+
     def close(self) -> History:
         """Stop; what was heard."""
         self._over.set()
@@ -63,17 +78,32 @@ class Listener(threading.Thread):
 class Field:
     """A ward of so many devices that are calibrated at every boot, in a folder; closed by leaving it."""
 
-    def __init__(self, folder: Path, devices: int, seed: int, clock: Clock | None) -> None:
+    def __init__(
+        self, folder: Path, devices: int, seed: int, clock: Clock | None, estimators: int = 1, routers: int = 1
+    ) -> None:
         self.names = tuple(f"d{number}" for number in range(devices))
         self.ward = Ward(folder, self.names)
         self.clock = clock
-        router = int(self.ward.endpoint.rpartition(":")[2])
-        self.lines = {part: Line(router) for part in PARTS}
+        self.estimators, self.routers = numbered(ESTIMATOR, estimators), numbered(ROUTER, routers)
+        self.endpoints = [self.ward.endpoint, *(f"tcp/127.0.0.1:{free_port()}" for _ in self.routers[1:])]
+        ports = [int(endpoint.rpartition(":")[2]) for endpoint in self.endpoints]
+        self.lines = {part: Lines(ports) for part in (BRIDGE, *self.estimators)}
+        if len(ports) > 1:
+            self.lines[TRUNK] = Lines(ports[:1])
+        for router, endpoint in list(zip(self.routers, self.endpoints, strict=True))[1:]:
+            self._another_router(router, endpoint)
+        for part in self.estimators[1:]:
+            self.ward.add(part, "estimator", "serve", str(self.ward.config))
         text = self.ward.config.read_text(encoding="utf-8")
-        for part, line in self.lines.items():
+        for number, part in enumerate((BRIDGE, *self.estimators)):
             theirs = folder / f"{part}.toml"
-            there = f'connect = ["tcp/127.0.0.1:{line.port}"]'
-            theirs.write_text(text.replace(f'connect = ["{self.ward.endpoint}"]', there), encoding="utf-8")
+            # One after the other goes first to another router.
+            there = [f'"tcp/127.0.0.1:{port}"' for port in self.lines[part].ports]
+            there = there[number % len(there) :] + there[: number % len(there)]
+            its = text.replace(f'connect = ["{self.ward.endpoint}"]', f"connect = [{', '.join(there)}]")
+            if part in self.estimators[1:]:
+                its = its.replace('"estimator-1"', f'"{part}"').replace("truerate.sqlite3", f"{part}.sqlite3")
+            theirs.write_text(its, encoding="utf-8")
             self.ward.configure(part, theirs, {} if clock is None else clock.environment(part))
         spec = DeviceSpec(wait_for_host=True, truth_s=_TRUTH_S)
         self.devices = {
@@ -83,9 +113,11 @@ class Field:
 
     def begin(self) -> Listener:
         """Start everything."""
-        self.ward.start("router", "estimator", "bridge")
+        self.ward.start(*self.routers, *self.estimators)
         self.ward.wait_for_router()
-        listener = Listener(self.ward.endpoint)
+        listener = Listener(*self.endpoints)
+        listener.wait_for(len(self.estimators))  # a device that moves while it is turned is to be turned anew
+        self.ward.start(BRIDGE)
         for name, device in self.devices.items():
             self.ward.plug(name, device, speed=SPEED, lossless=True)
         return listener
@@ -100,10 +132,10 @@ class Field:
         """A signal."""
         self.ward.send(part, number)
 
-    def fill_disk(self, *, full: bool) -> None:
-        """Let no file of the estimator grow, or let them again."""
+    def fill_disk(self, part: str, *, full: bool) -> None:
+        """Let no file of an estimator grow, or let them again."""
         most = 0 if full else resource.RLIM_INFINITY
-        pid = self.ward.pid("estimator")
+        pid = self.ward.pid(part)
         # Before Python has told the kernel that it would rather hear of it, such a limit ends the process.
         if pid is not None and (not full or _ignores(pid, signal.SIGXFSZ)):
             resource.prlimit(pid, resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
@@ -119,11 +151,20 @@ class Field:
         """What processes and store say of themselves, once all is over."""
         found = [
             f"the {part}'s log has a traceback: {log[log.index('Traceback') :][:400]!r}"
-            for part in ("router", *PARTS)
+            for part in (*self.routers, BRIDGE, *self.estimators)
             if "Traceback" in (log := self.ward.log(part))
         ]
-        inspection = inspect(self.ward.folder / "truerate.sqlite3")
-        return found if inspection.sound else [*found, f"the store: {inspection}"]
+        stores = ["truerate", *self.estimators[1:]]
+        for inspection in (inspect(self.ward.folder / f"{store}.sqlite3") for store in stores):
+            found += [] if inspection.sound else [f"the store: {inspection}"]
+        return found
+
+    def _another_router(self, name: str, endpoint: str) -> None:
+        """It goes to the first, and does so again when it is back."""
+        to = f"tcp/127.0.0.1:{self.lines[TRUNK].ports[0]}"
+        file = self.ward.folder / f"{name}.json5"
+        file.write_text(router_file.rendered(zenoh_settings.joined(router_file.plain([endpoint]), [to]), name), "utf-8")
+        self.ward.add(name, "router", "--config", str(file))
 
     def __enter__(self) -> Self:
         return self

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import Quality, Verdict
+from estimator.fence import FORGET_S
 from estimator.service.law import EVENT
 from tests.nemesis.history import Boot, History
 
@@ -47,6 +48,17 @@ def out_of_order(history: History) -> Iterator[str]:
             late = history.heard[device, before][-1].time_s - history.heard[device, after][0].time_s
             if late > 0:
                 yield f"{device}: boot {before:016x} goes on {late:.2f} s after {after:016x} began"
+
+
+def outdated(history: History) -> Iterator[str]:
+    """Nothing of an older epoch after a newer one, unless that is heard no more."""
+    for (device, boot), heard in history.heard.items():
+        newest, heard_s = 0, -np.inf
+        for at_s, batch in heard:
+            if batch.epoch < newest and at_s - heard_s < FORGET_S:
+                yield f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} after {newest}"
+                break
+            newest, heard_s = batch.epoch, at_s
 
 
 def missing_unsaid(history: History) -> Iterator[str]:
@@ -106,6 +118,7 @@ def broken(history: History, truth: Truth, recovered_s: float) -> list[str]:
     checks: Iterable[Iterator[str]] = (
         good_without_calibration(history),
         out_of_order(history),
+        outdated(history),
         missing_unsaid(history),
         unaccounted(history),
         not_recovered(history, recovered_s),

@@ -4,6 +4,7 @@ import contextlib
 import select
 import socket
 import threading
+from collections.abc import Sequence
 from typing import Self
 
 _CHUNK = 65536
@@ -96,3 +97,31 @@ class Line:
     def _drop(self) -> None:
         while self._pairs:
             self._end(next(iter(self._pairs)))
+
+
+class Lines:
+    """All of a part's lines, one to each router: what is done is done to all."""
+
+    def __init__(self, ports: Sequence[int]) -> None:
+        self._lines = [Line(port) for port in ports]
+        self.ports = [line.port for line in self._lines]
+
+    def hold(self) -> None:
+        """See Line."""
+        for line in self._lines:
+            line.hold()
+
+    def cut(self) -> None:
+        """See Line."""
+        for line in self._lines:
+            line.cut()
+
+    def mend(self) -> None:
+        """See Line."""
+        for line in self._lines:
+            line.mend()
+
+    def close(self) -> None:
+        """See Line."""
+        for line in self._lines:
+            line.close()

@@ -33,19 +33,21 @@ class Result:
     folder: Path | None
 
 
-def run(seed: int, devices: int, lasts_s: float) -> Result:
+def run(seed: int, devices: int, lasts_s: float, estimators: int = 1, routers: int = 1) -> Result:
     """Torment one ward."""
     kept: Path | None = None
     folder = Path(tempfile.mkdtemp(prefix="nemesis-"))
     try:
         clock = Clock.found(folder)
-        with Field(folder, devices, seed, clock) as field:
+        with Field(folder, devices, seed, clock, estimators, routers) as field:
             listener = field.begin()
             deadline = time.monotonic() + _BEGUN_S
             while listener.history.calibrated < devices and time.monotonic() < deadline:
                 time.sleep(0.05)
             found = [] if listener.history.calibrated >= devices else ["not every device was calibrated at first"]
-            torment(field, plan(seed, field.names, lasts_s, clocks=clock is not None), listener.history.done)
+            many = {"estimators": estimators, "routers": routers}
+            planned = plan(seed, field.names, lasts_s, clocks=clock is not None, **many)
+            torment(field, planned, listener.history.done)
             time.sleep(_QUIET_S)
             try:
                 field.ward.check()

@@ -108,6 +108,17 @@ def test_an_old_boot_that_comes_back(history: History) -> None:
     assert "goes on" in words
 
 
+def test_an_epoch_that_is_over(history: History) -> None:
+    one, two, three = history.heard["d", BOOT]
+    history.heard["d", BOOT] = [
+        Heard(two.time_s, replace(one.batch, epoch=8)),
+        Heard(two.time_s + 1.0, replace(two.batch, epoch=7)),
+        three,
+    ]
+    [words] = broken(history, right, WITHIN_S)
+    assert f"sample {N} of epoch 7 after 8" in words
+
+
 def test_a_hole_must_be_told(history: History) -> None:
     del history.heard["d", BOOT][1]
     [words] = broken(history, right, WITHIN_S)

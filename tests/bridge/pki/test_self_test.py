@@ -12,6 +12,7 @@ from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
+from estimator.client import Client
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
 pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: self test")]
@@ -48,6 +49,21 @@ def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) ->
         finally:
             process.terminate()
             process.communicate()
+
+
+def test_a_subscriber_is_told_that_it_is_denied(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ward = GuardedWard(tmp_path / "pki")
+    ward.folder.issue(Member.parse("viewer:late"), utc_now())  # the router's file is older
+    with ward.running():
+        with Client(ward.routers("viewer:v1"), ward=WARD) as client:
+            assert client.denied == ()
+        with Client(ward.routers("viewer:late"), ward=WARD) as client:
+            [words] = client.denied
+        assert "drops all that viewer:late says and hears" in words
+        assert words in caplog.text
+        with Client(ward.routers("bridge:b1"), ward=WARD) as client:
+            [words] = client.denied
+        assert "is for bridge:b1" in words
 
 
 def test_a_router_without_rules_is_told_of(tmp_path: Path) -> None:

@@ -1,0 +1,65 @@
+"""What a subscriber was given, held against what was promised. Pure."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from tests.bench.network.guarded import Heard
+
+#: samples that are older when they come are late
+LATE_S = 1.0
+#: clocks and the way of a sample: what is younger need not be marked, nor what is older not be
+_GIVE_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Counts of samples; gap_s: the longest silence of a device."""
+
+    samples: int
+    lost: int
+    twice: int
+    out_of_order: int
+    good_twice: int
+    older: int
+    late: int
+    unmarked: int
+    marked: int
+    gap_s: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether every promise was."""
+        return not (self.lost or self.twice or self.out_of_order or self.good_twice or self.older or self.unmarked)
+
+
+def judged(heard: Heard, since_s: float) -> Verdict:
+    """Of what came since a time."""
+    boots = heard.by_boot(since_s)
+    lost = twice = disordered = good_twice = older = 0
+    gap_s = 0.0
+    for batches in boots.values():
+        good: set[int] = set()
+        for before, after in pairwise(batches):
+            step = after["first"] - before["first"] - before["n"]
+            lost, twice = lost + max(0, step), twice + max(0, -step)
+            disordered += after["first"] < before["first"]
+            older += after["epoch"] < before["epoch"]
+            gap_s = max(gap_s, after["at"] - before["at"])
+        for batch in batches:
+            numbers = set(range(batch["first"], batch["first"] + batch["n"])) if batch["good"] else set()
+            good_twice += len(good & numbers)
+            good |= numbers
+    came = [batch for batches in boots.values() for batch in batches]
+    late = [batch for batch in came if batch["age"] > LATE_S + _GIVE_S]
+    return Verdict(
+        samples=sum(batch["n"] for batch in came),
+        lost=max(lost, sum(miss["n"] for miss in heard.misses if miss["at"] >= since_s)),
+        twice=twice,
+        out_of_order=disordered,
+        good_twice=good_twice,
+        older=older,
+        late=sum(batch["n"] for batch in late),
+        unmarked=sum(batch["n"] - batch["late"] for batch in late),
+        marked=sum(batch["late"] for batch in came),
+        gap_s=gap_s,
+    )
