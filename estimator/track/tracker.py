@@ -303,7 +303,8 @@ class Tracker:
             bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
         matrix = self._gravity.matrix_now(bias.x)
         span = sum_up(second.dt, second.gyro, second.accel, matrix, bias.x[BIAS], bias.x[ACCEL_BIAS])
-        self._gravity.carry(span, bias, float(noise_std.max()) * np.sqrt(span.seconds / len(second)))
+        noise = float(noise_std.max()) * np.sqrt(span.seconds / len(second))
+        self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
         return span
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
