@@ -490,7 +490,7 @@ class DeviceSession:
     def checkpoint(self) -> BiasState | None:
         """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
         known = self.sequence.next is not None and (self.calibration is not None or self.tracker.sure)
-        return self.tracker.state if known else None
+        return self.tracker.worth_keeping if known else None
 
     @property
     def goes_on(self) -> str:

@@ -139,6 +139,12 @@ class BiasFilter:
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
 
+    def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
+        """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
+        self.restart(state)
+        self.predict(2 * state.time - time, temperature_c)
+        self.time = time
+
     @property
     def x(self) -> Floats:
         """(n,) the state; not to be written to."""

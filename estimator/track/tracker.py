@@ -109,7 +109,6 @@ class Tracker:
         self._contradictions = 0
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
-        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
@@ -121,6 +120,7 @@ class Tracker:
         self._gravity = Gravity(self.knobs.gravity, model.matrix)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
         self._zaru, self._bounded = Zaru(self.knobs.zaru), Bounded(self.knobs.bounded)
+        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
@@ -128,6 +128,11 @@ class Tracker:
     def state(self) -> BiasState:
         """The estimate as it is now."""
         return self._filter.state
+
+    @property
+    def worth_keeping(self) -> BiasState:
+        """The estimate with all of its evidence: now's, or what was restored until it is reached."""
+        return self.state if self._kept is None else self._kept
 
     @property
     def time(self) -> float:
@@ -218,11 +223,14 @@ class Tracker:
         self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
 
     def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
-        """Go on from a state that was kept; what comes of the time before it (a bus's cache) teaches only what rest is."""
+        """Go on from a state that was kept; what comes of the time before it (a bus's cache) teaches nothing of the bias."""
         self._believe(model, state)
-        self._filter.predict(now)
         self._evidence_time = min(state.time, now)
-        self._kept = state if now < state.time else None
+        self._kept = self._filter.state if now < state.time else None
+        if self._kept is None:
+            self._filter.predict(now)
+        else:
+            self._filter.look_back(self._kept, now)
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature from now on."""
@@ -252,11 +260,13 @@ class Tracker:
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
-        if self._kept is not None and second.start > self._kept.time - _SAME_S:
-            # Its evidence is in what was kept: none may count twice.
-            kept, self._kept = self._kept, None
-            self._gravity.lose()
-            self._filter.restart(replace(kept, x=kept.x[:OWN], P=kept.P[:OWN, :OWN]))
+        if self._kept is not None:
+            if second.start <= self._kept.time - _SAME_S:
+                # Its evidence is in what was kept: none may count twice, not even for a while.
+                self._filter.look_back(self._kept, second.end, self.temperature_c)
+                return []
+            self._filter.restart(self._kept)
+            self._kept = None
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
             second = replace(second, accel=None, accel_mean=None, accel_std=None)
