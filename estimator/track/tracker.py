@@ -119,7 +119,8 @@ class Tracker:
         self._model = model
         self._gravity = Gravity(self.knobs.gravity, model.matrix)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
-        self._zaru, self._bounded = Zaru(self.knobs.zaru), Bounded(self.knobs.bounded)
+        known = bool((state.std < self.knobs.bias_std).all())
+        self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), Bounded(self.knobs.bounded)
         self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
 
     # ---- what is known --------------------------------------------------------------------------------------------
