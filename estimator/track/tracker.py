@@ -223,15 +223,16 @@ class Tracker:
         self._evidence_time = rest.end
         self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
 
-    def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
-        """Go on from a state that was kept; what comes of the time before it (a bus's cache) teaches nothing of the bias."""
+    def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
+        """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
         self._evidence_time = min(state.time, now)
         self._kept = self._filter.state if now < state.time else None
+        celsius = np.nan if temperature_c is None else temperature_c
         if self._kept is None:
-            self._filter.predict(now)
-        else:
-            self._filter.look_back(self._kept, now)
+            self._filter.predict(now, celsius)
+        else:  # a bus's cache
+            self._filter.look_back(self._kept, now, celsius)
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature from now on."""

@@ -176,18 +176,33 @@ def test_what_a_restored_bias_knows_of_is_not_learnt_again(seed: int) -> None:
     before = Worn.new(knobs=TrackKnobs()).lives(day.part(0, day.at(50.0)), temperature=True).tracker.state
     kept = replace(before, x=before.x[:OWN], P=before.P[:OWN, :OWN])
     worn = Worn.new(knobs=TrackKnobs())
-    worn.tracker.restored(model(kept.bias), kept, 0.5)
+    worn.tracker.restored(model(kept.bias), kept, 0.5, float(day.temperature_c[day.at(0.5)]))
+    at_once = worn.tracker.bias - day.bias[day.at(0.5)]
+    assert (np.abs(at_once) < 4 * worn.tracker.std).all()
     worn.lives(day.part(0, day.at(kept.time)), temperature=True)
     assert worn.receipts == []
     assert worn.tracker.worth_keeping.time == kept.time
     np.testing.assert_array_equal(worn.tracker.worth_keeping.P, kept.P)
-    known = np.array(worn.time) > 2.0  # which temperature it has
     truth = day.bias[np.searchsorted(day.time, worn.time) - 1]
-    assert (np.abs(np.array(worn.bias) - truth)[known] < 4 * np.array(worn.std)[known]).all()
+    assert (np.abs(np.array(worn.bias) - truth) < 4 * np.array(worn.std)).all()
     worn.lives(day.part(day.at(kept.time), day.at(kept.time + 5.0)), temperature=True)
     assert worn.tracker.worth_keeping.time > kept.time
     assert {r.kind for r in worn.receipts} >= {"zaru level"}
     assert (np.abs(worn.error_dps(day.part(0, day.at(worn.tracker.time)))) < 4 * np.degrees(worn.tracker.std)).all()
+
+
+def test_a_restored_bias_is_that_of_the_temperature_now() -> None:
+    """Without one it was as sure as before, 0.01 °/s off for each third of a kelvin, until a second had passed."""
+    day = warming(1)
+    before = Worn.new(knobs=TrackKnobs()).lives(day.part(0, day.at(20.0)), temperature=True).tracker.state
+    kept = replace(before, x=before.x[:OWN], P=before.P[:OWN, :OWN])
+    later = day.at(55.0)
+    told, untold = Worn.new(knobs=TrackKnobs()).tracker, Worn.new(knobs=TrackKnobs()).tracker
+    told.restored(model(kept.bias), kept, 55.0, float(day.temperature_c[later]))
+    untold.restored(model(kept.bias), kept, 55.0)
+    assert (np.abs(told.bias - day.bias[later]) < 3 * told.std).all()
+    np.testing.assert_allclose(untold.bias, kept.bias, rtol=1e-6)
+    assert (told.std > untold.std).all()
 
 
 def test_a_calibration_is_newer_than_what_was_restored() -> None:
