@@ -22,6 +22,13 @@ def sample_time_ns(batch: SampleBatch, index: int) -> int:
     return batch.start_time_ns + round(since * 1e9)
 
 
+def temperature_at(batch: SampleBatch, index: int) -> float | None:
+    """°C at a sample; None where a batch has none, or the bridge marked a leap of it."""
+    if batch.temperature_c is None or batch.flags[index] & SampleFlag.TEMPERATURE_STEP:
+        return None
+    return float(batch.temperature_c[index])
+
+
 class Part(NamedTuple):
     """Samples first to last of a batch: their device time (n,) s, and how many of the boot came before them."""
 

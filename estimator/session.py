@@ -16,7 +16,6 @@ from bridge.wire.messages import (
     DeviceInfo,
     Quality,
     SampleBatch,
-    SampleFlag,
     State,
     Status,
     Verdict,
@@ -26,7 +25,7 @@ from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import BLOCK_S, Block, sample_time_ns
+from estimator.block import BLOCK_S, Block, sample_time_ns, temperature_at
 from estimator.correction import Correction, believed, choose
 from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
@@ -106,11 +105,16 @@ class DeviceSession:
     # ---- boots ----------------------------------------------------------------------------------------------------
 
     def begin_boot(
-        self, boot: int, device_time: float, remembered: Remembered | None, law: TemperatureLaw | None = None
+        self,
+        boot: int,
+        device_time: float,
+        remembered: Remembered | None,
+        law: TemperatureLaw | None = None,
+        temperature_c: float | None = None,
     ) -> Outcome:
         """The device has started anew (or we have): forget this boot's calibration, then use what is remembered.
 
-        law: what earlier boots taught of temperature.
+        law: what earlier boots taught of temperature. temperature_c: the device's now.
         """
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
@@ -123,12 +127,13 @@ class DeviceSession:
         outcome = Outcome(changed=True, said=[f"boot {boot:016x}" + ("" if first else ", recalibration needed")])
         calibration = None if remembered is None else remembered.calibration
         if remembered is not None and calibration is not None and calibration.boot == boot:
-            self._restore(remembered, calibration)
+            self._restore(remembered, calibration, temperature_c)
             outcome.said.append(f"calibration {self._calibration_id} of this boot restored")
         elif calibration is not None:
             self.believe(calibration)
         if remembered is not None and remembered.bias is not None and self.calibration is None:
-            self.tracker.restored(self._belief.model, self._resumed(remembered, remembered.bias), self._now)
+            kept = self._resumed(remembered, remembered.bias)
+            self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
             self._applied = self._correction()
             outcome.said.append("bias of this boot restored")
         if remembered is not None and remembered.turned:
@@ -174,12 +179,12 @@ class DeviceSession:
         self.reason = self._reason_before = "hold the device still for 3 seconds"
         return Outcome(changed=True, said=[why])
 
-    def _restore(self, remembered: Remembered, calibration: Calibration) -> None:
+    def _restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
         self.calibration = calibration
         self._belief = believed(calibration, None, self.knobs.prior)
         kept = remembered.bias
         kept = self._wider(self._bias_of(calibration)) if kept is None else self._resumed(remembered, kept)
-        self.tracker.restored(self._belief.model, kept, self._now)
+        self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
         self._capture = None
         self.life.on(Event.RESTORED)
         self.reason = "calibrated; the calibration of this boot goes on"
@@ -331,8 +336,8 @@ class DeviceSession:
                 self._now = window.end_time
                 batch, index = self._block.where(window.end - 1)
                 self._now_ns = sample_time_ns(batch, index)
-                if batch.temperature_c is not None and not batch.flags[index] & SampleFlag.TEMPERATURE_STEP:
-                    self.tracker.temperature(self._now, float(batch.temperature_c[index]))
+                if (celsius := temperature_at(batch, index)) is not None:
+                    self.tracker.temperature(self._now, celsius)
                 tracked = self.tracker.time
                 self._window(window, outcome)
                 self._past.note(self._now, batch.sequence + index, self._now_ns, self.tracker.time)
@@ -512,7 +517,7 @@ class DeviceSession:
     def checkpoint(self) -> BiasState | None:
         """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
         known = self.sequence.next is not None and (self.calibration is not None or self.tracker.sure)
-        return self.tracker.state if known else None
+        return self.tracker.worth_keeping if known else None
 
     @property
     def goes_on(self) -> str:

@@ -4,6 +4,7 @@ import logging
 from dataclasses import replace
 
 from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
+from estimator.block import temperature_at
 from estimator.restore import changed, restore_key
 from estimator.service.device import Device
 from estimator.service.record import Record
@@ -41,7 +42,8 @@ class Boots:
                 remembered = _with(remembered, prior)
                 if prior is None:
                     scratch = scratch or self._record.scratch(session, info)
-        outcome = session.begin_boot(batch.boot, float(batch.device_time[0]), remembered if same else None, law)
+        now, celsius = float(batch.device_time[0]), temperature_at(batch, 0)
+        outcome = session.begin_boot(batch.boot, now, remembered if same else None, law, celsius)
         if remembered is not None and not same:
             session.count_event("boot number repeated")
             if remembered.calibration is not None:

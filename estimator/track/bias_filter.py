@@ -13,6 +13,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from estimator.track.since import Since
 from estimator.track.temperature import TemperatureLaw
 
 Floats = NDArray[np.float64]
@@ -87,6 +88,7 @@ class Evidence:
     """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
 
     common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
+    since: when it was measured, where that was not now.
     gate: the largest NIS believed. soft: beyond it R grows instead of the measurement being refused.
     """
 
@@ -97,6 +99,7 @@ class Evidence:
     gate: float
     common_var: Floats | None = None
     soft: bool = False
+    since: Since | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +125,7 @@ class BiasFilter:
         self.law = law
         #: what the law's curvature moved the state by in the last step
         self.bent = np.zeros(OWN)
+        self._since: list[Since] = []
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
@@ -133,11 +137,19 @@ class BiasFilter:
         #: by how much the bias was doubted since the last step
         self.widened = np.zeros((3, 3))
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
+        self._stepped = np.zeros((3, 3))  # what the last step added to the bias
+        self._since.clear()
 
     def restart(self, state: BiasState) -> None:
         """Forget all that came since, and go on from a state."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
+
+    def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
+        """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
+        self.restart(state)
+        self.predict(2 * state.time - time, temperature_c)
+        self.time = time
 
     @property
     def x(self) -> Floats:
@@ -170,6 +182,9 @@ class BiasFilter:
             Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * _ONE
         Q[BIAS, BIAS] += self.walked(dt, known=isfinite(temperature_c)) * _ONE
         self._kf.predict(F=F, Q=Q)
+        self._stepped = Q[BIAS, BIAS]
+        for since in self._since:
+            since.step(F, self._stepped)
         if self.law is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, np.zeros((3, 3))
@@ -188,6 +203,8 @@ class BiasFilter:
             P = self._kf.P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
+            for since in self._since:
+                since.cross[SLOPE] = 0.0
 
     def unlearn(self) -> Floats:
         """Give the law up: the slope is doubted as much as that of any part; by how much, (3, 3)."""
@@ -231,11 +248,26 @@ class BiasFilter:
         """Let all of the state go on: to x (n,), by F (n, n), with Q (n, n) added."""
         self._kf.predict(F=F, Q=Q)
         self._kf.x = x
+        for since in self._since:
+            since.step(F)
 
     def widen(self, cov: Floats) -> None:
         """Doubt the bias by so much more, (3, 3)."""
         self._kf.P[BIAS, BIAS] += cov
         self.widened = self.widened + cov
+
+    def since(self) -> Since:
+        """The moment of what was measured in the last step, for what is to be taken later."""
+        self._since.append(Since(len(self._kf.x), self._stepped))
+        return self._since[-1]
+
+    def remembers(self, evidence: Evidence) -> bool:
+        """Whether the state goes on from when this was measured: it was not begun anew since."""
+        return evidence.since is None or any(since is evidence.since for since in self._since)
+
+    def forget(self) -> None:
+        """What was measured before now and has not been taken will not be."""
+        self._since.clear()
 
     def extend(self, own: BiasState) -> None:
         """Go on with a state that has other parts behind the filter's own six."""
@@ -245,6 +277,8 @@ class BiasFilter:
         """What `update` would say of a measurement, which is not taken."""
         H = evidence.H
         innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
+        if evidence.since is not None:
+            S += evidence.since.added(H)
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
         finite = isfinite(innovation.sum() + S.sum()) and evidence.R.diagonal().min() > 0
         nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
@@ -262,12 +296,24 @@ class BiasFilter:
             if not evidence.soft or not np.isfinite(receipt.nis):
                 return receipt
             R = R * receipt.test_ratio
-        self._kf.update(evidence.z, R=R, H=evidence.H)
+        self._take_in(evidence, R)
         if evidence.common_var is not None and evidence.common_var.any():
             H = evidence.H
             seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
         return replace(receipt, accepted=True, reason="")
+
+    def _take_in(self, evidence: Evidence, R: Floats) -> None:
+        kf, H, late = self._kf, evidence.H, evidence.since
+        if late is None:
+            kf.update(evidence.z, R=R, H=H)
+        else:
+            kf.M = late.shared(H)
+            kf.update_correlated(evidence.z, R=R + late.noise(H), H=H)
+            kf.P = (kf.P + kf.P.T) / 2
+        self._since = [since for since in self._since if since is not late]
+        for since in self._since:
+            since.taken(kf.K, H, late)
 
 
 def _inverse(S: Floats) -> Floats:

@@ -89,10 +89,12 @@ class Gravity:
         """The way gravity went is not known."""
         self.known = False
 
-    def carry(self, span: Span, bias: BiasFilter, gyro_noise: float) -> None:
+    def carry(
+        self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
+    ) -> None:
         """Take the filter over a span that was summed up with its own bias, matrix and accelerometer bias.
 
-        gyro_noise: white noise of the rates, rad/s per root Hz.
+        gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
         """
         if not self.known:
             self._begin(span, bias)
@@ -111,7 +113,8 @@ class Gravity:
         moved = x.copy()
         moved[GRAVITY], moved[VELOCITY], moved[ACCEL_BIAS] = C @ g, C @ after, kept * x[ACCEL_BIAS]
         moved[GRAVITY] *= G / sqrt(moved[GRAVITY] @ moved[GRAVITY])
-        bias.carry(moved, F, self._noise(span, C @ gx, gyro_noise, kept))
+        turned = gyro_noise**2 * T + (self.knobs.way_share * span.way) ** 2 + unseen_turn**2
+        bias.carry(moved, F, self._noise(span, C @ gx, turned, unseen_push**2, kept))
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
         """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
@@ -152,14 +155,13 @@ class Gravity:
         bias.extend(replace(bias.state, x=x, P=P))
         self.known = True
 
-    def _noise(self, span: Span, tilting: Floats, gyro_noise: float, kept: float) -> Floats:
-        """(n, n) what a span adds: the gyro's noise and its share of the way, tilting g, and v by half of it on the mean."""
+    def _noise(self, span: Span, tilting: Floats, turned: float, pushed: float, kept: float) -> Floats:
+        """(n, n) what a span adds, with a turn and a push of these variances: a turn tilts g, and v by half of it on the mean."""
         knobs, T = self.knobs, span.seconds
-        turned = gyro_noise**2 * T + (knobs.way_share * span.way) ** 2
         by_turn = np.zeros((SIZE, 3))
         by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
         Q = turned * by_turn @ by_turn.T
-        Q[VELOCITY, VELOCITY] += knobs.accel_noise**2 * T * _ONE
+        Q[VELOCITY, VELOCITY] += (knobs.accel_noise**2 * T + pushed) * _ONE
         posed = (1 - kept**2) * self._accel_var
         Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * _ONE
         return Q

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bridge.wire.refusal import Tally
 from estimator.gyro import least_step, spread
 from estimator.stillness import Window
+from estimator.track.unseen import unseen
 
 Floats = NDArray[np.float64]
 #: a window, and whether it is still for all that is known of those around it
@@ -40,6 +41,7 @@ class Second:
 
     still: all of it was judged so. flaw: why it tells nothing of rotation, or nothing.
     mean, std, step (3,) of the readings; accel_mean, accel_std (3,) or None.
+    unseen_turn rad, unseen_push m/s: what lost samples leave unknown of the way turned and of the speed gained, rms.
     """
 
     start: float
@@ -54,6 +56,8 @@ class Second:
     step: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
+    unseen_turn: float = 0.0
+    unseen_push: float = 0.0
 
     def __len__(self) -> int:
         return len(self.dt)
@@ -69,6 +73,7 @@ class Seconds:
         self._coming: list[Judged] = []
         self._moved = -np.inf  # when the last window ended that was not still
         self._last_time = float("nan")
+        self._last: tuple[Floats, Floats | None] | None = None  # the reading at that time
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
 
@@ -87,7 +92,7 @@ class Seconds:
     def skip(self, window: Window) -> None:
         """Let the next window go by, and those that wait."""
         self._windows, self._coming = [], []
-        self._last_time = window.end_time
+        self._last_time, self._last = window.end_time, _last(window)
 
     def _take(self, judged: Judged, noise_std: Floats) -> Iterator[Second]:
         window, still = judged
@@ -109,6 +114,7 @@ class Seconds:
         dt[1:] -= time[:-1]
         dt[0] -= first
         self._last_time = float(time[-1])
+        before, self._last = self._last or _first(windows[0]), _last(windows[-1])
         mean, std = spread(gyro)
         accel_mean, accel_std = (None, None) if accel is None else spread(accel)
         if float(std.min()) < _COARSEST or not np.isfinite(self._step).all():
@@ -133,6 +139,8 @@ class Seconds:
             step=step,
             accel_mean=accel_mean,
             accel_std=accel_std,
+            unseen_turn=unseen(dt, gyro, before[0]),
+            unseen_push=0.0 if accel is None else unseen(dt, accel, accel[0] if before[1] is None else before[1]),
         )
 
     def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, std: Floats, noise_std: Floats) -> str:
@@ -145,3 +153,11 @@ class Seconds:
         # A gyro coarser than its noise may well repeat itself at rest; one that showed noise before may not.
         noisy = self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6)
         return "stuck" if ((gyro == gyro[0]).all(axis=0) & noisy).any() else ""
+
+
+def _first(window: Window) -> tuple[Floats, Floats | None]:
+    return window.gyro[0], None if window.accel is None else window.accel[0]
+
+
+def _last(window: Window) -> tuple[Floats, Floats | None]:
+    return window.gyro[-1], None if window.accel is None else window.accel[-1]

@@ -109,7 +109,6 @@ class Tracker:
         self._contradictions = 0
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
-        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
@@ -120,7 +119,9 @@ class Tracker:
         self._model = model
         self._gravity = Gravity(self.knobs.gravity, model.matrix)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
-        self._zaru, self._bounded = Zaru(self.knobs.zaru), Bounded(self.knobs.bounded)
+        known = bool((state.std < self.knobs.bias_std).all())
+        self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), Bounded(self.knobs.bounded)
+        self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
@@ -128,6 +129,11 @@ class Tracker:
     def state(self) -> BiasState:
         """The estimate as it is now."""
         return self._filter.state
+
+    @property
+    def worth_keeping(self) -> BiasState:
+        """The estimate with all of its evidence: now's, or what was restored until it is reached."""
+        return self.state if self._kept is None else self._kept
 
     @property
     def time(self) -> float:
@@ -217,12 +223,16 @@ class Tracker:
         self._evidence_time = rest.end
         self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
 
-    def restored(self, model: GyroModel, state: BiasState, now: float) -> None:
-        """Go on from a state that was kept; what comes of the time before it (a bus's cache) teaches only what rest is."""
+    def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
+        """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
-        self._filter.predict(now)
         self._evidence_time = min(state.time, now)
-        self._kept = state if now < state.time else None
+        self._kept = self._filter.state if now < state.time else None
+        celsius = np.nan if temperature_c is None else temperature_c
+        if self._kept is None:
+            self._filter.predict(now, celsius)
+        else:  # a bus's cache
+            self._filter.look_back(self._kept, now, celsius)
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature from now on."""
@@ -252,11 +262,13 @@ class Tracker:
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
-        if self._kept is not None and second.start > self._kept.time - _SAME_S:
-            # Its evidence is in what was kept: none may count twice.
-            kept, self._kept = self._kept, None
-            self._gravity.lose()
-            self._filter.restart(replace(kept, x=kept.x[:OWN], P=kept.P[:OWN, :OWN]))
+        if self._kept is not None:
+            if second.start <= self._kept.time - _SAME_S:
+                # Its evidence is in what was kept: none may count twice, not even for a while.
+                self._filter.look_back(self._kept, second.end, self.temperature_c)
+                return []
+            self._filter.restart(self._kept)
+            self._kept = None
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
             second = replace(second, accel=None, accel_mean=None, accel_std=None)
@@ -303,7 +315,8 @@ class Tracker:
             bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
         matrix = self._gravity.matrix_now(bias.x)
         span = sum_up(second.dt, second.gyro, second.accel, matrix, bias.x[BIAS], bias.x[ACCEL_BIAS])
-        self._gravity.carry(span, bias, float(noise_std.max()) * np.sqrt(span.seconds / len(second)))
+        noise = float(noise_std.max()) * np.sqrt(span.seconds / len(second))
+        self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
         return span
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:

@@ -36,7 +36,12 @@ class ZaruKnobs:
     quasi_static: float = radians(0.003)
     #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
     unproven: float = radians(0.1)
+    #: the same before any rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for
+    #: minutes (tests/bench/warming.py: seed 16, begun late)
+    unproven_at_first: float = radians(0.19)
     proven_after: int = 4
+    #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
+    edge: float = radians(0.015)
     #: means that scatter by more than this many times their noise variance show a body that moves a little
     scatter: float = 3.0
     #: a jump of the bias is believed after so many seconds of rest in a row
@@ -64,7 +69,8 @@ class ZaruKnobs:
 class Zaru:
     """Seconds in, receipts out; feeds one BiasFilter."""
 
-    def __init__(self, knobs: ZaruKnobs | None = None) -> None:
+    def __init__(self, knobs: ZaruKnobs | None = None, *, known: bool = False) -> None:
+        """known: whether the bias is known well enough to hold a rest against."""
         self.knobs = knobs or ZaruKnobs()
         self._means = np.zeros((_RECENT, 2, 3))  # of the latest quiet seconds, with their variance
         self._quiet = 0  # how many there have been in a row
@@ -75,6 +81,8 @@ class Zaru:
         self._surprises: list[Receipt] = []
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
+        self._proven = False  # whether the latest second of rest is one
+        self._ever_proven = known
         self._tilted = False
         self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
@@ -89,12 +97,19 @@ class Zaru:
 
     def interrupted(self, bias: BiasFilter) -> None:
         """The device was quiet still, but not at rest."""
+        if self._waiting:
+            evidence, begun, ended = self._waiting.pop()
+            self._waiting.append((self._at_edge(evidence), begun, ended))
+        self._drop_forgotten(bias)
         while self._waiting:
-            if self._waiting[0][0].H.shape[1] == len(bias.x):
-                self._late(bias)
-            else:
-                self._waiting.popleft()
+            self._late(bias)
         self._contradiction = None
+        bias.forget()
+
+    def _drop_forgotten(self, bias: BiasFilter) -> None:
+        """What was measured before the filter was begun anew is in what it was begun from."""
+        while self._waiting and not bias.remembers(self._waiting[0][0]):
+            self._waiting.popleft()
 
     def surprises(self) -> list[Receipt]:
         """What surprised since this was asked last, as it was before the filter was told to expect it."""
@@ -122,8 +137,11 @@ class Zaru:
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
-        proven = self._quiet >= self.knobs.proven_after
-        motion = self.knobs.quasi_static if proven else self.knobs.unproven
+        # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
+        proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
+        self._ever_proven |= proven
+        unproven = self.knobs.unproven if self._ever_proven else self.knobs.unproven_at_first
+        motion = self.knobs.quasi_static if proven else unproven
         var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
         if up is None or second.accel_mean is None:
@@ -131,6 +149,7 @@ class Zaru:
             receipts = self._gated(evidence, second, bias)
             return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
         if self._tilted:
+            bias.forget()
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
@@ -152,23 +171,32 @@ class Zaru:
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
         self._adapt(evidence, bias)
+        self._drop_forgotten(bias)
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
-        self._waiting.append((self._questioned(evidence), second.start, second.end))
+            bias.forget()
+        evidence = replace(self._questioned(evidence), since=bias.since())
+        self._waiting.append((evidence, second.start, second.end))
         together = _mean([waiting for waiting, _, _ in self._waiting])
         weighed = bias.weigh(together)
         if weighed.accepted:
             self._contradiction = None
             ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
             return [self._late(bias) for _ in range(ready)]
-        since = self._waiting[0][1]
+        begun = self._waiting[0][1]
         self._waiting.clear()
-        if not self._insisted(weighed.time, since, evidence.z, evidence.R, bias):
+        bias.forget()
+        if not self._insisted(weighed.time, begun, evidence.z, evidence.R, bias):
             return [weighed]
         self._contradiction = None
         # It may still turn: how sure that can be stays in question until it has moved and rests again.
         self._in_question = float(np.mean(weighed.innovation**2)) / 4
         return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
+
+    def _at_edge(self, evidence: Evidence) -> Evidence:
+        if evidence.kind != "zaru":
+            return evidence  # an accelerometer was there
+        return replace(evidence, R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
@@ -176,15 +204,19 @@ class Zaru:
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
-        evidence, _, ended = self._waiting.popleft()
-        walk = bias.knobs.rate_random_walk**2 * max(0.0, bias.time - ended)
-        return bias.update(replace(evidence, R=evidence.R + walk * np.eye(len(evidence.R))))
+        evidence, _, _ = self._waiting.popleft()
+        receipt = bias.update(evidence)
+        unproven = float(evidence.R.diagonal().min()) >= self.knobs.unproven**2
+        return replace(receipt, reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
-        """How many seconds are judged together: none wait where the bias is known worse than one second tells it."""
+        """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
+
+        Else the latest always does: it may be the last of its rest.
+        """
         own = float(np.max(np.diag(evidence.R)))
         known = float(np.max(np.diag(weighed.innovation_cov - evidence.R / max(1, len(self._waiting)))))
-        return 1 if known > own else min(self.knobs.longest_wait_s, own / self.knobs.certain**2)
+        return 1 if known > own else min(self.knobs.longest_wait_s, max(2.0, own / self.knobs.certain**2))
 
     def _evidence(
         self, kind: str, second: Second, bias: BiasFilter, axes: Floats, var: Floats, common: Floats, gate: float
@@ -202,7 +234,7 @@ class Zaru:
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""
-        if evidence.kind in self._surprised or self._quiet < self.knobs.proven_after:
+        if evidence.kind in self._surprised or not self._proven:
             return
         self._surprised.add(evidence.kind)
         weighed = bias.weigh(evidence)
@@ -258,7 +290,7 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     last, n = evidence[-1], len(evidence)
     common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
     z, R = np.mean([e.z for e in evidence], axis=0), np.mean([e.R for e in evidence], axis=0)
-    return replace(last, z=z, R=(R - common) / n + common)
+    return replace(last, z=z, R=(R - common) / n + common, since=None)
 
 
 def across(up: Floats) -> Floats:

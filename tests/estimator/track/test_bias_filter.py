@@ -7,6 +7,7 @@ from scipy.stats import chi2
 
 from estimator.track.bias_filter import BIAS, GATES, OWN, SLOPE, BiasFilter, BiasKnobs, Evidence
 from estimator.track.bias_filter import start as begin
+from estimator.track.temperature import TemperatureLaw
 
 Floats = NDArray[np.float64]
 SMALL = np.eye(3) * 1e-8
@@ -258,3 +259,17 @@ def test_saved_state_is_a_copy_and_goes_on_bit_for_bit() -> None:
             np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name))
         assert resumed.time == whole.time
         assert (resumed.temperature_c, resumed.powered) == (whole.temperature_c, whole.powered)
+
+
+def test_a_law_takes_the_place_of_the_slope_for_what_waits_too() -> None:
+    bias = start(temperature=20.0)
+    bias.predict(11.0, 21.0)
+    waiting = bias.since()
+    bias.predict(12.0, 22.0)
+    bias.update(seen(np.array([0.1, -0.2, 0.0]), SMALL))
+    assert np.abs(waiting.cross[SLOPE]).max() > 0
+    none = np.zeros(3)
+    bias.expect(TemperatureLaw(20.0, none, none, 1e-12 * np.tile(np.eye(2), (3, 1, 1))))
+    bias.update(replace(seen(np.array([0.1002, -0.2, 0.0]), SMALL), since=waiting))
+    np.testing.assert_array_equal(bias.x[SLOPE], none)
+    assert np.linalg.eigvalsh(bias.cov).min() >= 0

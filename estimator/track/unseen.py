@@ -1,0 +1,28 @@
+"""Samples that were lost leave a hole in a second, and nobody saw what the device did in it.
+
+The first reading after a hole is held for all of it, where the lost ones would have gone their own way: the two readings around
+it differ by so much, and one reading from the next, elsewhere in the second, by so much for each that is missing.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: longer than so many of the usual steps from sample to sample, a step is a hole
+_HOLE = 1.5
+
+
+def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
+    """By how much the integral of readings (n, k), each held for dt (n,) s, may be off for what was lost, rms.
+
+    before (k,): the reading before the first.
+    """
+    if float(dt.max()) * len(dt) <= _HOLE * float(dt.sum()):
+        return 0.0
+    usual = float(np.median(dt))
+    holes = dt > _HOLE * usual
+    lost_s = dt[holes] - usual
+    steps = np.square(np.diff(reading, axis=0, prepend=before[None])).sum(axis=1)
+    wander = (lost_s / usual) ** 2 * (steps[~holes].mean() if not holes.all() else 0.0)
+    return float(np.sqrt(np.sum(lost_s**2 * (steps[holes] + wander) / 4)))
