@@ -218,7 +218,7 @@ class DeviceSession:
 
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
-        self._restore(Remembered(calibration, None), calibration)
+        self._restore(Remembered(calibration, None), calibration, self.tracker.temperature_c)
         self.scratch, self._done_axes = "", ()
 
     def expect(self, law: TemperatureLaw) -> None:
