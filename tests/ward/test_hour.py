@@ -81,8 +81,9 @@ def test_an_hour_of_a_ward_leaves_it_as_it_was(tmp_path: Path, effort: Effort) -
         f"({min(last.nis):.2f} to {max(last.nis):.2f}); { ({k: v for k, v in last.values.items() if ' ' in k}) }"
     )
     assert grown_mb < 0.02 * last.rss_mb
-    assert last.threads <= early[0].threads
-    assert max(one.files for one in late) <= max(one.files for one in early)
+    # A library's thread or file of a moment is no growth.
+    assert median(one.threads for one in late) <= median(one.threads for one in early)
+    assert median(one.files for one in late) <= median(one.files for one in early)
     assert NIS[0] < mean_nis < NIS[1]
     assert last.values["truerate_law_violations_all_total"] == 0
     assert "sessions failed" not in last.values
