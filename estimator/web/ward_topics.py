@@ -13,7 +13,7 @@ from estimator.web.tiles import ward_page
 from estimator.web.topics import Sources
 
 #: eighteen redraws a second; no more often than a bridge sends
-RATES_S = 0.055
+RATES_S = 0.06
 #: points of a tile's bias, and how far back they go
 SPARKS, SPARKS_S = 40, 1200.0
 

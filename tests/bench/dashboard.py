@@ -15,6 +15,7 @@ import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -174,8 +175,18 @@ def guided(url: str, tablets: int, seconds: float) -> None:
     print(f"{min(counts) / seconds:.1f}")
 
 
-def redraws(url: str, path: str, seconds: float, height: int) -> tuple[float, float, float]:
-    """Redraws a second in Chromium, its share of a core, and kilobytes loaded."""
+class Shown(NamedTuple):
+    """A page that stands open: redraws a second, shares of a core, kilobytes loaded, seconds of the server to load it."""
+
+    redraws: float
+    browser: float
+    server: float
+    kilobytes: float
+    opening_s: float
+
+
+def shown(url: str, path: str, seconds: float, height: int, pid: int) -> Shown:
+    """A page in Chromium; pid: of the server."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
@@ -183,14 +194,15 @@ def redraws(url: str, path: str, seconds: float, height: int) -> tuple[float, fl
         page = browser.new_page(viewport={"width": 1920, "height": height})
         sizes: list[int] = []
         page.on("response", lambda response: sizes.append(len(response.body())))
+        closed_s = cpu_s(pid)
         page.goto(url + path)
         page.wait_for_timeout(3000)
-        before, drawn = _browser_s(), page.evaluate("redraws")
+        before, served_s, drawn = _browser_s(), cpu_s(pid), page.evaluate("redraws")
         page.wait_for_timeout(seconds * 1000)
-        used = (_browser_s() - before) / seconds
+        used, server = (_browser_s() - before) / seconds, (cpu_s(pid) - served_s) / seconds
         found = page.evaluate("redraws") - drawn
         browser.close()
-    return found / seconds, used, sum(sizes) / 1000
+    return Shown(found / seconds, used, server, sum(sizes) / 1000, served_s - closed_s)
 
 
 def _browser_s() -> float:
@@ -268,12 +280,10 @@ def _wait(url: str) -> None:
 def _measure(console: Console, pid: int, url: str, seconds: float, viewers: int) -> None:
     # A usual screen, one so high that every tile is seen and drawn, and a device's page.
     for path, height in (("/", 1200), ("/", 4000), ("/devices/bed-01-chest", 1200)):
-        before, begin = cpu_s(pid), time.monotonic()
-        each, browser, kilobytes = redraws(url, path, seconds, height)
-        used = (cpu_s(pid) - before) / (time.monotonic() - begin)
+        page = shown(url, path, seconds, height, pid)
         console.print(
-            f"{path}, 1920 by {height}: {each:.1f} redraws/s in Chromium ({browser:.0%} of a core), {kilobytes:.0f} kB;"
-            f" server {used:.1%}"
+            f"{path}, 1920 by {height}: {page.redraws:.1f} redraws/s in Chromium ({page.browser:.0%} of a core),"
+            f" {page.kilobytes:.0f} kB; server {page.server:.1%}, and {page.opening_s:.2f} s of a core for the first 3 s"
         )
     live = url.replace("http", "ws") + "/live"
     arguments = ["-m", "tests.bench.dashboard", "--crowd", live, "--viewers"]
