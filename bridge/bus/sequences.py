@@ -17,7 +17,7 @@ TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0)
 #: a heartbeat may overtake the last message inside this process
 GRACE_S = 0.02
 MOST_HELD = 4096
-MOST_SOURCES = 8192
+MOST_SOURCES = 1 << 16
 
 
 class Gap(NamedTuple):
