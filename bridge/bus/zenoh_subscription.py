@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 _BATCH = 512
 _EVERYBODY = ""
-_TURN_S = 0.002
+_TURN_S = 0.005
 
 
 class Subscription(Declared):
