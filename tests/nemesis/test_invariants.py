@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.wire.messages import Calibration, CorrectedBatch, Quality, Status, Verdict
+from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleFlag, Status, Verdict
 from estimator.once import Miss
 from estimator.service.law import EVENT
 from estimator.session import DeviceSession
@@ -106,6 +106,12 @@ def test_an_old_boot_that_comes_back(history: History) -> None:
     history.heard["d", BOOT + 1] = [Heard(3.0, batch(0, BOOT + 1, Quality.NONE))]
     [words] = broken(history, right, WITHIN_S)
     assert "goes on" in words
+    # Its end, of which nothing was said before, may be said when it is found, as what it is.
+    first, second, last = history.heard["d", BOOT]
+    late = replace(last.batch, flags=last.batch.flags | np.uint32(SampleFlag.LATE))
+    history.heard["d", BOOT] = [first, second, Heard(last.time_s, late)]
+    history.heard["d", BOOT + 1].append(Heard(21.9, batch(N, BOOT + 1, Quality.NONE)))
+    assert broken(history, right, WITHIN_S) == []
 
 
 def test_an_epoch_that_is_over(history: History) -> None:
