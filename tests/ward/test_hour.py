@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -31,6 +32,16 @@ class Look(NamedTuple):
     nis: list[float]
 
 
+def own_threads(pid: int) -> int:
+    """How many are ours: zenoh names its own, and keeps one for ten seconds after it had too much to do."""
+    process, count = Path(f"/proc/{pid}"), 0
+    own = (process / "comm").read_text(encoding="ascii")
+    for task in (process / "task").iterdir():
+        with suppress(OSError):  # it has ended
+            count += (task / "comm").read_text(encoding="ascii") == own
+    return count
+
+
 def look(port: int, pid: int) -> Look:
     values: dict[str, float] = {}
     nis = []
@@ -42,10 +53,8 @@ def look(port: int, pid: int) -> Look:
                 values[sample.name] = sample.value
             elif "what" in sample.labels:
                 values[sample.labels["what"]] = sample.value
-    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    threads = next(int(line.split()[1]) for line in status if line.startswith("Threads"))
     rss_mb = values["process_resident_memory_bytes"] / 2**20
-    return Look(rss_mb, threads, int(values["process_open_fds"]), values, nis)
+    return Look(rss_mb, own_threads(pid), int(values["process_open_fds"]), values, nis)
 
 
 def test_an_hour_of_a_ward_leaves_it_as_it_was(tmp_path: Path, effort: Effort) -> None:
@@ -81,9 +90,8 @@ def test_an_hour_of_a_ward_leaves_it_as_it_was(tmp_path: Path, effort: Effort) -
         f"({min(last.nis):.2f} to {max(last.nis):.2f}); { ({k: v for k, v in last.values.items() if ' ' in k}) }"
     )
     assert grown_mb < 0.02 * last.rss_mb
-    # A library's thread or file of a moment is no growth.
-    assert median(one.threads for one in late) <= median(one.threads for one in early)
-    assert median(one.files for one in late) <= median(one.files for one in early)
+    assert max(one.threads for one in late) <= max(one.threads for one in early)
+    assert max(one.files for one in late) <= max(one.files for one in early)
     assert NIS[0] < mean_nis < NIS[1]
     assert last.values["truerate_law_violations_all_total"] == 0
     assert "sessions failed" not in last.values
