@@ -102,3 +102,42 @@ class Inbox:
             self._messages.clear()
             self._came.clear()
             self._ready.notify_all()
+
+
+class Reading:
+    """What a subscription lets be read of its inbox."""
+
+    _inbox: Inbox
+
+    def receive(self, timeout_s: float) -> Message | None:
+        """See contract.Subscription."""
+        return self._inbox.receive(timeout_s)
+
+    def drain(self, limit: int, timeout_s: float) -> list[Message]:
+        """See contract.Subscription."""
+        return self._inbox.drain(limit, timeout_s)
+
+    @property
+    def missed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.missed
+
+    @property
+    def missed_by_key(self) -> dict[str, int]:
+        """See contract.Subscription."""
+        return self._inbox.missed_by_key
+
+    @property
+    def overflowed(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.overflowed
+
+    @property
+    def waited_s(self) -> float:
+        """See contract.Subscription."""
+        return self._inbox.waited_s
+
+    @property
+    def closed(self) -> bool:
+        """See contract.Subscription."""
+        return self._inbox.closed

@@ -12,7 +12,7 @@ from typing import Protocol, Self
 
 from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.inbox import Inbox
+from bridge.bus.inbox import Inbox, Reading
 from bridge.bus.keyexpr import check_key, check_pattern, matches
 
 
@@ -187,7 +187,7 @@ class _Publisher:
                 self._broker.publishers.remove(self)
 
 
-class _Subscription:
+class _Subscription(Reading):
     def __init__(self, bus: MemoryBus, broker: MemoryBroker, pattern: str, inbox: Inbox, *, history: bool) -> None:
         self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
         self._last: dict[_Publisher, int] = {}
@@ -214,32 +214,6 @@ class _Subscription:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
             self._inbox.put(message for _, message in new)
-
-    def receive(self, timeout_s: float) -> Message | None:
-        return self._inbox.receive(timeout_s)
-
-    def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        return self._inbox.drain(limit, timeout_s)
-
-    @property
-    def missed(self) -> int:
-        return self._inbox.missed
-
-    @property
-    def missed_by_key(self) -> dict[str, int]:
-        return self._inbox.missed_by_key
-
-    @property
-    def overflowed(self) -> int:
-        return self._inbox.overflowed
-
-    @property
-    def waited_s(self) -> float:
-        return self._inbox.waited_s
-
-    @property
-    def closed(self) -> bool:
-        return self._inbox.closed
 
     def close(self) -> None:
         with self._broker.lock:

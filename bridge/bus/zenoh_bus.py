@@ -85,12 +85,10 @@ class ZenohBus:
     def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "Subscription":
         """See contract.Bus. Ask for history only where publishers have a cache.
 
-        Behind a router that stamps times (zenohd unless told otherwise) uncached messages may be dropped as old.
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
         """
         inbox = Inbox(capacity)
-        # Declaring delivers the history of this session's own publishers at once, before anybody drains the channel.
-        channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL + self._cached)
+        channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL)
         with self._doing(f"subscribe to {check_pattern(pattern)}"):
             if not history:
                 self._plain.add(pattern)

@@ -57,7 +57,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
         "connect": {"endpoints": []},
         "listen": {"endpoints": list(listen), "timeout_ms": 0, "exit_on_failure": True},
     }
-    # With zenoh's own timestamps, a subscriber with history takes uncached messages of two publishers that cross for old.
+    # With zenoh's own timestamps, its advanced subscribers, of other programs, take uncached messages that cross for old.
     settings["timestamping"] = {"enabled": False}
     settings["transport"]["unicast"] |= {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
     if shed:

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext, handlers
 
 from bridge.bus.contract import Message
-from bridge.bus.inbox import Inbox
+from bridge.bus.inbox import Inbox, Reading
 from bridge.bus.sequences import Sequences
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, said
 
@@ -22,7 +22,7 @@ _EVERYBODY = ""
 _TURN_S = 0.005
 
 
-class Subscription(Declared):
+class Subscription(Reading, Declared):
     """Hands on what comes, from a thread of its own."""
 
     def __init__(
@@ -59,39 +59,6 @@ class Subscription(Declared):
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         self._inbox.put(map(_message, samples))
-
-    def receive(self, timeout_s: float) -> Message | None:
-        """See contract.Subscription."""
-        return self._inbox.receive(timeout_s)
-
-    def drain(self, limit: int, timeout_s: float) -> list[Message]:
-        """See contract.Subscription."""
-        return self._inbox.drain(limit, timeout_s)
-
-    @property
-    def missed(self) -> int:
-        """See contract.Subscription."""
-        return self._inbox.missed
-
-    @property
-    def missed_by_key(self) -> dict[str, int]:
-        """See contract.Subscription."""
-        return self._inbox.missed_by_key
-
-    @property
-    def overflowed(self) -> int:
-        """See contract.Subscription."""
-        return self._inbox.overflowed
-
-    @property
-    def waited_s(self) -> float:
-        """See contract.Subscription."""
-        return self._inbox.waited_s
-
-    @property
-    def closed(self) -> bool:
-        """See contract.Subscription."""
-        return self._inbox.closed
 
     def close(self) -> None:
         """See contract.Subscription."""
