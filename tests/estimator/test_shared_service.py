@@ -220,7 +220,7 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     assert both.command().message == f"{NAME}: {SILENT}"
     # It is heard again: by who speaks of it, and as it was.
     both.send(batches[-20:])
-    both.pass_(1.0)
+    both.pass_(1.2)  # all say their status once a second
     assert both.has() == [FIRST]
     heard = both.client.statuses(0.1)[NAME]
     assert (heard.state, heard.calibration) == (State.TRACKING, before.calibration)
