@@ -81,3 +81,28 @@ def scaling(found: dict[int, tuple[float, float, float, float]], devices: int, p
     load.set(ylabel="share of a core, the busiest", ylim=(0, None))
     wait.set(ylabel="s from arrival to corrected", yscale="log")
     figure.savefig(path)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """One panel: named curves over the same numbers (n,), both axes logarithmic; NaN where there is none."""
+
+    title: str
+    across: str
+    numbers: Floats
+    curves: dict[str, Floats]
+    goal: float | None = None
+
+
+def curves(panels: Sequence[Curves], title: str, path: Path) -> None:
+    """Panels side by side, what is to be reached dashed."""
+    figure = Figure(figsize=(4.2 * len(panels), 3.8), dpi=130, layout="constrained")
+    figure.suptitle(title)
+    for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        for colour, (label, values) in zip(COLOURS, panel.curves.items(), strict=False):
+            axes.plot(panel.numbers, values, "o-", color=colour, label=label)
+        if panel.goal is not None:
+            axes.axhline(panel.goal, color="black", linewidth=1, linestyle="--", label="goal")
+        axes.set(title=panel.title, xlabel=panel.across, xscale="log", yscale="log")
+        axes.legend()
+    figure.savefig(path)

@@ -1,16 +1,26 @@
-"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices, the estimator and a bare relay in turn."""
+"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices, the estimator and a bare relay in turn.
+
+Writes out/load.png: how all of it grows with the number of devices.
+"""
 
 import argparse
 import sys
+from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from estimator import figures
 from tests.bench.load.run import Load, Took, run
 
-PACED = (Load(1), Load(10), Load(100), Load(1000), Load(100, 562.5, 28), Load(1000, 562.5, 56))
+PACED = (
+    *(Load(devices, rate_hz, batch) for rate_hz, batch in ((104.0, 10), (562.5, 56)) for devices in (1, 10, 100, 1000)),
+    Load(100, batch=2),
+)
 QUICK = (Load(100, batch=2), Load(1000))
 BURST = 60_000
+OUT = Path("out/load.png")
 
 
 def main() -> int:
@@ -36,10 +46,12 @@ def main() -> int:
         "sender late ms",
     ):
         table.add_column(heading, justify="right")
+    found: dict[tuple[Load, bool], Took] = {}
     for load in QUICK if args.quick else PACED:
         paced = Load(load.devices, load.rate_hz, load.batch, args.seconds)
         for relay in (True, False):
-            table.add_row(*_words(paced, run(paced, relay=relay), relay=relay))
+            took = found[load, relay] = run(paced, relay=relay)
+            table.add_row(*_words(paced, took, relay=relay))
             console.print(
                 f"{paced.devices} x {paced.rate_hz:g} Hz, {'relay' if relay else 'estimator'}: done", style="dim"
             )
@@ -61,7 +73,26 @@ def main() -> int:
             str(sum(took.lost for took in corrected)),
         )
     console.print(bursts)
+    if not args.quick:
+        _draw(found)
+        console.print(f"drawn: {OUT}")
     return 0
+
+
+def _draw(found: dict[tuple[Load, bool], Took]) -> None:
+    numbers = sorted({load.devices for load in PACED})
+    cpu, latency = dict[str, list[float]](), dict[str, list[float]]()
+    for rate_hz, batch in dict.fromkeys((load.rate_hz, load.batch) for load in PACED if load.devices == 1):
+        for relay, who in ((False, "estimator"), (True, "relay")):
+            took = [found[Load(devices, rate_hz, batch), relay] for devices in numbers]
+            cpu[f"{who}, {rate_hz:g} Hz"] = [100 * each.cpu for each in took]
+            latency[f"{who}, {rate_hz:g} Hz"] = [1e3 * each.p99_s for each in took]
+    panels = [
+        figures.Curves(title, "devices", np.array(numbers, float), {k: np.array(v) for k, v in values.items()}, goal)
+        for title, values, goal in (("% of a core", cpu, 50.0), ("ms, 99 % of latency", latency, None))
+    ]
+    OUT.parent.mkdir(exist_ok=True)
+    figures.curves(panels, "What an estimator takes of its machine, beside a bare relay", OUT)
 
 
 def _words(load: Load, took: Took, *, relay: bool) -> list[str]:
