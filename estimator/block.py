@@ -1,4 +1,4 @@
-"""Samples that wait until their half second of device time is over: what they teach holds from there on, however they came."""
+"""Samples that wait until their half second of device time is over: they teach something together, however they came."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -83,14 +83,10 @@ class Block:
         self._waiting.append(part)
         self._known.append(part)
 
-    def take(self) -> Iterator[Run]:
-        """All that wait, once, in runs with or without accelerometer."""
+    def take(self) -> list[Part]:
+        """All that wait, once."""
         waiting, self._waiting = self._waiting, []
-        begin = 0
-        for end in range(1, len(waiting) + 1):
-            if end == len(waiting) or (waiting[end].batch.accel is None) != (waiting[begin].batch.accel is None):
-                yield _joined(waiting[begin:end])
-                begin = end
+        return waiting
 
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of the boot; those before it are forgotten."""
@@ -98,6 +94,15 @@ class Block:
             self._known.popleft()
         part = self._known[0]
         return part.batch, part.first + index - part.before
+
+
+def joined(parts: list[Part]) -> Iterator[Run]:
+    """Parts in runs with or without accelerometer."""
+    begin = 0
+    for end in range(1, len(parts) + 1):
+        if end == len(parts) or (parts[end].batch.accel is None) != (parts[begin].batch.accel is None):
+            yield _joined(parts[begin:end])
+            begin = end
 
 
 def _joined(parts: list[Part]) -> Run:

@@ -1,8 +1,8 @@
 """One device from its first sample on: readings in; corrected rates, calibrations and a status out.
 
 A pure core: no clock, no bus, no store. Time is the device's own, in the batches; what was remembered of earlier boots
-is handed in. What samples teach is used from the next half second of device time on (`block`), so any batching of the
-same samples gives the same corrected rates.
+is handed in. What a half second of device time teaches (`block`) is used from the end of the next one on: any batching of the
+same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import BLOCK_S, Block, sample_time_ns, temperature_at
+from estimator.block import BLOCK_S, Block, Part, joined, sample_time_ns, temperature_at
 from estimator.correction import Correction, believed, choose
 from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
@@ -116,6 +116,7 @@ class DeviceSession:
 
         law: what earlier boots taught of temperature. temperature_c: the device's now.
         """
+        outcome = self.learn()  # what came of the one before
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
         self._begin(device_time, law)
@@ -124,7 +125,8 @@ class DeviceSession:
             self.reason = (
                 "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
             )
-        outcome = Outcome(changed=True, said=[f"boot {boot:016x}" + ("" if first else ", recalibration needed")])
+        outcome.changed = True
+        outcome.said.append(f"boot {boot:016x}" + ("" if first else ", recalibration needed"))
         calibration = None if remembered is None else remembered.calibration
         if remembered is not None and calibration is not None and calibration.boot == boot:
             self._restore(remembered, calibration, temperature_c)
@@ -134,7 +136,7 @@ class DeviceSession:
         if remembered is not None and remembered.bias is not None and self.calibration is None:
             kept = self._resumed(remembered, remembered.bias)
             self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
-            self._applied = self._correction()
+            self._apply()
             outcome.said.append("bias of this boot restored")
         if remembered is not None and remembered.turned:
             self._lost_turns(remembered.turned, outcome)
@@ -157,7 +159,10 @@ class DeviceSession:
         self._first_time: float | None = None
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
-        self._applied = self._correction()
+        #: what is applied now, and from the end of this block on
+        self._applied = self._ready = self._correction()
+        #: the last whole block, while nothing is learnt from it yet, and what was applied to it
+        self._lesson, self._lesson_applied = list[Part](), self._applied
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self._capture is None:
@@ -194,7 +199,7 @@ class DeviceSession:
             self.reason = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
         if remembered.asked is not None:
             self.recalibrate(*remembered.asked)
-        self._applied = self._correction()
+        self._apply()
 
     def _resumed(self, remembered: Remembered, kept: BiasState) -> BiasState:
         """The bias as it was kept; wider where it is not known how long ago it was so: a rest has to confirm it."""
@@ -214,7 +219,7 @@ class DeviceSession:
             self._belief = believed(None, calibration, self.knobs.prior)
             if not self.tracker.sure:
                 self.tracker.supposed(self._belief.model, self._belief.bias_std, self._now)
-            self._applied = self._correction()
+            self._apply()
 
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
@@ -273,8 +278,8 @@ class DeviceSession:
         self._block.add(time, batch, 0, len(time))
         self._latest = float(time[-1])
 
-    def learn(self, batch: SampleBatch) -> Outcome:
-        """Take a plain batch that ends a block, as `handle` would."""
+    def end_block(self, batch: SampleBatch) -> Outcome:
+        """Take a plain batch that ends a block, as `take` would."""
         outcome = Outcome()
         self._went_on(batch)
         self._take(batch, 0, len(batch.ticks), 0.0, outcome)
@@ -285,6 +290,23 @@ class DeviceSession:
         self.last_heard_ns = batch.receive_time_ns
 
     def handle(self, batch: SampleBatch) -> Outcome:
+        """Take a batch and learn from it."""
+        outcome = self.take(batch)
+        self._learn(outcome)
+        return outcome
+
+    @property
+    def to_learn(self) -> bool:
+        """Whether there is a whole block that nothing was learnt from yet."""
+        return bool(self._lesson)
+
+    def learn(self) -> Outcome:
+        """What the last whole block teaches; by itself at the end of the next one, from which on it is applied."""
+        outcome = Outcome()
+        self._learn(outcome)
+        return outcome
+
+    def take(self, batch: SampleBatch) -> Outcome:
         """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""
         outcome = Outcome()
         first = self.sequence.fresh(batch)
@@ -294,7 +316,7 @@ class DeviceSession:
         self.last_heard_ns = batch.receive_time_ns
         if self.life.on(Event.HEARD):
             self.reason = self._reason_before
-            self._applied = self._correction()
+            self._apply()
             outcome.changed = True
             outcome.said.append("heard again")
         finite = runs(batch, first)
@@ -315,7 +337,7 @@ class DeviceSession:
         for edge in edges:
             self._hold(time, batch, first, held, edge)
             held, before = edge, self._applied
-            self._learn(outcome)
+            self._end_block(outcome)
             if edge > start and not self._applied.same(before):
                 outcome.corrected.append(before.apply(batch, first + start, first + edge))
                 start = edge
@@ -327,11 +349,18 @@ class DeviceSession:
         if end > begin:
             self._block.add(time[begin:end], batch, first + begin, first + end)
 
+    def _end_block(self, outcome: Outcome) -> None:
+        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson."""
+        self._learn(outcome)
+        self._lesson, self._lesson_applied = self._block.take(), self._applied
+        self._applied = self._ready
+
     def _learn(self, outcome: Outcome) -> None:
-        """What a block teaches, when it is over."""
-        for run in self._block.take():
+        parts, self._lesson = self._lesson, []
+        before = self.tracker.time, self._belief
+        for run in joined(parts):
             if self.windowed is not None:
-                outcome.seconds += self.windowed.add(run, self._applied)
+                outcome.seconds += self.windowed.add(run, self._lesson_applied)
             for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
                 self._now = window.end_time
                 batch, index = self._block.where(window.end - 1)
@@ -345,11 +374,13 @@ class DeviceSession:
                     outcome.revision = self._past.revision(
                         batch, self._belief.calibration, self._belief.model.matrix, *improved
                     )
-        self._applied = self._correction()
+        if (self.tracker.time, self._belief) != before:  # where nothing is learnt batches stay whole
+            self._ready = self._correction()
 
     def end(self) -> Outcome:
-        """The stream is over: what its last block teaches, without any more samples."""
+        """The stream is over: what its last blocks teach, without any more samples."""
         outcome = Outcome()
+        self._end_block(outcome)
         self._learn(outcome)
         return outcome
 
@@ -477,14 +508,14 @@ class DeviceSession:
         if not was_away:
             self._reason_before = self.reason
         self.reason = reason
-        self._applied = self._correction()
+        self._apply()
         return True
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
     def status(self, time_ns: int) -> Status:
         """All of it, for the bus."""
-        applied = self._applied
+        known = self._ready
         done = self.turned
         share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._capture is not None else 1.0
         return Status(
@@ -492,14 +523,14 @@ class DeviceSession:
             boot=self.boot or 0,
             time_ns=time_ns,
             state=self.life.state,
-            quality=applied.quality,
+            quality=known.quality,
             reason=f"{self.reason} ({self.scratch})" if self.scratch else self.reason,
             progress=min(share, 1.0),
             axes_done=done,
-            bias=tuple(map(float, applied.model.bias)),
-            bias_std=tuple(map(float, applied.bias_std)),
-            scale=tuple(map(float, np.diag(applied.model.matrix))),
-            calibration=applied.calibration,
+            bias=tuple(map(float, known.model.bias)),
+            bias_std=tuple(map(float, known.bias_std)),
+            scale=tuple(map(float, np.diag(known.model.matrix))),
+            calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
             evidence_age_s=self.tracker.evidence_age(self._now),
             temperature_c=self.tracker.temperature_c,
@@ -537,6 +568,10 @@ class DeviceSession:
     @property
     def _calibration_id(self) -> str:
         return self.calibration.id if self.calibration else ""
+
+    def _apply(self) -> None:
+        """Use all that is known at once: it does not come from samples."""
+        self._applied = self._ready = self._correction()
 
     def _correction(self) -> Correction:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None

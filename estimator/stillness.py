@@ -6,10 +6,9 @@ never with zero.
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import fsum, radians, sqrt
-from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from estimator.spikes import SpikeKnobs, mended
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Three = list[float]
-#: mean, standard deviation and rate of a window
-_Quiet = tuple[Three, Three, float]
+#: mean (3), standard deviation (3) and rate of a window
+_Quiet = tuple[float, ...]
 #: windows of a rest that tell of its noise
 _RECENT = 16
 #: a window is made longer by so many samples at most, so as not to end at a spike
@@ -161,7 +160,7 @@ class Stillness:
         still = not (gap or clipped.any()) and self._judge(
             begun, ended, means[:3], stds[:3], limits, stds[3:] if aided else None
         )
-        self._learn((means[:3], stds[:3], rate_hz), still=still)
+        self._learn((*means[:3], *stds[:3], rate_hz), still=still)
         return Window(
             start,
             self._count,
@@ -219,14 +218,15 @@ class Stillness:
         # The first windows of a stream may still be the end of a movement: wait for some in a row.
         if self._reference is None and len(rest) < 4:
             return
-        means, stds, rates = zip(*rest, strict=True)
-        self._reference = [fsum(axis) / len(rest) for axis in zip(*means, strict=True)]
-        if self._anchor is None and len(rest) >= 4:
+        x, y, z, *stds, rates = zip(*rest, strict=True)
+        n = len(rest)
+        self._reference = [fsum(x) / n, fsum(y) / n, fsum(z) / n]
+        if self._anchor is None and n >= 4:
             self._anchor = self._reference
-        if len(rest) >= 8:
-            self._learnt(np.array([median(axis) for axis in zip(*stds, strict=True)]))
+        if n >= 8:
+            self._learnt(np.array([_median(axis) for axis in stds]))
             self.noise_known = True
-            self._noise_hz = sorted(rates)[len(rest) // 2]
+            self._noise_hz = sorted(rates)[n // 2]
 
     def _learnt(self, noise_std: Floats) -> None:
         """From now on noise_std (3,) rad/s is the white noise of one reading."""
@@ -240,3 +240,9 @@ class Stillness:
             min(max(knobs.noise_factor * denser * std, knobs.std_floor), knobs.std_ceiling)
             for std in self.noise_std.tolist()
         ]
+
+
+def _median(values: Sequence[float]) -> float:
+    """The same as of the standard library, in half its time."""
+    ordered, middle = sorted(values), len(values) // 2
+    return ordered[middle] if len(ordered) % 2 else (ordered[middle - 1] + ordered[middle]) / 2

@@ -1,8 +1,8 @@
 """The fast lane: batches that only go on where their device was, checked, corrected and encoded many at once.
 
 A batch is plain when it is whole and unmarked and follows the one before without a hole. Unless it ends a half second of its
-device nothing is learnt from it yet, and correcting is all there is to do. Everything else takes the door and the session's
-own way, which this one agrees with to the bit. What one device says keeps its order.
+device correcting is all there is to do. Everything else takes the door and the session's own way, which this one agrees with
+to the bit. What one device says keeps its order.
 """
 
 import time
@@ -95,15 +95,15 @@ class Lane:
                             going.setdefault(message.key, []).append((device, batch))
                         continue
                     self._send(going.pop(message.key, []))
-                    self._guarded(device, partial(self._learn, device, batch), came=raw.n)
+                    self._guarded(device, partial(self._end_block, device, batch), came=raw.n)
                     continue
             self._send(going.pop(message.key, []))
             self._slow(message)
         self._send([plain for held in going.values() for plain in held])
 
-    def _learn(self, device: Device, batch: SampleBatch) -> None:
+    def _end_block(self, device: Device, batch: SampleBatch) -> None:
         _heard(device, batch)
-        self._tell(device, device.session.learn(batch))
+        self._tell(device, device.session.end_block(batch))
 
     def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
         raws: list[_Raw | None] = []

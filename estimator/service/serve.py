@@ -1,5 +1,6 @@
 """`truerate estimator serve`: sessions on the bus, signals, and the wait for a router."""
 
+import gc
 import logging
 import threading
 from collections.abc import Callable
@@ -53,6 +54,7 @@ def run(ward: Ward) -> None:
         clerk = Clerk(database)
         stack.callback(clerk.close)
         store = Store(database)
+        collect_seldom()
         Service(
             ward.ward,
             ward.estimator,
@@ -80,6 +82,15 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
 def _load() -> None:
     """The mathematics: loading it takes as long as looking round, and a ward waits for an estimator that starts again."""
     import_module("estimator.service.shell")
+
+
+def collect_seldom() -> None:
+    """Python's search for cycles goes through all objects of a ward, half a second for a thousand devices, and finds none.
+
+    What there is by now is left out of it for ever; of what comes only the young is searched, and all of it once in hours.
+    """
+    gc.freeze()
+    gc.set_threshold(2_000, 10, 10_000)
 
 
 def look_round(

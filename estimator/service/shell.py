@@ -27,6 +27,7 @@ from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.lessons import Lessons
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
@@ -97,6 +98,7 @@ class Service:
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
+        self._lessons = Lessons(self._learn, lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
@@ -119,6 +121,7 @@ class Service:
         while self.step(0.0) and time.monotonic() < deadline:
             pass
         self._give_up(math.inf)
+        self._lessons.finish()
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
@@ -142,7 +145,8 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         waits = time.monotonic()
-        messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if self._turns.pressing else timeout_s)
+        hurry = self._turns.pressing or self._lessons
+        messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
         messages = self._gate.admit(messages, began)
@@ -151,6 +155,7 @@ class Service:
             if info is not None:
                 self._on_info(info)
         self._turns.round(self._ours(messages, began))
+        self._lessons.work()
         self._commands.work(self._do)
         self._record.collect()
         now = time.monotonic()
@@ -193,6 +198,7 @@ class Service:
             for late in device.overtaken.drop():
                 device.session.sequence.refuse(late, MOVED)
             device.drop_waiting()
+            self._learn(device)
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
         self._stock.check()  # while they are counted
         for device in leaving:
@@ -285,7 +291,7 @@ class Service:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
         if ruling is Ruling.LATE:
-            self._tell(device, session.handle(batch))
+            self._tell(device, session.take(batch))
             return
         if ruling is Ruling.JUMP:
             self._handle(device, overtaken.drop())
@@ -307,7 +313,7 @@ class Service:
     def _handle_one(self, device: Device, batch: SampleBatch) -> None:
         if device.session.boot is None or device.session.begins_earlier(batch):
             self._boots.begin(device, batch)
-        self._tell(device, device.session.handle(batch))
+        self._tell(device, device.session.take(batch))
 
     def _give_up(self, now: float) -> None:
         """What was missing before batches that are held does not come."""
@@ -315,6 +321,9 @@ class Service:
             self._handle(device, device.overtaken.overdue(now))
             if not device.overtaken:
                 del self._holding[device.name]
+
+    def _learn(self, device: Device) -> None:
+        self._guarded(device, lambda: self._tell(device, device.session.learn()))
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 
@@ -333,6 +342,8 @@ class Service:
             if device.session.turned:
                 self._peers.tell(device)  # or nobody could say that they are lost with us
             self._turns.slow(device.key, now=device.session.near)
+        if device.session.to_learn:
+            self._lessons.add(device)
 
     def _every_second(self, now: float) -> None:
         self._stock.check()

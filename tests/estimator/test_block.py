@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bridge.wire.messages import Quality
-from estimator.block import BLOCK_S, Block, sample_time_ns
+from estimator.block import BLOCK_S, Block, joined, sample_time_ns
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
@@ -42,10 +42,10 @@ def test_a_block_keeps_samples_with_and_without_an_accelerometer_apart() -> None
     block = Block()
     for batch in batches:
         block.add(batch.device_time, batch, 0, len(batch))
-    runs = list(block.take())
+    runs = list(joined(block.take()))
     assert [(len(run.time), run.accel is None) for run in runs] == [(20, False), (10, True), (10, False)]
     assert [run.sequences[0] for run in runs] == [0, 20, 30]
-    assert list(block.take()) == []
+    assert block.take() == []
     np.testing.assert_array_equal(np.concatenate([run.time for run in runs]), calibration(seed=1).time[:40])
 
 

@@ -72,7 +72,7 @@ def test_a_service_in_which_samples_vanish_says_so(
     batches = once.batches()
     ward.send(batches[:100], info(1))
     assert EVENT not in ward.latest().events
-    handle = DeviceSession.handle
+    handle = DeviceSession.take
 
     def forgetful(self: DeviceSession, batch: SampleBatch) -> Outcome:
         outcome = handle(self, batch)
@@ -80,7 +80,7 @@ def test_a_service_in_which_samples_vanish_says_so(
         return outcome
 
     with monkeypatch.context() as patch:
-        patch.setattr(DeviceSession, "handle", forgetful)
+        patch.setattr(DeviceSession, "take", forgetful)
         patch.setattr(DeviceSession, "plain", lambda *_: False)
         ward.send(batches[100:110])
     ward.latest()

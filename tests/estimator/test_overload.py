@@ -86,7 +86,7 @@ class Waiting(Before):
 def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     served = Served()
     served.raw = Waiting(served)
-    handle, batches = DeviceSession.handle, calibration(seed=1).batches()
+    handle, batches = DeviceSession.take, calibration(seed=1).batches()
 
     def slow(self: DeviceSession, batch):  # type: ignore[no-untyped-def]
         served.now += 0.4
@@ -95,7 +95,7 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
     with served:
         vitals = Vitals(expects=True, clock=lambda: served.now)
         served.service._stock._vitals = vitals
-        monkeypatch.setattr(DeviceSession, "handle", slow)
+        monkeypatch.setattr(DeviceSession, "take", slow)
         monkeypatch.setattr("estimator.service.lane._plain", lambda *_: None)  # each takes the slow way
 
         def busy() -> float:

@@ -12,6 +12,7 @@ import pytest
 
 from bridge.bus.contract import Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply, DeviceInfo, Note, Quality, SampleBatch, State, Status, Verdict
 from estimator import history
@@ -102,7 +103,7 @@ def ward(tmp_path: Path) -> Iterator[Ward]:
 
 @pytest.fixture(scope="module")
 def once() -> Stream:
-    return calibration(seed=1)
+    return calibration(seed=1, after=[Still(1.0)])
 
 
 @pytest.fixture(scope="module")
@@ -166,9 +167,8 @@ def test_a_prior_is_believed_when_the_info_comes_after_the_samples(ward: Ward, o
 
 
 def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) -> None:
-    more = calibration(seed=1, after=[])
     upto = once.at(once.time[-1] - 0.5) // 10
-    batches = more.batches()
+    batches = once.batches()
     ward.send(batches[:upto], info(1))
     before = list(ward.subscriber)
     assert before[-1].quality is Quality.GOOD
@@ -221,7 +221,7 @@ def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch
 def test_a_revision_is_published_after_what_it_revises(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    handle = DeviceSession.handle
+    handle = DeviceSession.take
     batches = once.part(0, 40).batches()
 
     def revising(session: DeviceSession, batch: SampleBatch) -> Outcome:
@@ -230,7 +230,7 @@ def test_a_revision_is_published_after_what_it_revises(
             outcome.revision = replace(REVISION, device=NAME)
         return outcome
 
-    monkeypatch.setattr(DeviceSession, "handle", revising)
+    monkeypatch.setattr(DeviceSession, "take", revising)
     before = ward.client.revisions(idle_s=0.05)
     ward.send(batches, info())
     (live,), (late,) = list(before), list(ward.client.revisions(NAME, idle_s=0.05))

@@ -56,7 +56,7 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
     batches = once.batches()
     ward.send(batches[:-20], info(1))
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
-    whole = DeviceSession.handle
+    whole = DeviceSession.take
 
     def failing(self: DeviceSession, batch: SampleBatch) -> Outcome:
         outcome = whole(self, batch)
@@ -64,7 +64,7 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
             raise FloatingPointError("singular")
         return outcome
 
-    monkeypatch.setattr(DeviceSession, "handle", failing)
+    monkeypatch.setattr(DeviceSession, "take", failing)
     monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     (other,) = once.part(0, 10).batches([])
     put(ward, replace(other, device="other"))
