@@ -27,10 +27,10 @@ from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
-from estimator.service.lessons import Lessons
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
+from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
 from estimator.service.roster import Roster
 from estimator.service.silent import SILENT, Silent
@@ -58,6 +58,8 @@ MOVED = "moved to another estimator"
 SHOWN = 20
 #: commands that were done before, and are not done again, under this
 REPEATED = "commands repeated"
+#: no device's name: what is done after all devices were looked after
+_WARD = ""
 
 
 class Service:
@@ -98,7 +100,7 @@ class Service:
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
-        self._lessons = Lessons(self._learn, lambda: self._raw.waited_s > 0 or self._turns.pressing)
+        self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
@@ -121,7 +123,7 @@ class Service:
         while self.step(0.0) and time.monotonic() < deadline:
             pass
         self._give_up(math.inf)
-        self._lessons.finish()
+        self._quiet.finish()
         now = time.monotonic()
         for device in self._devices.values():
             self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
@@ -145,7 +147,7 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         waits = time.monotonic()
-        hurry = self._turns.pressing or self._lessons
+        hurry = self._turns.pressing or self._quiet
         messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
@@ -155,7 +157,6 @@ class Service:
             if info is not None:
                 self._on_info(info)
         self._turns.round(self._ours(messages, began))
-        self._lessons.work()
         self._commands.work(self._do)
         self._record.collect()
         now = time.monotonic()
@@ -168,6 +169,7 @@ class Service:
             self._next_status = now + STATUS_S
             self._every_second(now)
         self._peers.say(self._devices, now)
+        self._quiet.work()
         return len(messages) + self._turns.waiting
 
     # ---- several estimators ---------------------------------------------------------------------------------------
@@ -323,7 +325,8 @@ class Service:
                 del self._holding[device.name]
 
     def _learn(self, device: Device) -> None:
-        self._guarded(device, lambda: self._tell(device, device.session.learn()))
+        if device.session.to_learn:
+            self._guarded(device, lambda: self._tell(device, device.session.learn()))
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 
@@ -343,7 +346,8 @@ class Service:
                 self._peers.tell(device)  # or nobody could say that they are lost with us
             self._turns.slow(device.key, now=device.session.near)
         if device.session.to_learn:
-            self._lessons.add(device)
+            kind = Kind.CALIBRATE if device.session.near else Kind.LEARN
+            self._quiet.add(kind, device.name, partial(self._learn, device))
 
     def _every_second(self, now: float) -> None:
         self._stock.check()
@@ -362,13 +366,15 @@ class Service:
                 device.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
+        self._quiet.finish(Kind.LOOK)  # where there was no quiet moment
         for device in self._devices.values():
-            self._guarded(device, lambda d=device: self._look_after(d, now))  # type: ignore[misc] # done now
+            self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
         self._silent.say(self._now_ns())
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)
-        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._overload.ratio)
+        note = partial(self._stock.note, now, self._record.trouble, counts)
+        self._quiet.add(Kind.LOOK, _WARD, partial(note, connected=connected, busy=self._overload.ratio))
 
     def _weigh(self, now: float) -> None:
         """Whether it all is more than can be done."""
@@ -378,7 +384,11 @@ class Service:
         for device in self._devices.values():
             device.overloaded_s = self._overload.seconds
 
-    def _look_after(self, device: Device, now: float) -> None:
+    def _look_after(self, device: Device) -> None:
+        if self._devices.get(device.name) is device:
+            self._guarded(device, lambda: self._looked_after(device, time.monotonic()))
+
+    def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             why = self._presence.words(*which)

@@ -23,7 +23,7 @@ from bridge.wire import codec, keys
 from bridge.wire import columns_pb2 as columns
 from estimator.config import Estimator
 from estimator.service import turns
-from estimator.service.lessons import Lessons
+from estimator.service.quiet import Quiet
 from estimator.service.serve import collect_seldom
 from estimator.service.shell import Service
 from estimator.service.store import Store
@@ -143,7 +143,7 @@ def late(others: int, *, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dty
 
 
 def _finish(service: Service, line: Line) -> None:
-    while service.step(0.05) or service._lessons or not line.over:
+    while service.step(0.05) or service._quiet or not line.over:
         pass
 
 
@@ -159,11 +159,11 @@ def main() -> int:
     found = late(others, calibrated=True)
     slow, turns.Turns.slow = turns.Turns.slow, lambda *_, **__: None  # type: ignore[method-assign]
     share, turns.SHARE = turns.SHARE, 10**6
-    add, Lessons.add = Lessons.add, lambda self, device: self._learn(device)  # type: ignore[method-assign]
+    add, Quiet.add = Quiet.add, lambda _, __, ___, work: work()  # type: ignore[method-assign, assignment]
     try:
         hasty = late(others, calibrated=True)
     finally:
-        turns.Turns.slow, turns.SHARE, Lessons.add = slow, share, add  # type: ignore[method-assign]
+        turns.Turns.slow, turns.SHARE, Quiet.add = slow, share, add  # type: ignore[method-assign]
     rows = (("none calibrated", usual), ("fifty calibrated", found), ("fifty, all at once", hasty))
     for what, late_s in rows:
         p50, p99 = np.percentile(late_s, (50, 99))

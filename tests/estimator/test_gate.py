@@ -152,6 +152,7 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
         raw.put(payload)
     service.step(0.0)
     service._every_second(time.monotonic())
+    service._quiet.finish()
     said = client.statuses(0.05)["chest"]
     assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
     assert service._devices == {}
@@ -162,11 +163,13 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
     service._every_second(time.monotonic())
+    service._quiet.finish()
     for payload in batches[10:]:
         raw.put(payload)
     service.step(0.0)
     service._give_up(math.inf)
     service._every_second(time.monotonic())
+    service._quiet.finish()
     said = client.statuses(0.05)["chest"]
     assert (said.samples_in, said.samples_out) == (100, 100)
     for bus in (*buses, bridge):

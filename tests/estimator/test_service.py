@@ -80,6 +80,7 @@ class Ward:
     def latest(self) -> Status:
         """The status, published anew."""
         self.service._every_second(time.monotonic())
+        self.service._quiet.finish()
         message = self.status.drain(100_000, 0.5)[-1]
         return codec.decode_status(message.key, message.payload)
 
@@ -306,6 +307,7 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.broker.stop()
     time.sleep(1.1)
     ward.service._every_second(time.monotonic())
+    ward.service._quiet.finish()
     assert ward.service._devices[NAME].status(1).state is State.UNKNOWN
     ward.broker.start()
     unknown = ward.latest()

@@ -1,67 +1,69 @@
-"""Learning waits for a quiet moment: whose turn it is, and that nothing depends on when it is done."""
+"""What waits for a quiet moment: whose turn it is, and that nothing depends on when it is learnt."""
 
-from types import SimpleNamespace
-from typing import cast
+from functools import partial
 
 import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire.messages import CorrectedBatch, Quality
-from estimator.service.device import Device
-from estimator.service.lessons import AT_ONCE_S, Lessons
+from estimator.service.quiet import AT_ONCE_S, Kind, Quiet
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration
 
 
 class Desk:
-    """Devices a to e with a lesson each that takes cost_s, and samples that come at a time."""
+    """Work a to e that takes cost_s each, and samples that come at a time."""
 
     def __init__(self, cost_s: float = 0.0, samples_at: float = float("inf")) -> None:
-        self.now, self.learnt = 0.0, list[str]()
+        self.now, self.done = 0.0, ""
         self._cost_s = cost_s
-        self.lessons = Lessons(self._learn, lambda: self.now >= samples_at, lambda: self.now)
-        self.devices = [
-            cast("Device", SimpleNamespace(name=name, session=SimpleNamespace(to_learn=True))) for name in "abcde"
-        ]
-        for device in self.devices:
-            self.lessons.add(device)
+        self.quiet = Quiet(lambda: self.now >= samples_at, lambda: self.now)
+        for name in "abcde":
+            self.add(Kind.LEARN, name)
 
-    def _learn(self, device: Device) -> None:
+    def add(self, kind: Kind, name: str) -> None:
+        self.quiet.add(kind, name, partial(self._work, name))
+
+    def _work(self, name: str) -> None:
         self.now += self._cost_s
-        self.learnt.append(device.name)
+        self.done += name
 
 
-def test_all_learn_in_turn_when_nothing_else_is_to_be_done() -> None:
+def test_each_is_done_once_and_in_turn_when_nothing_else_is_to_be_done() -> None:
     desk = Desk()
-    desk.lessons.add(desk.devices[0])
-    desk.lessons.work()
-    assert desk.learnt == [*"abcde"]
-    assert not desk.lessons
+    desk.add(Kind.LEARN, "a")
+    desk.quiet.work()
+    assert desk.done == "abcde"
+    assert not desk.quiet
 
 
 def test_a_sample_that_comes_is_first() -> None:
     desk = Desk(cost_s=0.001, samples_at=0.0015)
-    desk.lessons.work()
-    assert desk.learnt == [*"ab"]
-    desk.lessons.work()
-    assert desk.learnt == [*"ab"], "as long as samples wait"
-    assert desk.lessons
+    desk.quiet.work()
+    assert desk.done == "ab"
+    desk.quiet.work()
+    assert desk.done == "ab", "as long as samples wait"
+    assert desk.quiet
 
 
 def test_other_things_are_seen_to_now_and_then() -> None:
     desk = Desk(cost_s=0.75 * AT_ONCE_S)
-    desk.lessons.work()
-    assert desk.learnt == [*"ab"]
-    desk.lessons.finish()
-    assert desk.learnt == [*"abcde"]
+    desk.quiet.work()
+    assert desk.done == "ab"
+    desk.quiet.finish()
+    assert desk.done == "abcde"
 
 
-def test_who_had_to_learn_sooner_has_nothing_to_learn() -> None:
+def test_what_takes_long_is_last() -> None:
     desk = Desk()
-    desk.devices[1].session.to_learn = False  # type: ignore[misc] # a simple one
-    desk.lessons.work()
-    assert desk.learnt == [*"acde"]
+    desk.add(Kind.CALIBRATE, "x")
+    desk.add(Kind.LOOK, "y")
+    desk.add(Kind.LEARN, "z")
+    desk.quiet.finish(Kind.LOOK)
+    assert desk.done == "y"
+    desk.quiet.work()
+    assert desk.done == "yabcdezx"
 
 
 @pytest.mark.parametrize("late", [0.02, 0.3, 1.0], ids=["soon", "late", "when it must"])
