@@ -211,9 +211,10 @@ class Guarded:
         }
         places = {router: [(WARD, member) for name, member in members.items() if name != router] for router in ROUTERS}
         for router in ROUTERS:
+            pki.admit(members[router], [member for _, member in places[router]])
             # One of two goes to the other, and does so again when it is back.
             join = [self._endpoint("r1")] if router == "r2" else []
-            settings = router_file.guarded([self._endpoint(router)], files[router], places[router], join)
+            settings = router_file.guarded([self._endpoint(router)], pki.gate(members[router]), places[router], join)
             self._file(router).write_text(router_file.rendered(settings, router), "utf-8")
         for name in (*BRIDGES, *ESTIMATORS, *VIEWERS):
             self._file(name).write_text(self._config(name, files[name]), "utf-8")
