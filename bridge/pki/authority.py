@@ -40,12 +40,12 @@ def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
     return Pair(_signed(made, key), _pem(key))
 
 
-def new_issuer(authority: Pair, member: Member, now: datetime) -> Pair:
+def new_issuer(authority: Pair, member: Member) -> Pair:
     """What signs the certificates of one member, as long as the authority lasts."""
     ca, signer = x509.load_pem_x509_certificate(authority.certificate), _private(authority.key)
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _subject(f"issuer of {member.common_name}")
-    made = _signing(subject, ca.subject, key, 0, now - EARLIER, ca.not_valid_after_utc).add_extension(
+    made = _signing(subject, ca.subject, key, 0, ca.not_valid_before_utc, ca.not_valid_after_utc).add_extension(
         x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False
     )
     return Pair(_signed(made, signer), _pem(key))

@@ -10,10 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from cryptography.hazmat.primitives.serialization import Encoding
-
 from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name
+from bridge.pki.identity import Identity, certificates, common_name, signer
 from bridge.pki.member import Member
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
@@ -40,7 +38,7 @@ class Folder:
             raise ValueError(
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
-        pair = issue(self.issuer(member, now), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
+        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
         _keep(self.path / member.file, pair)
         return files
 
@@ -55,16 +53,16 @@ class Folder:
         hosts = hosts_of(certificates(files.certificate)[0])
         key = Path(files.key).read_bytes()
         ends = now + timedelta(days=days)
-        pair = issue(self.issuer(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
+        pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
-    def issuer(self, member: Member, now: datetime) -> Pair:
+    def issuer(self, member: Member) -> Pair:
         """What signs this member's certificates, and nobody else's; made where there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
             here.parent.mkdir(mode=0o700, exist_ok=True)
-            _keep(here, new_issuer(self._authority(), member, now))
+            _keep(here, new_issuer(self._authority(), member))
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> list[Member]:
@@ -72,12 +70,10 @@ class Folder:
 
         That had all signed by the authority itself, by which they are then verified; and whoever was revoked, too.
         """
-        chains = {m: certificates(self.identity(m).certificate) for m in (router, *members)}
-        without = [member for member, chain in chains.items() if len(chain) == 1]
-        issuers = [chain[1].public_bytes(Encoding.PEM) for chain in chains.values() if len(chain) > 1]
-        if without:
-            issuers.append((self.path / f"{_CA}.pem").read_bytes())
-        _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
+        issuers = {member: signer(self.identity(member).certificate) for member in (router, *members)}
+        without = [member for member, issuer in issuers.items() if not issuer]
+        authority = (self.path / f"{_CA}.pem").read_bytes() if without else b""
+        _write(Path(self.gate(router).ca), b"".join(issuers.values()) + authority, 0o644)
         return without
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:

@@ -45,6 +45,12 @@ def certificates(path: str) -> list[x509.Certificate]:
         ) from None
 
 
+def signer(path: str) -> bytes:
+    """Who signed a certificate, PEM, where its file brings that along; else nothing."""
+    chain = certificates(path)
+    return chain[1].public_bytes(Encoding.PEM) if len(chain) > 1 else b""
+
+
 def member_of(identity: Identity) -> Member:
     """Who the certificate is for; ValueError where it does not say a role."""
     own = certificates(identity.certificate)[0]

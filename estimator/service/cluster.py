@@ -27,9 +27,15 @@ class ClusterKnobs:
     behind_s: float = 0.3
     most_s: float = 15.0
     #: one whose connection lives and that says nothing for this long hangs
-    hangs_s: float = 2.5
-    #: a device that another has under a higher epoch, and that we think is ours, is not taken before
+    hangs_s: float = 1.2
+    #: a device that another has under a higher epoch, and that we think is ours, is not taken before; twice as long each time
+    #: that ours are taken again, until it has been calm: over a bad line they would go to and fro
     retry_s: float = 3.0
+    retry_most_s: float = 48.0
+    calm_s: float = 120.0
+    #: a device that is being calibrated is left to who does it, for so long; for less where that one says nothing
+    busy_s: float = 600.0
+    busy_hangs_s: float = 2.5
 
 
 @dataclass(slots=True)
@@ -55,6 +61,8 @@ class Cluster:
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
         self._not_before: dict[str, float] = {}
+        self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
+        self._spared: dict[str, float] = {}
         #: all estimators that are taken for alive, ourselves among them
         self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
 
@@ -132,20 +140,37 @@ class Cluster:
         if until is not None and now < until:
             return False
         self._not_before.pop(device, None)
-        return True
+        return not self._busy(device, now)
+
+    def _busy(self, device: str, now: float) -> bool:
+        """Whether another is about to calibrate it, and lives."""
+        living = [p for p in self._peers.values() if p.alive and now - p.heard_s <= self.knobs.busy_hangs_s]
+        if not any(h.busy and h.device == device for p in living for part in p.parts.values() for h in part):
+            self._spared.pop(device, None)
+            return False
+        return now - self._spared.setdefault(device, now) < self.knobs.busy_s
 
     def take(self, device: str, now_ns: int) -> int:
         """A device is ours from now on: the epoch of our turn, the same for all until another has had one."""
         if not self._turn or self.highest != self._turn:
             self.highest = self._turn = epoch_after(self.highest, now_ns, self.own)
         self.held[device] = self._turn
+        self._spared.pop(device, None)
         return self._turn
 
     def lose(self, device: str, now: float) -> None:
         """Another has it."""
         self.held.pop(device, None)
         if owner(device, self.members) == self.own:
-            self._not_before[device] = now + self.knobs.retry_s
+            self._not_before[device] = now + self._wait_s(now)
+
+    def _wait_s(self, now: float) -> float:
+        since_s = now - self._robbed_s
+        if since_s > self.knobs.retry_s:  # else it is the same time still
+            again = since_s < self.knobs.calm_s
+            self._retry_s = min(2 * self._retry_s, self.knobs.retry_most_s) if again else self.knobs.retry_s
+            self._robbed_s = now
+        return self._retry_s
 
     def keep(self, devices: Collection[str]) -> None:
         """Of our devices there are these."""

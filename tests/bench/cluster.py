@@ -131,6 +131,14 @@ class Cluster:
             found.append(np.diff(moments)[during].max(initial=0.0))
         return np.array(found)
 
+    def moves(self) -> int:
+        """How often a device went to another estimator, as its corrected samples came."""
+        return sum(
+            before.epoch != after.epoch
+            for batches in self.came.values()
+            for (_, before), (_, after) in itertools.pairwise(batches)
+        )
+
     def faults(self) -> dict[str, int]:
         """Samples that are not there, that are there twice, and batches of an older epoch after a newer one."""
         lost = twice = older = 0
@@ -234,10 +242,12 @@ def main() -> int:
         table.add(
             "nothing", "", "", "", *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())), ""
         )
+        had_to, before = 0, cluster.moves()
         for number in range(args.rounds):
             victim = NAMES[number % len(NAMES)]
             for what, goal in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S)):
                 theirs = cluster.has(victim)
+                had_to += 2 * len(theirs)
                 others = set(cluster.came) - theirs
                 at = time.monotonic()
                 process = cluster.processes[victim]
@@ -256,6 +266,7 @@ def main() -> int:
                 cluster.until(cluster.home, 60.0)
                 cluster.listen(2.0)
         console.print(table)
+        console.print(f"devices went to another estimator {cluster.moves() - before} times; had to {had_to} times")
         console.print(
             f"{sum(len(b) for came in cluster.came.values() for _, b in came):,} samples given; {cluster.faults()}; "
             f"left out as repeated {cluster.stream.repeated:,}, as outdated {cluster.stream.outdated:,}; "

@@ -58,12 +58,12 @@ def made(ward: GuardedWard, name: str, pair: Pair) -> Identity:
 
 def of_b1(ward: GuardedWard, begins: timedelta, ends: timedelta, **more: Any) -> Pair:
     """Signed by who may sign for b1: only its dates, or its usage, are wrong."""
-    return issue(ward.folder.issuer(B1, utc_now()), B1, utc_now() + begins, utc_now() + ends, **more)
+    return issue(ward.folder.issuer(B1), B1, utc_now() + begins, utc_now() + ends, **more)
 
 
 def other_authority(ward: GuardedWard) -> Identity:
     other = new_authority("somebody else", utc_now())
-    pair = issue(new_issuer(other, B1, utc_now()), B1, utc_now() - DAY, utc_now() + DAY)
+    pair = issue(new_issuer(other, B1), B1, utc_now() - DAY, utc_now() + DAY)
     return made(ward, "other", pair)
 
 

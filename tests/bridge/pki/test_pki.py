@@ -203,7 +203,7 @@ def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_p
     for name, days in (("expired", 91), ("early", -1)):
         assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
     root = new_authority("root", utc_now())
-    middle = new_issuer(root, B1, utc_now())
+    middle = new_issuer(root, B1)
     own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
     for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
         (tmp_path / name).write_bytes(content)

@@ -30,7 +30,7 @@ def test_a_renewal_costs_no_sample_and_an_end_is_one(tmp_path: Path) -> None:
         ends = utc_now() + LASTS
         for who in (B1, B2):
             files = ward.folder.identity(who)
-            issuer, key = ward.folder.issuer(who, utc_now()), Path(files.key).read_bytes()
+            issuer, key = ward.folder.issuer(who), Path(files.key).read_bytes()
             pair = issue(issuer, who, utc_now() - timedelta(hours=1), ends, key=key)
             Path(files.certificate).write_bytes(pair.certificate)
         with ward.bus("bridge:b1") as b1, ward.bus("bridge:b2") as b2:

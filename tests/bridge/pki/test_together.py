@@ -94,7 +94,7 @@ def other_knobs(files: Files) -> None:
 def expired(files: Files) -> None:
     here = files.pki.path
     b1, key, day = Member.parse("bridge:b1"), (here / "bridge.b1.key").read_bytes(), timedelta(days=1)
-    pair = issue(files.pki.issuer(b1, utc_now()), b1, utc_now() - 2 * day, utc_now() - day, key=key)
+    pair = issue(files.pki.issuer(b1), b1, utc_now() - 2 * day, utc_now() - day, key=key)
     (here / "bridge.b1.pem").write_bytes(pair.certificate)
 
 
