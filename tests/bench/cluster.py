@@ -113,6 +113,14 @@ class Cluster:
     def has(self, name: str) -> set[str]:
         return {h.device for h in self.owned[name].holdings} if name in self.owned else set()
 
+    def left(self, victim: str, devices: set[str]) -> bool:
+        """Whether each of these is another's than the victim's, whose last words may still be under way."""
+        epochs = {
+            name: {h.device: h.epoch for h in owned.holdings} for name, owned in self.owned.items() if name != victim
+        }
+        old = {h.device: h.epoch for h in self.owned[victim].holdings} if victim in self.owned else {}
+        return all(any(of.get(d, -1) > old.get(d, 0) for of in epochs.values()) for d in devices)
+
     def home(self) -> bool:
         """Whether each device is where it is to be, with all of them alive."""
         devices = {h.device for owned in self.owned.values() for h in owned.holdings}
@@ -252,8 +260,8 @@ def main() -> int:
                 at = time.monotonic()
                 process = cluster.processes[victim]
                 process.send_signal(getattr(signal, what))
+                cluster.until(lambda: cluster.left(victim, theirs), 30.0)  # noqa: B023 - done at once
                 cluster.owned.pop(victim)
-                cluster.until(lambda: sum(cluster.shares().values()) == args.devices, 30.0)
                 cluster.listen(STOP_S)
                 gaps, usual = cluster.gaps(theirs, at, 3.0), cluster.gaps(others, at, 3.0)
                 words = (np.median(gaps), gaps.max(), np.median(usual), usual.max(), goal)

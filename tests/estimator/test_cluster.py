@@ -8,11 +8,11 @@ KNOBS = ClusterKnobs(
     settle_s=1.0,
     return_s=1.0,
     hangs_s=2.5,
+    hangs_most_s=4.0,
     retry_s=3.0,
     retry_most_s=12.0,
     calm_s=30.0,
     busy_s=20.0,
-    busy_hangs_s=4.0,
 )
 DEVICES = [f"d{number:02d}" for number in range(60)]
 
@@ -184,7 +184,7 @@ def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_cal
     taken = 0
     for _ in range(20):
         had = world.most()[device]
-        world.run(2.7, still="e2")
+        world.run(4.2, still="e2")
         taken += had == "e2" and world.most()[device] == "e1"
         world.run(3.5)
     assert 3 <= taken <= 10
@@ -194,6 +194,21 @@ def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_cal
     assert world.most()[device] == "e1"
     world.run(KNOBS.retry_s + 0.3)
     world.assert_shared()
+
+
+def test_who_makes_long_pauses_is_not_taken_for_gone_again_at_the_next() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    device = next(iter(world.all["e2"].held))
+    world.run(2.7, still="e2")
+    assert world.most()[device] == "e1"
+    world.run(KNOBS.retry_s + 0.3)
+    for _ in range(5):
+        world.run(2.7, still="e2")
+        assert world.most()[device] == "e2"
+        world.run(2.0)
+    world.run(KNOBS.hangs_most_s + 0.2, still="e2")  # that is no pause
+    assert world.most()[device] == "e1"
 
 
 def test_what_is_being_calibrated_stays_where_it_is_until_it_is() -> None:
