@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -71,6 +72,9 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         help="only these, in this ward (default: all, in all)",
     )
     verb.add_argument("--at", type=Path, metavar="DIR", help="where the files are on the router's machine")
+    verb.add_argument(
+        "--ca", metavar="FILE", help="there: a site's own authority, where its certificates are not of here"
+    )
 
 
 def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does: str) -> argparse.ArgumentParser:
@@ -126,7 +130,7 @@ def _issue(given: argparse.Namespace) -> int:
     for member in _members(given):
         hosts = tuple(given.host) if member.role is Role.ROUTER else ()
         _made(folder.issue(member, utc_now(), given.days, hosts))
-    print("The rules of routers do not know new names by themselves: write their files anew (truerate pki router).")
+    print("Routers do not know new names by themselves: write their files anew (truerate pki router).")
     return 0
 
 
@@ -153,7 +157,7 @@ def _revoke(given: argparse.Namespace) -> int:
     gone = Folder(given.folder).revoke(_members(given)[0], utc_now(), given.reason)
     print(
         f"{gone.common_name} is revoked. zenoh reads no list of revoked certificates: nothing has changed until the routers'"
-        " files are written anew (truerate pki router) and the routers started again.\n"
+        " files are written anew (truerate pki router), both of each, and the routers started again.\n"
         f"A new pair for its holder: truerate pki issue {gone.label}"
     )
     return 0
@@ -212,13 +216,31 @@ def _router(given: argparse.Namespace) -> int:
     places = places or [(ward, member) for member in known for ward in wards]
     if missing := [member.label for _, member in places if member not in known]:
         raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")
-    files = (Folder(given.at.absolute()) if given.at else Folder(folder.path.absolute())).identity(router)
+    files = Folder((given.at or folder.path).absolute()).gate(router)
+    if given.ca:
+        files = replace(files, ca=given.ca)
+    else:
+        _admit(folder, router, [member for _, member in places], files)
     title = (
         f"The router {router.name} of {', '.join(wards)}.\n"
         "Written by `truerate pki router`: write it anew rather than change it."
     )
     print(router_file.rendered(router_file.guarded(listen, files, places, join), title), end="")
     return 0
+
+
+def _admit(folder: Folder, router: Member, members: list[Member], there: Identity) -> None:
+    """The other file of a router; in words, for standard output is its own."""
+    without = folder.admit(router, members)
+    print(f"{folder.gate(router).ca}: whose certificates are good; to {there.ca} with it", file=sys.stderr)
+    if without:
+        names = " ".join(member.label for member in without)
+        print(
+            f"truerate: {names}: of an earlier truerate, signed by the authority itself; until that is changed a revoked"
+            f" certificate still gets a session, though no sample. truerate pki renew {names}; copy these to their"
+            " machines; then write the routers' files anew, and start the routers again",
+            file=sys.stderr,
+        )
 
 
 def _places(folder: Folder, text: str, wards: list[str]) -> list[tuple[str, Member]]:

@@ -8,7 +8,7 @@ from typing import Any
 from bridge.bus.router_check import RouterFile
 from bridge.config import Root
 from bridge.pki.identity import faults as identity_faults
-from bridge.pki.identity import member_of
+from bridge.pki.identity import member_of, verified
 from bridge.pki.member import Member, Role
 
 #: what all estimators of a ward are told alike
@@ -94,8 +94,26 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
         if _port(endpoint) not in ports:
             yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
     member = _member(root)
-    if member is not None and not any(member.common_name in router.members for router in routers):
+    if member is None:
+        return
+    knowing = [router for router in routers if member.common_name in router.members]
+    if not knowing:
         yield f"[bus]: no router knows {member.common_name}: what it says and asks would be dropped silently"
+    for router in knowing:
+        if not _let_in(root, router):
+            yield (
+                f"[bus]: {router.path} has rules for {member.common_name} and does not let in its certificate:"
+                " `truerate pki router` writes both files of a router anew"
+            )
+
+
+def _let_in(root: Root, router: RouterFile) -> bool:
+    try:
+        return not (root.bus.identity and router.identity) or verified(
+            root.bus.identity.certificate, router.identity.ca
+        )
+    except ValueError:
+        return True  # a file that is not there, or is none, is said of already
 
 
 def _member(root: Root) -> Member | None:

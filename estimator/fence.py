@@ -2,13 +2,14 @@
 
 `Fence` is for what is said now and then, `Turns` for samples, which have numbers.
 
-An epoch is of an estimator's turn at a device; a later turn has a higher number. The newest is forgotten when nothing of it has
-come for a while: a machine whose clock was set back, and so makes lower numbers, must not be shut out for ever.
+An epoch is of an estimator's turn at a device; a later turn has a higher number. The newest is forgotten when only older ones have
+come for a while: a machine whose clock was set back, and so makes lower numbers, must not be shut out for ever. A while in which
+nothing comes is no reason: what a bad line held up may be older.
 """
 
 from dataclasses import dataclass
 
-#: nothing came of the newest epoch for so long, s
+#: only older epochs came for so long, s
 FORGET_S = 5.0
 _TURNS = 8
 
@@ -18,16 +19,19 @@ class Fence:
 
     def __init__(self, devices: int = 4096) -> None:
         self._devices = devices
-        self._newest: dict[str, tuple[int, float]] = {}
+        self._newest: dict[str, tuple[int, float | None]] = {}  # and since when only older ones came
 
     def admits(self, device: str, epoch: int, now: float) -> bool:
         """Whether what came of a device at `now`, seconds of a clock that does not go back, is of its newest epoch."""
         newest = self._newest.get(device)
-        if newest is not None and epoch < newest[0] and now - newest[1] <= FORGET_S:
-            return False
+        if newest is not None and epoch < newest[0]:
+            since = now if newest[1] is None else newest[1]
+            if now - since <= FORGET_S:
+                self._newest[device] = newest[0], since
+                return False
         if newest is None and len(self._newest) >= self._devices:
             del self._newest[next(iter(self._newest))]
-        self._newest[device] = epoch, now
+        self._newest[device] = epoch, None
         return True
 
 
@@ -46,21 +50,19 @@ class Turns:
 
     def __init__(self) -> None:
         self._turns: list[_Turn] = []  # the latest, by epoch
-        self._heard_s = 0.0
+        self._older_s: float | None = None  # since when only older ones came
 
     def of(self, epoch: int, first: int, n: int, now: float) -> int:
         """Of n samples from number `first` on, that came at `now`, how many at the beginning are to be taken."""
         turns = self._turns
-        if turns and epoch == turns[-1].epoch:
-            turns[-1].first, self._heard_s = min(turns[-1].first, first), now
-            return n
-        if turns and epoch < turns[-1].epoch and now - self._heard_s <= FORGET_S:
-            later = min(turn.first for turn in turns if turn.epoch > epoch)
-            self._note(epoch, first)
-            return max(0, min(n, later - first))
         if turns and epoch < turns[-1].epoch:
+            self._older_s = now if self._older_s is None else self._older_s
+            if now - self._older_s <= FORGET_S:
+                later = min(turn.first for turn in turns if turn.epoch > epoch)
+                self._note(epoch, first)
+                return max(0, min(n, later - first))
             turns.clear()
-        self._heard_s = now
+        self._older_s = None
         self._note(epoch, first)
         return n
 

@@ -49,7 +49,10 @@ class ZenohBus:
         complaint = f"no router answered at {self._where} within {open_timeout_s:g} s; start one with `truerate router`"
         if routers.identity is not None:
             # zenoh does not say why; the router's own log does.
-            complaint += ", or see its log: it may refuse our certificate, or its own may be for another name than this"
+            complaint += (
+                ", or see its log: it may not let in our certificate (`truerate pki router` writes its files anew), or its own"
+                " may be for another name than this"
+            )
         self._session = open_session(zenoh_settings.client(endpoints, routers.identity), complaint, open_timeout_s)
         self._known: set[str] = set()
         self._plain: set[str] = set()

@@ -2,6 +2,9 @@
 
 Keys are ECDSA on P-256, in PKCS 8. A router's certificate may serve and, to join other routers, ask; all others may only
 ask, so that a stolen bridge cannot play the router.
+
+Each member has an issuer of its own between itself and the authority: a router goes by the issuers of its members, and who is
+revoked is left out. Issuers' keys stay beside the authority's, so what they may sign is not narrowed any further.
 """
 
 import ipaddress
@@ -33,15 +36,19 @@ class Pair:
 def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
     """A new authority, which signs itself."""
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = _subject(name)
-    made = (
-        _begun(subject, subject, key.public_key(), now - EARLIER, now + timedelta(days=days))
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(_may(signs_certificates=True), critical=True)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .sign(key, hashes.SHA256())
+    made = _signing(_subject(name), _subject(name), key, 1, now - EARLIER, now + timedelta(days=days))
+    return Pair(_signed(made, key), _pem(key))
+
+
+def new_issuer(authority: Pair, member: Member) -> Pair:
+    """What signs the certificates of one member, as long as the authority lasts."""
+    ca, signer = x509.load_pem_x509_certificate(authority.certificate), _private(authority.key)
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = _subject(f"issuer of {member.common_name}")
+    made = _signing(subject, ca.subject, key, 0, ca.not_valid_before_utc, ca.not_valid_after_utc).add_extension(
+        x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False
     )
-    return Pair(made.public_bytes(serialization.Encoding.PEM), _pem(key))
+    return Pair(_signed(made, signer), _pem(key))
 
 
 def issue(
@@ -54,7 +61,7 @@ def issue(
     key: bytes | None = None,
     usages: Sequence[x509.ObjectIdentifier] = (),
 ) -> Pair:
-    """A certificate for a member, of a new key or of `key`.
+    """A certificate for a member, of a new key or of `key`; behind it that of an issuer, up to which others may not reach.
 
     hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
     role, unless told otherwise. Raises ValueError.
@@ -79,9 +86,9 @@ def issue(
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
-        .sign(signer, hashes.SHA256())
     )
-    return Pair(made.public_bytes(serialization.Encoding.PEM), _pem(own))
+    between = authority.certificate if ca.issuer != ca.subject else b""
+    return Pair(_signed(made, signer) + between, _pem(own))
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
@@ -109,6 +116,10 @@ def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:
     )
 
 
+def _signed(made: x509.CertificateBuilder, signer: ec.EllipticCurvePrivateKey) -> bytes:
+    return made.sign(signer, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
+
+
 def _subject(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
@@ -124,6 +135,19 @@ def _begun(
         .serial_number(x509.random_serial_number())
         .not_valid_before(begins)
         .not_valid_after(ends)
+    )
+
+
+def _signing(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, below: int, begins: datetime, ends: datetime
+) -> x509.CertificateBuilder:
+    """Of who signs certificates, with so many that sign others below it."""
+    public = key.public_key()
+    return (
+        _begun(subject, issuer, public, begins, ends)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=below), critical=True)
+        .add_extension(_may(signs_certificates=True), critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
     )
 
 

@@ -1,19 +1,20 @@
-"""The folder of an authority: its own pair, one pair a member, and the names that were revoked.
+"""The folder of an authority: its own pair, one pair a member, in `issuers` what signs each, and the names that were revoked.
 
 A file is written beside, then renamed: whole or not at all. A renewal keeps the private key, so only one file changes and
 a pair never is of two. Private keys are 0600 from their first byte on.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority
-from bridge.pki.identity import Identity, certificates, common_name
+from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority, new_issuer
+from bridge.pki.identity import Identity, certificates, common_name, signer
 from bridge.pki.member import Member
 
-_CA, _REVOKED = "ca", "revoked.txt"
+_CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
 
 
 class Folder:
@@ -27,9 +28,7 @@ class Folder:
         if (self.path / f"{_CA}.key").exists():
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        pair = new_authority(name, now)
-        _write(self.path / f"{_CA}.key", pair.key, 0o600)
-        _write(self.path / f"{_CA}.pem", pair.certificate, 0o644)
+        _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
         """A first pair for a role and a name, of the generation that is not revoked."""
@@ -39,13 +38,12 @@ class Folder:
             raise ValueError(
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
-        pair = issue(self._authority(), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
-        _write(Path(files.key), pair.key, 0o600)
-        _write(Path(files.certificate), pair.certificate, 0o644)
+        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
+        _keep(self.path / member.file, pair)
         return files
 
     def renew(self, member: Member, now: datetime, days: int = DAYS) -> Identity:
-        """The same name, the same key, the same hosts; from now on."""
+        """The same name, the same key, the same hosts, the same issuer; from now on."""
         member = self.current(member)
         files = self.identity(member)
         if not Path(files.certificate).exists():
@@ -54,9 +52,29 @@ class Folder:
             )
         hosts = hosts_of(certificates(files.certificate)[0])
         key = Path(files.key).read_bytes()
-        pair = issue(self._authority(), member, now - EARLIER, now + timedelta(days=days), hosts=hosts, key=key)
+        ends = now + timedelta(days=days)
+        pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
+
+    def issuer(self, member: Member) -> Pair:
+        """What signs this member's certificates, and nobody else's; made where there is none yet."""
+        here = self.path / _ISSUERS / member.file
+        if not Path(f"{here}.pem").exists():
+            here.parent.mkdir(mode=0o700, exist_ok=True)
+            _keep(here, new_issuer(self._authority(), member))
+        return _pair(here)
+
+    def admit(self, router: Member, members: Iterable[Member]) -> list[Member]:
+        """Write what a router verifies its members by: their issuers. Those who have none, of an earlier truerate.
+
+        That had all signed by the authority itself, by which they are then verified; and whoever was revoked, too.
+        """
+        issuers = {member: signer(self.identity(member).certificate) for member in (router, *members)}
+        without = [member for member, issuer in issuers.items() if not issuer]
+        authority = (self.path / f"{_CA}.pem").read_bytes() if without else b""
+        _write(Path(self.gate(router).ca), b"".join(issuers.values()) + authority, 0o644)
+        return without
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
         """Never use this name again: the member that was, whose common name the routers' rules must lose."""
@@ -82,7 +100,7 @@ class Folder:
         """Everybody who has a certificate that is not revoked, and until when."""
         revoked = self.revoked()
         for path in sorted(self.path.glob("*.pem")):
-            if path.stem == _CA:
+            if path.stem == _CA or path.name.endswith(_MEMBERS):
                 continue
             own = certificates(str(path))[0]
             member = Member.parse(common_name(own))
@@ -98,11 +116,14 @@ class Folder:
         here = self.path / member.file
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
+    def gate(self, router: Member) -> Identity:
+        """A router's files, as `identity`, but for what it verifies others by: see `admit`."""
+        return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
+
     def _authority(self) -> Pair:
-        pem, key = self.path / f"{_CA}.pem", self.path / f"{_CA}.key"
-        if not key.exists():
+        if not (self.path / f"{_CA}.key").exists():
             raise ValueError(f"{self.path}: no authority here; `truerate pki init --folder {self.path}` makes one")
-        return Pair(pem.read_bytes(), key.read_bytes())
+        return _pair(self.path / _CA)
 
     def _lines(self) -> list[str]:
         path = self.path / _REVOKED
@@ -112,6 +133,16 @@ class Folder:
 def utc_now() -> datetime:
     """Now, to the second, as certificates have it."""
     return datetime.now(UTC).replace(microsecond=0)
+
+
+def _pair(here: Path) -> Pair:
+    return Pair(Path(f"{here}.pem").read_bytes(), Path(f"{here}.key").read_bytes())
+
+
+def _keep(here: Path, pair: Pair) -> None:
+    """The key first: a certificate is there with its key, or not at all."""
+    _write(Path(f"{here}.key"), pair.key, 0o600)
+    _write(Path(f"{here}.pem"), pair.certificate, 0o644)
 
 
 def _write(path: Path, content: bytes, mode: int) -> None:

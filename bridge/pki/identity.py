@@ -45,6 +45,12 @@ def certificates(path: str) -> list[x509.Certificate]:
         ) from None
 
 
+def signer(path: str) -> bytes:
+    """Who signed a certificate, PEM, where its file brings that along; else nothing."""
+    chain = certificates(path)
+    return chain[1].public_bytes(Encoding.PEM) if len(chain) > 1 else b""
+
+
 def member_of(identity: Identity) -> Member:
     """Who the certificate is for; ValueError where it does not say a role."""
     own = certificates(identity.certificate)[0]
@@ -52,6 +58,12 @@ def member_of(identity: Identity) -> Member:
         return Member.parse(common_name(own))
     except ValueError as error:
         raise ValueError(f"{identity.certificate}: its common name says no role: {error}") from None
+
+
+def verified(certificate: str, ca: str) -> bool:
+    """Whether a certificate is good to who goes by this file of authorities, dates aside; ValueError where one is no PEM."""
+    own, *between = certificates(certificate)
+    return _end(own, between, certificates(ca)) is None
 
 
 def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
@@ -104,18 +116,25 @@ def _date_faults(path: str, certificate: x509.Certificate, now: datetime) -> Ite
 def _chain_faults(
     identity: Identity, own: x509.Certificate, between: list[x509.Certificate], trusted: list[x509.Certificate]
 ) -> Iterator[str]:
-    """From the holder's own up to one that is trusted, through what its file brings along."""
+    if (last := _end(own, between, trusted)) is not None:
+        yield (
+            f"{identity.certificate}: not signed by {identity.ca} ({common_name(trusted[0])!r}), but by"
+            f" {last.issuer.rfc4514_string()!r}: use that authority's file, or add what lies between to the certificate's"
+        )
+
+
+def _end(
+    own: x509.Certificate, between: list[x509.Certificate], trusted: list[x509.Certificate]
+) -> x509.Certificate | None:
+    """From the holder's own up through what its file brings along: None at one that is trusted, else whose signer is missing."""
     at, left = own, list(between)
     while not any(_signed(at, ca) for ca in trusted):
         issuer = next((one for one in left if _signed(at, one)), None)
         if issuer is None:
-            yield (
-                f"{identity.certificate}: not signed by {identity.ca} ({common_name(trusted[0])!r}), but by"
-                f" {at.issuer.rfc4514_string()!r}: use that authority's file, or add what lies between to the certificate's"
-            )
-            return
+            return at
         left.remove(issuer)
         at = issuer
+    return None
 
 
 def _signed(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:

@@ -30,7 +30,9 @@ def encode_owned(owned: Owned) -> bytes:
         load=owned.load,
         part=owned.part,
         parts=owned.parts,
-        holdings=[pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next) for h in owned.holdings],
+        holdings=[
+            pb.Holding(device=h.device, epoch=h.epoch, boot=h.boot, next=h.next, busy=h.busy) for h in owned.holdings
+        ],
         moves=[
             pb.Move(time_ns=m.time_ns, came=m.came, left=m.left, reason=clean(m.reason, MAX_SENTENCE))
             for m in owned.moves
@@ -132,6 +134,7 @@ def _holding(raw: pb.Holding) -> Holding:
         epoch=checks.whole(raw.epoch, "epoch", MAX_EPOCH),
         boot=raw.boot,
         next=checks.whole(raw.next, "next", 2 * MAX_SEQUENCE),
+        busy=raw.busy,
     )
 
 

@@ -347,12 +347,16 @@ class WindowBatch:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """A device that an estimator has since `epoch`; samples of this boot numbered below `next` are corrected and said."""
+    """A device that an estimator has since `epoch`; samples of this boot numbered below `next` are corrected and said.
+
+    busy: turns of a calibration under way would be lost if another took it now.
+    """
 
     device: str
     epoch: int
     boot: int
     next: int
+    busy: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -438,16 +438,18 @@ class Owned(_message.Message):
     def __init__(self, version: _Optional[int] = ..., estimator: _Optional[str] = ..., time_ns: _Optional[int] = ..., epoch: _Optional[int] = ..., load: _Optional[float] = ..., part: _Optional[int] = ..., parts: _Optional[int] = ..., holdings: _Optional[_Iterable[_Union[Holding, _Mapping]]] = ..., moves: _Optional[_Iterable[_Union[Move, _Mapping]]] = ...) -> None: ...
 
 class Holding(_message.Message):
-    __slots__ = ("device", "epoch", "boot", "next")
+    __slots__ = ("device", "epoch", "boot", "next", "busy")
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
     NEXT_FIELD_NUMBER: _ClassVar[int]
+    BUSY_FIELD_NUMBER: _ClassVar[int]
     device: str
     epoch: int
     boot: int
     next: int
-    def __init__(self, device: _Optional[str] = ..., epoch: _Optional[int] = ..., boot: _Optional[int] = ..., next: _Optional[int] = ...) -> None: ...
+    busy: bool
+    def __init__(self, device: _Optional[str] = ..., epoch: _Optional[int] = ..., boot: _Optional[int] = ..., next: _Optional[int] = ..., busy: _Optional[bool] = ...) -> None: ...
 
 class Move(_message.Message):
     __slots__ = ("time_ns", "came", "left", "reason")

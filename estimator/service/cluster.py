@@ -13,6 +13,8 @@ from estimator.service.ownership import owner
 
 #: more than a ward has
 MAX_PEERS = 64
+#: what is left of a pause with each word that follows: half after 70, 14 s
+_FADES = 0.99
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,16 +28,25 @@ class ClusterKnobs:
     #: who still reads what was said before waits for this much longer, and no longer than that in all
     behind_s: float = 0.3
     most_s: float = 15.0
-    #: one whose connection lives and that says nothing for this long hangs
-    hangs_s: float = 2.5
-    #: a device that another has under a higher epoch, and that we think is ours, is not taken before
+    #: one whose connection lives and that says nothing for this long hangs; of one that spoke with longer pauses lately, over a
+    #: bad line or because it has too much to do, for so many times as long as those, and at most
+    hangs_s: float = 1.2
+    pauses: float = 3.0
+    hangs_most_s: float = 2.5
+    #: a device that another has under a higher epoch, and that we think is ours, is not taken before; twice as long each time
+    #: that ours are taken again, until it has been calm: over a bad line they would go to and fro
     retry_s: float = 3.0
+    retry_most_s: float = 48.0
+    calm_s: float = 120.0
+    #: a device that is being calibrated is left to who does it, for so long; where that one says nothing, for `hangs_most_s`
+    busy_s: float = 600.0
 
 
 @dataclass(slots=True)
 class _Peer:
     heard_s: float
     alive: bool = True
+    pause_s: float = 0.0
     parts: dict[int, tuple[Holding, ...]] = field(default_factory=dict)
 
 
@@ -55,6 +66,8 @@ class Cluster:
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
         self._not_before: dict[str, float] = {}
+        self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
+        self._spared: dict[str, float] = {}
         #: all estimators that are taken for alive, ourselves among them
         self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
 
@@ -99,7 +112,7 @@ class Cluster:
         """Who has come, and who is gone, since the last look."""
         there = {self.own}
         for name, peer in list(self._peers.items()):
-            if peer.alive and now - peer.heard_s <= self.knobs.hangs_s:
+            if peer.alive and now - peer.heard_s <= self._patience_s(peer):
                 there.add(name)
             elif self.settled(now) and not peer.alive:
                 del self._peers[name]
@@ -111,12 +124,16 @@ class Cluster:
         self.members = tuple(sorted(there))
         return sorted(there - before), sorted(before - there)
 
+    def _patience_s(self, peer: _Peer) -> float:
+        return min(max(self.knobs.hangs_s, self.knobs.pauses * peer.pause_s), self.knobs.hangs_most_s)
+
     def said(self, owned: Owned, now: float) -> list[str]:
         """What another says to have; our devices that it has taken."""
         if owned.estimator == self.own:
             return []
         peer = self._peers.get(owned.estimator)
         if peer is not None:
+            peer.pause_s = max(now - peer.heard_s, _FADES * peer.pause_s)
             peer.heard_s = now
             peer.parts[owned.part] = owned.holdings
             for part in [part for part in peer.parts if part >= owned.parts]:
@@ -132,20 +149,37 @@ class Cluster:
         if until is not None and now < until:
             return False
         self._not_before.pop(device, None)
-        return True
+        return not self._busy(device, now)
+
+    def _busy(self, device: str, now: float) -> bool:
+        """Whether another is about to calibrate it, and lives."""
+        living = [p for p in self._peers.values() if p.alive and now - p.heard_s <= self.knobs.hangs_most_s]
+        if not any(h.busy and h.device == device for p in living for part in p.parts.values() for h in part):
+            self._spared.pop(device, None)
+            return False
+        return now - self._spared.setdefault(device, now) < self.knobs.busy_s
 
     def take(self, device: str, now_ns: int) -> int:
         """A device is ours from now on: the epoch of our turn, the same for all until another has had one."""
         if not self._turn or self.highest != self._turn:
             self.highest = self._turn = epoch_after(self.highest, now_ns, self.own)
         self.held[device] = self._turn
+        self._spared.pop(device, None)
         return self._turn
 
     def lose(self, device: str, now: float) -> None:
         """Another has it."""
         self.held.pop(device, None)
         if owner(device, self.members) == self.own:
-            self._not_before[device] = now + self.knobs.retry_s
+            self._not_before[device] = now + self._wait_s(now)
+
+    def _wait_s(self, now: float) -> float:
+        since_s = now - self._robbed_s
+        if since_s > self.knobs.retry_s:  # else it is the same time still
+            again = since_s < self.knobs.calm_s
+            self._retry_s = min(2 * self._retry_s, self.knobs.retry_most_s) if again else self.knobs.retry_s
+            self._robbed_s = now
+        return self._retry_s
 
     def keep(self, devices: Collection[str]) -> None:
         """Of our devices there are these."""

@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 #: how often it is said what is ours; where there is nobody to whom it matters, only for who looks
 SAY_S, SAY_ALONE_S = 0.2, 1.0
-#: a round that begins so long after the one before was held up
+#: a round that begins so long after the one before was held up; so is our line where nothing at all came for so long
 HELD_UP_S = 0.5
 #: so many messages in a round: there are more to be read
 MANY = 512
@@ -53,12 +53,13 @@ class Peers:
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_WAITING)
         self._owned = Door[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
-        self._said = data.publisher(keys.build(ward, "owned", estimator=own))
+        self._own = keys.build(ward, "owned", estimator=own)
+        self._said = data.publisher(self._own)
         self._heard = data.subscribe(keys.pattern(ward, "owned"))
         self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
         self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._next_say = self._next_scan = self._next_look = 0.0
-        self._looked = time.monotonic()
+        self._looked, self._deaf_s = time.monotonic(), 0.0
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
         self._newcomer = False
@@ -82,20 +83,19 @@ class Peers:
 
     # ---- whose devices are --------------------------------------------------------------------------------------------
 
-    def look(self, now: float) -> list[str]:
-        """Hear what the others say, once a round; the devices of ours that are another's now."""
+    def look(self, now: float, *, heard: bool) -> list[str]:
+        """Hear what the others say, once a round; the devices of ours that are another's now. heard: whether samples came."""
         cluster = self.cluster
-        if (late_s := now - self._looked) > HELD_UP_S:
-            cluster.held_up(late_s)
-        self._looked = now
+        said = [message for message in self._heard.drain(512, 0.0) if message.key != self._own]
+        self._excuse(now, heard=heard or bool(said))
         if self._tokens:
             self._next_look = now
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
         lost: dict[str, None] = {}
-        for message in self._heard.drain(512, 0.0):
+        for message in said:
             owned = self._owned.take(message)
-            if owned is not None and owned.estimator != cluster.own:
+            if owned is not None:
                 self._hear(owned, lost, now)
         for message in self._kept.drain(4096, 0.0):
             checkpoint = self._checkpoints.take(message)
@@ -112,6 +112,13 @@ class Peers:
         for device in lost:
             cluster.lose(device, now)
         return list(lost)
+
+    def _excuse(self, now: float, *, heard: bool) -> None:
+        """Nobody is silent while we do not get round to listening, nor while nothing at all comes over our own line."""
+        late_s, self._looked = now - self._looked, now
+        if late_s > HELD_UP_S or self._deaf_s > HELD_UP_S:
+            self.cluster.held_up(late_s)
+        self._deaf_s = 0.0 if heard else self._deaf_s + late_s
 
     def _hear(self, owned: Owned, lost: dict[str, None], now: float) -> None:
         fresh = [device for device in self.cluster.said(owned, now) if device not in lost]
@@ -254,5 +261,8 @@ class Peers:
 
 
 def _holding(name: str, epoch: int, device: Device | None) -> Holding:
-    session = None if device is None else device.session
-    return Holding(name, epoch, *(0, 0) if session is None else (session.boot or 0, session.sequence.next or 0))
+    if device is None:
+        return Holding(name, epoch, 0, 0)
+    session = device.session
+    busy = bool(session.turned or session.asked)
+    return Holding(name, epoch, session.boot or 0, session.sequence.next or 0, busy)

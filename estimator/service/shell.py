@@ -176,7 +176,7 @@ class Service:
 
     def _ours(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
         """Give up and take over devices as it is their turn; of what came, that of our devices."""
-        if lost := self._peers.look(now):
+        if lost := self._peers.look(now, heard=bool(messages)):
             self._give_away(lost, now)
         for calibration in self._peers.calibrated():
             self._adopt(calibration)

@@ -113,6 +113,14 @@ class Cluster:
     def has(self, name: str) -> set[str]:
         return {h.device for h in self.owned[name].holdings} if name in self.owned else set()
 
+    def left(self, victim: str, devices: set[str]) -> bool:
+        """Whether each of these is another's than the victim's, whose last words may still be under way."""
+        epochs = {
+            name: {h.device: h.epoch for h in owned.holdings} for name, owned in self.owned.items() if name != victim
+        }
+        old = {h.device: h.epoch for h in self.owned[victim].holdings} if victim in self.owned else {}
+        return all(any(of.get(d, -1) > old.get(d, 0) for of in epochs.values()) for d in devices)
+
     def home(self) -> bool:
         """Whether each device is where it is to be, with all of them alive."""
         devices = {h.device for owned in self.owned.values() for h in owned.holdings}
@@ -130,6 +138,14 @@ class Cluster:
             during = (moments[1:] >= since) & (moments[:-1] <= since + for_s)
             found.append(np.diff(moments)[during].max(initial=0.0))
         return np.array(found)
+
+    def moves(self) -> int:
+        """How often a device went to another estimator, as its corrected samples came."""
+        return sum(
+            before.epoch != after.epoch
+            for batches in self.came.values()
+            for (_, before), (_, after) in itertools.pairwise(batches)
+        )
 
     def faults(self) -> dict[str, int]:
         """Samples that are not there, that are there twice, and batches of an older epoch after a newer one."""
@@ -234,16 +250,18 @@ def main() -> int:
         table.add(
             "nothing", "", "", "", *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())), ""
         )
+        had_to, before = 0, cluster.moves()
         for number in range(args.rounds):
             victim = NAMES[number % len(NAMES)]
             for what, goal in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S)):
                 theirs = cluster.has(victim)
+                had_to += 2 * len(theirs)
                 others = set(cluster.came) - theirs
                 at = time.monotonic()
                 process = cluster.processes[victim]
                 process.send_signal(getattr(signal, what))
+                cluster.until(lambda: cluster.left(victim, theirs), 30.0)  # noqa: B023 - done at once
                 cluster.owned.pop(victim)
-                cluster.until(lambda: sum(cluster.shares().values()) == args.devices, 30.0)
                 cluster.listen(STOP_S)
                 gaps, usual = cluster.gaps(theirs, at, 3.0), cluster.gaps(others, at, 3.0)
                 words = (np.median(gaps), gaps.max(), np.median(usual), usual.max(), goal)
@@ -256,6 +274,7 @@ def main() -> int:
                 cluster.until(cluster.home, 60.0)
                 cluster.listen(2.0)
         console.print(table)
+        console.print(f"devices went to another estimator {cluster.moves() - before} times; had to {had_to} times")
         console.print(
             f"{sum(len(b) for came in cluster.came.values() for _, b in came):,} samples given; {cluster.faults()}; "
             f"left out as repeated {cluster.stream.repeated:,}, as outdated {cluster.stream.outdated:,}; "

@@ -124,7 +124,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
     )  # fmt: skip
 
 
-HOLDINGS = st.builds(Holding, st.sampled_from(["d1", "bed-2_chest"]), TIME, U64, TIME)
+HOLDINGS = st.builds(Holding, st.sampled_from(["d1", "bed-2_chest"]), TIME, U64, TIME, st.booleans())
 OWNED = st.builds(
     Owned, st.just("e1"), TIME, TIME, st.floats(0, 100), st.lists(HOLDINGS, max_size=4).map(tuple),
     st.lists(st.builds(Move, TIME, st.integers(0, 9), st.integers(0, 9), TEXT), max_size=8).map(tuple),
@@ -641,7 +641,7 @@ def test_what_no_estimator_can_have_is_refused(changes: dict[str, Any], reason: 
 
 def test_a_payload_has_room_for_as_many_devices_as_are_taken() -> None:
     full = Owned(
-        "e" * 32, 2**62, 2**62, 1.0, (Holding("d" * 32, 2**62, 2**64 - 1, 2**62),) * codec.MAX_HOLDINGS,
+        "e" * 32, 2**62, 2**62, 1.0, (Holding("d" * 32, 2**62, 2**64 - 1, 2**62, busy=True),) * codec.MAX_HOLDINGS,
         (Move(2**62, 4096, 4096, "x" * 500),) * 8,
     )  # fmt: skip
     assert len(codec.encode_owned(full)) <= codec.MAX_PAYLOAD

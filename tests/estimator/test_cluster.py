@@ -4,7 +4,16 @@ from bridge.wire.messages import Holding, Owned
 from estimator.service.cluster import Cluster, ClusterKnobs
 from estimator.service.ownership import owner
 
-KNOBS = ClusterKnobs(settle_s=1.0, return_s=1.0, hangs_s=2.5, retry_s=3.0)
+KNOBS = ClusterKnobs(
+    settle_s=1.0,
+    return_s=1.0,
+    hangs_s=2.5,
+    hangs_most_s=4.0,
+    retry_s=3.0,
+    retry_most_s=12.0,
+    calm_s=30.0,
+    busy_s=20.0,
+)
 DEVICES = [f"d{number:02d}" for number in range(60)]
 
 
@@ -15,6 +24,8 @@ class World:
         self.now = 0.0
         self.all: dict[str, Cluster] = {}
         self.cut: set[frozenset[str]] = set()
+        #: devices that are being calibrated by whoever has them
+        self.busy: set[str] = set()
         for name in names:
             self.start(name)
 
@@ -43,7 +54,8 @@ class World:
 
     def say(self, name: str) -> None:
         one = self.all[name]
-        said = Owned(name, 0, one.highest, 0.0, tuple(Holding(d, e, 0, 0) for d, e in one.held.items()))
+        holdings = tuple(Holding(d, e, 0, 0, d in self.busy) for d, e in one.held.items())
+        said = Owned(name, 0, one.highest, 0.0, holdings)
         for other in self.all.values():
             if other is not one and frozenset((name, other.own)) not in self.cut:
                 for device in other.said(said, self.now):
@@ -163,6 +175,81 @@ def test_one_that_hangs_though_its_connection_lives_is_gone_and_gives_way_when_i
     assert world.all["e2"].held == {}
     world.run(KNOBS.retry_s + 0.3)
     world.assert_shared()
+
+
+def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_calm() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    device = next(iter(world.all["e2"].held))
+    taken = 0
+    for _ in range(20):
+        had = world.most()[device]
+        world.run(4.2, still="e2")
+        taken += had == "e2" and world.most()[device] == "e1"
+        world.run(3.5)
+    assert 3 <= taken <= 10
+    world.run(KNOBS.calm_s)
+    world.assert_shared()
+    world.run(2.7, still="e2")
+    assert world.most()[device] == "e1"
+    world.run(KNOBS.retry_s + 0.3)
+    world.assert_shared()
+
+
+def test_who_makes_long_pauses_is_not_taken_for_gone_again_at_the_next() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    device = next(iter(world.all["e2"].held))
+    world.run(2.7, still="e2")
+    assert world.most()[device] == "e1"
+    world.run(KNOBS.retry_s + 0.3)
+    for _ in range(5):
+        world.run(2.7, still="e2")
+        assert world.most()[device] == "e2"
+        world.run(2.0)
+    world.run(KNOBS.hangs_most_s + 0.2, still="e2")  # that is no pause
+    assert world.most()[device] == "e1"
+
+
+def test_what_is_being_calibrated_stays_where_it_is_until_it_is() -> None:
+    world = World("e1")
+    world.run(1.0)
+    world.busy = set(DEVICES[:30])
+    world.start("e2")
+    world.run(KNOBS.busy_s - 1.0)
+    assert set(world.all["e1"].held) >= world.busy
+    assert set(world.all["e2"].held) == {d for d in DEVICES[30:] if owner(d, ["e1", "e2"]) == "e2"}
+    world.busy.clear()
+    world.run(0.3)
+    world.assert_shared()
+
+
+def test_what_is_never_done_with_being_calibrated_goes_where_it_is_to_be() -> None:
+    world = World("e1")
+    world.run(1.0)
+    world.busy = set(DEVICES)
+    world.start("e2")
+    world.run(KNOBS.busy_s)
+    assert not world.all["e2"].held
+    world.run(1.5)
+    world.assert_shared()
+
+
+def test_who_dies_or_hangs_while_it_calibrates_is_waited_for_no_longer() -> None:
+    world = World("e1", "e2", "e3")
+    world.run(1.5)
+    world.busy = set(DEVICES)
+    world.kill("e3")
+    world.run(0.2)
+    world.assert_shared()
+    idle = next(iter(world.all["e2"].held))
+    world.busy.discard(idle)
+    world.say("e2")
+    world.run(2.8, still="e2")
+    assert world.most()[idle] == "e1"
+    assert {d for d in DEVICES if world.most()[d] == "e2"} == set(world.all["e2"].held) - {idle}
+    world.run(1.5, still="e2")
+    assert set(world.all["e1"].held) == set(DEVICES)
 
 
 def test_our_own_sleep_is_not_held_against_the_others() -> None:

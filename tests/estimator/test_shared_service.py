@@ -64,18 +64,19 @@ class Both:
             assert time.monotonic() < deadline
             time.sleep(0.001)
 
-    def pass_(self, seconds: float) -> None:
+    def pass_(self, seconds: float, still: str = "") -> None:
         for _ in range(max(1, round(seconds / 0.1))):
             self.now, self.now_ns = self.now + 0.1, self.now_ns + 100_000_000
-            for service in self.services.values():
-                service.step(0.0)
+            for name, service in self.services.items():
+                if name != still:
+                    service.step(0.0)
 
-    def send(self, batches: list[SampleBatch]) -> None:
+    def send(self, batches: list[SampleBatch], still: str = "") -> None:
         self._info.put(codec.encode_info(info()))
         for at in range(0, len(batches), 20):
             for batch in batches[at : at + 20]:
                 self._raw.put(codec.encode_samples(batch))
-            self.pass_(0.1)
+            self.pass_(0.1, still)
 
     def say_checkpoint(self, checkpoint: Checkpoint) -> None:
         """As another estimator would."""
@@ -166,6 +167,37 @@ def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.send(batches[40:80])
     both.pass_(4.0)
     assert {name: service._peers.cluster.held for name, service in both.services.items()} == epochs
+
+
+def test_turns_are_not_lost_when_an_estimator_comes(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[: len(batches) // 3])
+    assert both.client.statuses(0.1)[NAME].axes_done
+    both.start(SECOND)
+    both.pass_(3.0)
+    assert both.has() == [FIRST]
+    both.send(batches[len(batches) // 3 :])
+    both.pass_(1.2)
+    assert both.has() == [SECOND]
+    status = both.client.statuses(0.1)[NAME]
+    assert status.state is State.TRACKING
+    assert "turns lost with an estimator" not in status.events
+    (made,) = both.stores[FIRST].calibrations(NAME)
+    assert status.calibration == made.id
+
+
+def test_who_hears_nothing_at_all_takes_nobody_for_gone(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:40])
+    assert both.has() == [SECOND]
+    both.pass_(5.0, still=SECOND)
+    assert both.has() == [SECOND]
+    both.send(batches[40:400], still=SECOND)  # somebody is heard, and it is not SECOND
+    assert both.has() == [FIRST, SECOND]
 
 
 def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> None:

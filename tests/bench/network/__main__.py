@@ -53,6 +53,7 @@ def parted(ward: Guarded) -> None:
 
 
 def stopped_estimator(ward: Guarded) -> None:
+    ward.until(ward.home, 120.0)  # over a line that was bad lately it has none for a while
     ward.send("e1", signal.SIGSTOP)
     time.sleep(5.0)
     ward.send("e1", signal.SIGCONT)
@@ -85,7 +86,20 @@ def main() -> int:
     if why := impossible():
         console.print(f"skipped: {why}")
         return 0
-    words = ("at", "samples", "gap", "whole after", "one owner", "lost", "twice", "order", "late", "unmarked", "broken")
+    words = (
+        "at",
+        "samples",
+        "gap",
+        "whole after",
+        "one owner",
+        "moves",
+        "lost",
+        "twice",
+        "order",
+        "late",
+        "unmarked",
+        "broken",
+    )
     table = Columns([Column("what"), *(Column(word, number=True) for word in words)])
     broken = 0
     folder = Path(tempfile.mkdtemp(prefix="network-"))
@@ -112,8 +126,9 @@ def main() -> int:
                     f"{found.gap_s:.2f} s",
                     f"{whole_s:.1f} s",
                     f"{max(0.0, owner_s):.1f} s",
+                    str(ward.moves(viewer, since_s)),
                     *(str(n) for n in (found.lost, found.twice, found.out_of_order, found.late, found.unmarked)),
-                    "" if found.kept else "broken",
+                    "" if found.kept else f"broken; GOOD twice {found.good_twice}, of an older epoch {found.older}",
                 )
             console.print(f"{name}: done")
     console.print(table)

@@ -17,6 +17,7 @@ from bridge.bus import router_file
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
+from estimator.service.ownership import owner
 from tests.bench.network.lan import Lan
 
 WARD, PORT = "w", 7447
@@ -173,6 +174,24 @@ class Guarded:
             ]
         )
 
+    def home(self) -> bool:
+        """Whether every device is with the estimator that is to have it when all are alive."""
+        last = {said["estimator"]: set(said["held"]) for said in self.heard[VIEWERS[0]].owned[-20:]}
+        every = [device for devices in self.devices.values() for device in devices]
+        return all(last.get(name) == {d for d in every if owner(d, ESTIMATORS) == name} for name in ESTIMATORS)
+
+    def moves(self, viewer: str, since_s: float) -> int:
+        """How often a device went from one estimator to another, as a subscriber heard it."""
+        has: dict[str, tuple[int, str]] = {}
+        count = 0
+        for said in list(self.heard[viewer].owned):
+            for device, epoch in said["held"].items():
+                before, who = has.get(device, (0, ""))
+                if epoch > before:
+                    count += said["at"] >= since_s and who not in ("", said["estimator"])
+                    has[device] = epoch, said["estimator"]
+        return count
+
     def disputed_until(self, since_s: float) -> float:
         """When the last device had two owners or none for longer than it takes to hand one over; `since_s`: it never was so."""
         last_s = since_s
@@ -211,9 +230,10 @@ class Guarded:
         }
         places = {router: [(WARD, member) for name, member in members.items() if name != router] for router in ROUTERS}
         for router in ROUTERS:
+            pki.admit(members[router], [member for _, member in places[router]])
             # One of two goes to the other, and does so again when it is back.
             join = [self._endpoint("r1")] if router == "r2" else []
-            settings = router_file.guarded([self._endpoint(router)], files[router], places[router], join)
+            settings = router_file.guarded([self._endpoint(router)], pki.gate(members[router]), places[router], join)
             self._file(router).write_text(router_file.rendered(settings, router), "utf-8")
         for name in (*BRIDGES, *ESTIMATORS, *VIEWERS):
             self._file(name).write_text(self._config(name, files[name]), "utf-8")

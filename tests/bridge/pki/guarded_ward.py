@@ -41,15 +41,18 @@ class GuardedWard:
         self.file = folder / "router.json5"
         self.write()
 
-    def write(self, wards: Sequence[str] = (WARD,), join: Sequence[str] = ()) -> None:
-        """The router's file anew, for all members there are now."""
+    def write(self, wards: Sequence[str] = (WARD,), join: Sequence[str] = (), *, by_issuers: bool = True) -> None:
+        """The router's files anew, for all members there are now; or one that goes by the authority as a whole."""
         members = [member for member, _ in self.folder.members() if member != self.router]
         places = [(ward, member) for member in members for ward in wards]
         listen = [
             self.endpoint,
             self.endpoint.replace("127.0.0.1", "127.0.0.2"),
         ]  # the second is not in its certificate
-        settings = router_file.guarded(listen, self.folder.identity(self.router), places, join)
+        if by_issuers:
+            self.folder.admit(self.router, members)
+        identity = self.folder.gate(self.router) if by_issuers else self.folder.identity(self.router)
+        settings = router_file.guarded(listen, identity, places, join)
         self.file.write_text(router_file.rendered(settings, "for a test"), "utf-8")
 
     def routers(self, who: str) -> Routers:

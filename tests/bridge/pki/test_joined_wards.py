@@ -37,9 +37,9 @@ class Hospital:
         self.endpoints = {router: f"tls/127.0.0.1:{free_port()}" for router in PLACES}
         for router, endpoint in self.endpoints.items():
             join = [e for e in self.endpoints.values() if e != endpoint] if router == "router:hospital" else []
-            identity = self._folder.identity(Member.parse(router))
             places = [(ward, Member.parse(who)) for ward, who in PLACES[router]]
-            settings = router_file.guarded([endpoint], identity, places, join)
+            self._folder.admit(Member.parse(router), [who for _, who in places])
+            settings = router_file.guarded([endpoint], self._folder.gate(Member.parse(router)), places, join)
             self.file(router).write_text(router_file.rendered(settings, router), "utf-8")
 
     def file(self, router: str) -> Path:

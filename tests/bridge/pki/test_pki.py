@@ -1,18 +1,18 @@
 """`truerate pki`: pairs that are whole, keys that nobody else reads, words on what is wrong, an exit code for monitoring."""
 
 import json
+import shutil
 import stat
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from bridge.pki.authority import Pair, hosts_of, issue, new_authority
+from bridge.pki.authority import Pair, hosts_of, issue, new_authority, new_issuer
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults
+from bridge.pki.identity import Identity, certificates, common_name, faults, verified
 from bridge.pki.member import Member, Role
 from estimator.cli import main
 
@@ -58,10 +58,10 @@ def test_what_is_no_member_is_refused(text: str) -> None:
 
 
 def test_private_keys_are_for_their_owner_alone(pki: Path) -> None:
-    keys = list(pki.glob("*.key"))
-    assert len(keys) == 3
+    keys = list(pki.rglob("*.key"))
+    assert len(keys) == 5
     assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
-    assert stat.S_IMODE(pki.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(folder.stat().st_mode) for folder in (pki, pki / "issuers")} == {0o700}
 
 
 def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
@@ -72,20 +72,21 @@ def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
     after = certificates(str(path))[0]
     assert (pki / "router.r.key").read_bytes() == key
     assert hosts_of(after) == hosts_of(before) == ["ward.example", "10.0.0.5"]
+    assert after.issuer == before.issuer
     assert common_name(after) == "router:r"
     assert after.not_valid_after_utc - before.not_valid_after_utc > 80 * DAY
     assert not list(pki.glob(".*"))
 
 
 def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = {path.name: path.read_bytes() for path in pki.iterdir()}
+    before = {path: path.read_bytes() for path in pki.rglob("*.*")}
 
     def fails(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bridge.pki.folder.os.fsync", fails)
     assert run(pki, "renew", "bridge:b1") == 1
-    assert {path.name: path.read_bytes() for path in pki.iterdir()} == before
+    assert {path: path.read_bytes() for path in pki.rglob("*.*")} == before
 
 
 def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -202,36 +203,66 @@ def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_p
     for name, days in (("expired", 91), ("early", -1)):
         assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
     root = new_authority("root", utc_now())
-    middle = _between(root)
+    middle = new_issuer(root, B1)
     own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
     for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
         (tmp_path / name).write_bytes(content)
         (tmp_path / name).chmod(0o600)
     files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
-    (tmp_path / "own.pem").write_bytes(own.certificate)
+    (tmp_path / "own.pem").write_bytes(own.certificate.removesuffix(middle.certificate))
     assert [fault for fault in faults(files, utc_now()) if "what lies between" in fault]
-    (tmp_path / "own.pem").write_bytes(own.certificate + middle.certificate)
+    (tmp_path / "own.pem").write_bytes(own.certificate)
     assert faults(files, utc_now()) == []
 
 
-def _between(root: Pair) -> Pair:
-    """An authority that another one vouches for."""
-    made = new_authority("between", utc_now())
-    subject = x509.load_pem_x509_certificate(made.certificate)
-    above = x509.load_pem_x509_certificate(root.certificate)
-    key = serialization.load_pem_private_key(root.key, None)
-    from cryptography.hazmat.primitives import hashes
-    from cryptography.hazmat.primitives.asymmetric import ec
+def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:
+    assert run(pki, "issue", "router:r", "bridge:b2", "--host", "localhost") == 0
+    assert run(pki, "revoke", "bridge:b1") == 0
+    assert run(pki, "issue", "bridge:b1") == 0
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447", "--member", "bridge:b1") == 0
+    by = pki / "router.r.members.pem"
+    assert [common_name(one) for one in certificates(str(by))] == ["issuer of router:r", "issuer of bridge:b1:2"]
+    assert verified(f"{pki}/bridge.b1.2.pem", str(by))
+    for other in ("bridge.b1", "bridge.b2", "viewer.hall"):
+        assert not verified(f"{pki}/{other}.pem", str(by))
+    assert run(pki, "renew", "bridge:b1") == 0
+    assert verified(f"{pki}/bridge.b1.2.pem", str(by))
+    assert [member.label for member, _ in Folder(pki).members()] == [
+        "bridge:b1",
+        "bridge:b2",
+        "router:r",
+        "viewer:hall",
+    ]
 
-    assert isinstance(key, ec.EllipticCurvePrivateKey)
-    builder = (
-        x509.CertificateBuilder()
-        .subject_name(subject.subject)
-        .issuer_name(above.subject)
-        .public_key(subject.public_key())
-        .serial_number(7)
-        .not_valid_before(utc_now() - DAY)
-        .not_valid_after(utc_now() + 30 * DAY)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    )
-    return Pair(builder.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM), made.key)
+
+def test_a_folder_of_an_earlier_truerate_goes_on_and_says_what_to_do(
+    pki: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    root = Pair((pki / "ca.pem").read_bytes(), (pki / "ca.key").read_bytes())
+    shutil.rmtree(pki / "issuers")
+    for who in ("bridge:b1", "viewer:hall", "router:r"):
+        here = pki / who.replace(":", ".")
+        key, hosts = Path(f"{here}.key").read_bytes(), ("localhost",) if "router" in who else ()
+        pair = issue(root, Member.parse(who), utc_now() - DAY, utc_now() + DAY, hosts=hosts, key=key)
+        Path(f"{here}.pem").write_bytes(pair.certificate)
+    router, by = ("router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447"), f"{pki}/router.r.members.pem"
+    capsys.readouterr()
+    assert run(pki, *router) == 0
+    assert "truerate pki renew router:r bridge:b1 viewer:hall; copy" in capsys.readouterr().err
+    assert verified(f"{pki}/bridge.b1.pem", by)
+    assert run(pki, "renew", "bridge:b1", "viewer:hall", "router:r") == 0
+    assert verified(f"{pki}/bridge.b1.pem", by)  # routers that have not been told yet let it in
+    assert run(pki, *router) == 0
+    assert "renew" not in capsys.readouterr().err
+    assert {common_name(one)[:9] for one in certificates(by)} == {"issuer of"}
+
+
+def test_a_router_may_go_by_an_authority_from_elsewhere(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447", "--ca", "/etc/site.pem") == 0
+    written = capsys.readouterr()
+    assert '"root_ca_certificate": "/etc/site.pem"' in written.out
+    assert not written.err
+    assert not (pki / "router.r.members.pem").exists()

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.bus.contract import BusError
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.pki.authority import Pair, issue
+from bridge.pki.authority import issue
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
 from bridge.wire import keys
@@ -22,8 +22,6 @@ LASTS = timedelta(seconds=3)
 
 def test_a_renewal_costs_no_sample_and_an_end_is_one(tmp_path: Path) -> None:
     ward = GuardedWard(tmp_path / "pki")
-    here = ward.folder.path
-    authority = Pair((here / "ca.pem").read_bytes(), (here / "ca.key").read_bytes())
     with ward.running(), ward.bus("estimator:e1") as e1:
         heard = {
             who.name: e1.subscribe(keys.pattern(WARD, "raw", bridge=who.name), history=True, capacity=10_000)
@@ -32,7 +30,8 @@ def test_a_renewal_costs_no_sample_and_an_end_is_one(tmp_path: Path) -> None:
         ends = utc_now() + LASTS
         for who in (B1, B2):
             files = ward.folder.identity(who)
-            pair = issue(authority, who, utc_now() - timedelta(hours=1), ends, key=Path(files.key).read_bytes())
+            issuer, key = ward.folder.issuer(who), Path(files.key).read_bytes()
+            pair = issue(issuer, who, utc_now() - timedelta(hours=1), ends, key=key)
             Path(files.certificate).write_bytes(pair.certificate)
         with ward.bus("bridge:b1") as b1, ward.bus("bridge:b2") as b2:
             publishers = [

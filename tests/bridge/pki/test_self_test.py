@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: self test
 
 def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) -> None:
     ward = GuardedWard(tmp_path / "pki")
+    ward.write(by_issuers=False)
     ward.folder.issue(Member.parse("bridge:late"), utc_now())  # the router's file is older
     config = tmp_path / "late.toml"
     files = ward.routers("bridge:late").identity
@@ -53,6 +54,7 @@ def test_each_role_finds_itself_known_and_a_stranger_does_not(tmp_path: Path) ->
 
 def test_a_subscriber_is_told_that_it_is_denied(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     ward = GuardedWard(tmp_path / "pki")
+    ward.write(by_issuers=False)
     ward.folder.issue(Member.parse("viewer:late"), utc_now())  # the router's file is older
     with ward.running():
         with Client(ward.routers("viewer:v1"), ward=WARD) as client:

@@ -28,7 +28,7 @@ LISTEN = ["tls/0.0.0.0:7447"]
 
 
 def identity(router: str) -> Identity:
-    return AT.identity(Member.parse(router))
+    return AT.gate(Member.parse(router))
 
 
 def written() -> dict[str, str]:
@@ -106,7 +106,7 @@ def test_one_machine_is_right_and_a_ward_lacks_only_its_certificates(capsys: pyt
     assert "right. A router at tcp/127.0.0.1:7447" in capsys.readouterr().out
     assert main(["config", "check", str(FILES / "ward.json5")]) == 2
     said = capsys.readouterr().err
-    assert "/etc/truerate/pki/ca.pem: there is no such file or folder" in said
+    assert "/etc/truerate/pki/router.router-3.members.pem: there is no such file or folder" in said
     assert "access_control" not in said
 
 

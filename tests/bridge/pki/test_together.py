@@ -8,7 +8,7 @@ import pytest
 
 from bridge.bus import router_file
 from bridge.config import Bus, ConfigError
-from bridge.pki.authority import Pair, issue
+from bridge.pki.authority import issue
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.member import Member, Role
 from estimator.cli import main
@@ -46,7 +46,8 @@ class Files:
             self.pki.issue(Member.parse(who), utc_now())
         self.router, self.one, self.two = (path / name for name in ("router.json5", "one.toml", "two.toml"))
         places = [("w", Member.parse(who)) for who in ("bridge:b1", "estimator:e1", "viewer:hall")]
-        settings = router_file.guarded(["tls/0.0.0.0:7447"], self.pki.identity(router), places)
+        self.pki.admit(router, [who for _, who in places])
+        settings = router_file.guarded(["tls/0.0.0.0:7447"], self.pki.gate(router), places)
         self.router.write_text(router_file.rendered(settings, "a router"), "utf-8")
         self.write("bridge.b1", "estimator.e1")
 
@@ -92,10 +93,13 @@ def other_knobs(files: Files) -> None:
 
 def expired(files: Files) -> None:
     here = files.pki.path
-    ca = Pair((here / "ca.pem").read_bytes(), (here / "ca.key").read_bytes())
-    key, day = (here / "bridge.b1.key").read_bytes(), timedelta(days=1)
-    pair = issue(ca, Member.parse("bridge:b1"), utc_now() - 2 * day, utc_now() - day, key=key)
+    b1, key, day = Member.parse("bridge:b1"), (here / "bridge.b1.key").read_bytes(), timedelta(days=1)
+    pair = issue(files.pki.issuer(b1), b1, utc_now() - 2 * day, utc_now() - day, key=key)
     (here / "bridge.b1.pem").write_bytes(pair.certificate)
+
+
+def not_let_in(files: Files) -> None:
+    files.pki.admit(Member.parse("router:r"), [Member.parse("estimator:e1")])
 
 
 def a_key_for_all(files: Files) -> None:
@@ -119,6 +123,7 @@ def unknown(files: Files) -> None:
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "no router knows bridge:b1"),
+        (not_let_in, "has rules for bridge:b1 and does not let in its certificate"),
     ],
 )
 def test_what_does_not_go_together_is_said(

@@ -133,13 +133,16 @@ function std(batch, rate, biasStd) {
   });
 }
 
-// Takes nothing of an older epoch after a newer one, which is forgotten when nothing of it has come for five seconds.
+// Takes nothing of an older epoch after a newer one, which is forgotten when only older ones have come for five seconds.
 const newest = new Map();
 function current(device, epoch) {
   const known = newest.get(device);
   const now = performance.now();
-  if (known !== undefined && epoch < known.epoch && now - known.heard <= 5000) return false;
-  newest.set(device, { epoch, heard: now });
+  if (known !== undefined && epoch < known.epoch) {
+    known.older ??= now;
+    if (now - known.older <= 5000) return false;
+  }
+  newest.set(device, { epoch, older: undefined });
   return true;
 }
 
