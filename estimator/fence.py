@@ -2,9 +2,9 @@
 
 `Fence` is for what is said now and then, `Turns` for samples, which have numbers.
 
-An epoch is of an estimator's turn at a device; a later turn has a higher number. The newest is forgotten when only older ones have
-come for a while: a machine whose clock was set back, and so makes lower numbers, must not be shut out for ever. A while in which
-nothing comes is no reason: what a bad line held up may be older.
+An epoch is of an estimator's turn at a device; a later turn has a higher number. The newest is forgotten when only older ones
+have come for a while: a machine whose clock was set back, and so makes lower numbers, must not be shut out for ever. A while in
+which nothing comes is no reason: what a bad line held up may be older.
 """
 
 from dataclasses import dataclass
