@@ -48,6 +48,7 @@ class _Peer:
     alive: bool = True
     pause_s: float = 0.0
     parts: dict[int, tuple[Holding, ...]] = field(default_factory=dict)
+    busy: dict[int, frozenset[str]] = field(default_factory=dict)  # devices, by part
 
 
 class Cluster:
@@ -136,8 +137,9 @@ class Cluster:
             peer.pause_s = max(now - peer.heard_s, _FADES * peer.pause_s)
             peer.heard_s = now
             peer.parts[owned.part] = owned.holdings
+            peer.busy[owned.part] = frozenset(h.device for h in owned.holdings if h.busy)
             for part in [part for part in peer.parts if part >= owned.parts]:
-                del peer.parts[part]
+                del peer.parts[part], peer.busy[part]
         self.highest = max(self.highest, owned.epoch, *(h.epoch for h in owned.holdings), 0)
         return [h.device for h in owned.holdings if h.epoch > self.held.get(h.device, h.epoch)]
 
@@ -153,8 +155,8 @@ class Cluster:
 
     def _busy(self, device: str, now: float) -> bool:
         """Whether another is about to calibrate it, and lives."""
-        living = [p for p in self._peers.values() if p.alive and now - p.heard_s <= self.knobs.hangs_most_s]
-        if not any(h.busy and h.device == device for p in living for part in p.parts.values() for h in part):
+        living = (p for p in self._peers.values() if p.alive and now - p.heard_s <= self.knobs.hangs_most_s)
+        if not any(device in busy for peer in living for busy in peer.busy.values()):
             self._spared.pop(device, None)
             return False
         return now - self._spared.setdefault(device, now) < self.knobs.busy_s
