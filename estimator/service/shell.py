@@ -126,7 +126,7 @@ class Service:
         self._quiet.finish()
         now = time.monotonic()
         for device in self._devices.values():
-            self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+            self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
         self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
         self._peers.say(self._devices, math.inf)
@@ -201,7 +201,7 @@ class Service:
                 device.session.sequence.refuse(late, MOVED)
             device.drop_waiting()
             self._learn(device)
-            self._guarded(device, lambda d=device: self._record.checkpoint(d, now, force=True))  # type: ignore[misc] # done now
+            self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
         self._stock.check()  # while they are counted
         for device in leaving:
             self._stock.leave(device.name)

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 
 from bridge.bus.contract import BusError, Declared
 from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Status
@@ -98,20 +99,22 @@ class Broadcast:
         """One round."""
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
-            self._guarded("what is heard", now, lambda heard=self._heard: heard.hear(now))  # type: ignore[misc] # done now
+            self._guarded("what is heard", now, partial(self._heard.hear, now))
         for name in self._hub.wanted():
             if name not in self._topics and now >= self._due.get(name, now) and self._may_begin(name, now):
-                self._guarded(name, now, lambda name=name: self._begin(name, now))  # type: ignore[misc] # done now
+                self._guarded(name, now, partial(self._begin, name, now))
             if name in self._topics and name in self._hub.newcomers:
-                whole = self._topics[name].whole
-                self._guarded(name, now, lambda n=name, of=whole: self._hub.greet(n, of(now, now_ns)))  # type: ignore[misc] # done now
+                self._guarded(name, now, partial(self._greet, name, now, now_ns))
             if name in self._topics:
                 self._last_watched[name] = now
         for name in list(self._topics):
             if now - self._last_watched[name] > LINGER_S:
                 self._end(name)
             elif now >= self._due[name]:
-                self._guarded(name, now, lambda name=name: self._tell(name, now, now_ns))  # type: ignore[misc] # done now
+                self._guarded(name, now, partial(self._tell, name, now, now_ns))
+
+    def _greet(self, name: str, now: float, now_ns: int) -> None:
+        self._hub.greet(name, self._topics[name].whole(now, now_ns))
 
     def _may_begin(self, name: str, now: float) -> bool:
         """A device that was never heard of waits until it is; so does what there is no room for."""
