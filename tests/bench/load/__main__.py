@@ -30,7 +30,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each paced run")
     parser.add_argument("--bursts", type=int, default=3, help="how often each burst is made")
     args = parser.parse_args()
-    console = Console()
+    console = Console(width=120)
     table = Table(title="Paced")
     for heading in (
         "devices",
