@@ -2,9 +2,9 @@
 
 BROAD's rests are real: what is believed is held against the mean of what the gyro reads in the ten seconds that follow, which the
 tracker has not seen; that mean's own noise (the scatter of the trial's resting seconds) and the walk of the bias meanwhile count,
-too. "as it begins": by what was known before the rest; "in it": every second, two seconds after its begin and later. Of simulated days the
-truth is known. The goal is 93 to 97 %. Seconds of one rest err alike, so the range is that of rests drawn anew. Writes
-out/rests.json.
+too. "as it begins": by what was known before the rest; "in it": every second from two seconds after its begin on. Of simulated
+days the truth is known; who wears the device breathes. The goal is 93 to 97 %. Seconds of one rest err alike, so the range is
+that of rests drawn anew. Writes out/rests.json.
 """
 
 import argparse

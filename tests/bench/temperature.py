@@ -2,7 +2,7 @@
 
 A simulated device warms up on its wearer; its tracked bias is kept every minute as the service keeps it, and the law is learnt
 from that. Three ways on: with all sensors, without an accelerometer, and with temperature alone once the first rest is over.
-Writes out/temperature.json.
+The bound is what nobody can better who reads this gyro. Writes out/temperature.json.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bridge.sim.day import Day, simulate_day
+from bridge.sim.day import Day, simulate_day, worn_spec
 from bridge.sim.warmth import ROOM_C
 from bridge.wire.messages import BootCause, DeviceInfo
 from estimator.gyro import GyroModel, PriorKnobs
@@ -120,18 +120,33 @@ def shown(results: list[dict[str, dict[str, dict[str, float]]]]) -> Table:
     for heading in ("", "", "rms", "of nothing\nlearnt", "of first\nboot", "worst", "in ±1.96 σ, %"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for way in WAYS:
+        nothing, first = (np.array([one[way][name]["rms"] for one in results]) for name in (WHO[1], WHO[0]))
         for who in WHO:
-            rms, nothing, first = (
-                np.array([one[way][name]["rms"] for one in results]) for name in (who, WHO[1], WHO[0])
+            rms, worst, covered = (
+                np.array([one[way][who][what] for one in results]) for what in ("rms", "worst", "covered")
             )
-            worst, covered = (
-                float(np.median([one[way][who][what] for one in results])) for what in ("worst", "covered")
-            )
-            ratios = [f"{np.median(rms / of):.2f}" for of in (nothing, first)]
             table.add_row(
-                way if who == WHO[0] else "", who, f"{np.median(rms):.4f}", *ratios, f"{worst:.3f}", f"{covered:.0f}"
+                way if who == WHO[0] else "",
+                who,
+                f"{np.median(rms):.4f}",
+                *(f"{np.median(rms / of):.2f}" for of in (nothing, first)),
+                f"{np.median(worst):.3f}",
+                f"{np.median(covered):.0f}",
             )
+        bound = bound_dps()
+        ratios = (f"{np.median(bound / of):.2f}" for of in (nothing, first))
+        table.add_row("", "bound, always at rest, true law", f"{bound:.4f}", *ratios, "–", "–")
     return table
+
+
+def bound_dps() -> float:
+    """°/s, the Cramér-Rao bound of the bias where the law and the true rate of every second were known: noise and walk are left.
+
+    The filtered variance P of a walk q seen with noise r each second: P² + q P = q r.
+    """
+    spec = worn_spec(_RATE_HZ)
+    q, r = spec.rrw_dps_per_sqrt_s**2, spec.noise_dps**2 / _RATE_HZ
+    return float(np.sqrt((np.sqrt(q * q + 4 * q * r) - q) / 2))
 
 
 def _info(boot: int) -> DeviceInfo:
