@@ -113,11 +113,11 @@ def measure(seed: int, hours: float, folder: Path) -> dict[str, dict[str, dict[s
 
 
 def shown(results: list[dict[str, dict[str, dict[str, float]]]]) -> Table:
-    """Medians over the devices; the ratio is the median of each device's own."""
+    """Medians over the devices, of the ratios, too; and the ratio of what is rms over all of them."""
     table = Table(
         title="Bias error in the first ten minutes, °/s: medians", title_justify="left", box=None, pad_edge=False
     )
-    for heading in ("", "", "rms", "of nothing\nlearnt", "of first\nboot", "worst", "in ±1.96 σ, %"):
+    for heading in ("", "", "rms", "of nothing\nlearnt", "of first\nboot", "all\ntogether", "worst", "in ±1.96 σ, %"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for way in WAYS:
         nothing, first = (np.array([one[way][name]["rms"] for one in results]) for name in (WHO[1], WHO[0]))
@@ -130,12 +130,14 @@ def shown(results: list[dict[str, dict[str, dict[str, float]]]]) -> Table:
                 who,
                 f"{np.median(rms):.4f}",
                 *(f"{np.median(rms / of):.2f}" for of in (nothing, first)),
+                f"{np.sqrt(np.mean(rms**2) / np.mean(first**2)):.2f}",
                 f"{np.median(worst):.3f}",
                 f"{np.median(covered):.0f}",
             )
         bound = bound_dps()
         ratios = (f"{np.median(bound / of):.2f}" for of in (nothing, first))
-        table.add_row("", "bound, always at rest, true law", f"{bound:.4f}", *ratios, "–", "–")
+        together = f"{bound / np.sqrt(np.mean(first**2)):.2f}"
+        table.add_row("", "bound, always at rest, true law", f"{bound:.4f}", *ratios, together, "–", "–")
     return table
 
 
@@ -159,11 +161,11 @@ def main() -> int:
     """Print a table; no verdict."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--hours", type=float, default=2.0, help="of each boot that is learnt from")
-    asked.add_argument("--days", type=int, default=8, help="how many devices")
+    asked.add_argument("--days", type=int, default=24, help="how many devices")
     asked.add_argument("--out", type=Path, default=Path("out"))
     wanted = asked.parse_args()
     console = Console()
-    console.width = max(console.width, 100)
+    console.width = max(console.width, 120)
     with tempfile.TemporaryDirectory() as folder:
         seeds = track(range(wanted.days), "temperature", console=console)
         results = [measure(seed, wanted.hours, Path(folder)) for seed in seeds]
