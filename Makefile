@@ -86,12 +86,13 @@ bench-cluster: setup-dev
 bench-network: setup-dev
 	$(BIN)/python -m tests.bench.network $(ARGS)
 
-# Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is without one; takes minutes. ARGS='--hours 1 --days 1' for a short look.
+# Bias trackers, ours and its peers, side by side, what a learnt temperature law is worth, and how honest it is, without one, scene by scene and at real rests; takes minutes. ARGS='--hours 1 --days 1' for a short look.
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
 	$(BIN)/python -m tests.bench.warming $(ARGS)
 	$(BIN)/python -m tests.bench.honesty $(ARGS)
+	$(BIN)/python -m tests.bench.rests $(ARGS)
 
 # Wildcard, foreign, forged and replayed traffic, and a flood of invented devices: what is accepted, who is delayed.
 bench-hostile: setup-dev

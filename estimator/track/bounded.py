@@ -28,10 +28,10 @@ class BoundedKnobs:
     stretch_s: float = 30.0
     #: a body that swings farther is moving
     swing: float = radians(10.0)
-    #: and one that seems to swing less does so where no reading shows it
-    least_swing: float = radians(0.1)
-    #: the last attitude of a stretch may be this many times the swing's deviation from its first
-    ends: float = 2.0
+    #: and one that seems to end nearer to where it began does not: no reading shows it
+    least_way: float = radians(0.2)
+    #: who crosses the mean of the way no more often than this in a stretch may as well be leaving as coming back
+    returns: float = 7.0
     #: so many stretches in a row that contradict the bias are believed
     insist: int = 4
     #: about the vertical, which no accelerometer checks: a bed may turn for minutes. Normalised innovation squared, and stretches
@@ -81,11 +81,17 @@ class Bounded:
         H[:, BIAS], H[:, SLOPE] = np.eye(3), float((colder * lasted).sum()) / seconds * np.eye(3)
         receipts = []
         for kind, axes in _parts(up):
-            swing = np.maximum((way @ axes.T).std(axis=0), self.knobs.least_swing)
-            R = np.diag((self.knobs.ends * swing / seconds) ** 2) + (axes * (noise + walk)) @ axes.T
+            R = np.diag(self._ends_var(way @ axes.T) / seconds**2) + (axes * (noise + walk)) @ axes.T
             gate = self.knobs.vertical_gate if kind == VERTICAL else GATES[len(axes)]
             receipts.append(self._judged(Evidence(kind, axes @ z, axes @ H, R, gate, axes**2 @ common), bias))
         return receipts
+
+    def _ends_var(self, way: Floats) -> Floats:
+        """(m,) variance of how far a way (n, m) ends from where it began: two moments of its swing, if it swings often."""
+        swing = way - way.mean(axis=0)
+        crossed = np.count_nonzero(np.diff(swing > 0, axis=0), axis=0)
+        doubt = 1 + (self.knobs.returns / np.maximum(crossed, 1)) ** 2
+        return np.asarray(np.maximum(2 * doubt * np.mean(swing**2, axis=0), self.knobs.least_way**2))
 
     def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
         """Take it, or refuse it as long as it does not insist."""

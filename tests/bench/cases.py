@@ -15,7 +15,7 @@ from tests.bench.optical import bias_by_optics, drift_deg_per_min, level_force, 
 from tests.bench.trackers import Floats, Prior, Track, ours
 
 TURN_RATES_DPS = (0.1, 0.3, 1.0, 2.0)
-_TURN_SEEDS = 4
+_TURN_SEEDS = 40
 _DAY_RATE_HZ = 52.0
 #: a day is judged from the end of its first rest on, a minute on the table
 _FIRST_REST_S = 60.0

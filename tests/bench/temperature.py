@@ -2,7 +2,7 @@
 
 A simulated device warms up on its wearer; its tracked bias is kept every minute as the service keeps it, and the law is learnt
 from that. Three ways on: with all sensors, without an accelerometer, and with temperature alone once the first rest is over.
-Writes out/temperature.json.
+The bound is what nobody can better who reads this gyro. Writes out/temperature.json.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bridge.sim.day import Day, simulate_day
+from bridge.sim.day import Day, simulate_day, worn_spec
 from bridge.sim.warmth import ROOM_C
 from bridge.wire.messages import BootCause, DeviceInfo
 from estimator.gyro import GyroModel, PriorKnobs
@@ -113,25 +113,42 @@ def measure(seed: int, hours: float, folder: Path) -> dict[str, dict[str, dict[s
 
 
 def shown(results: list[dict[str, dict[str, dict[str, float]]]]) -> Table:
-    """Medians over the devices; the ratio is the median of each device's own."""
+    """Medians over the devices, of the ratios, too; and the ratio of what is rms over all of them."""
     table = Table(
         title="Bias error in the first ten minutes, °/s: medians", title_justify="left", box=None, pad_edge=False
     )
-    for heading in ("", "", "rms", "of nothing\nlearnt", "of first\nboot", "worst", "in ±1.96 σ, %"):
+    for heading in ("", "", "rms", "of nothing\nlearnt", "of first\nboot", "all\ntogether", "worst", "in ±1.96 σ, %"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for way in WAYS:
+        nothing, first = (np.array([one[way][name]["rms"] for one in results]) for name in (WHO[1], WHO[0]))
         for who in WHO:
-            rms, nothing, first = (
-                np.array([one[way][name]["rms"] for one in results]) for name in (who, WHO[1], WHO[0])
+            rms, worst, covered = (
+                np.array([one[way][who][what] for one in results]) for what in ("rms", "worst", "covered")
             )
-            worst, covered = (
-                float(np.median([one[way][who][what] for one in results])) for what in ("worst", "covered")
-            )
-            ratios = [f"{np.median(rms / of):.2f}" for of in (nothing, first)]
             table.add_row(
-                way if who == WHO[0] else "", who, f"{np.median(rms):.4f}", *ratios, f"{worst:.3f}", f"{covered:.0f}"
+                way if who == WHO[0] else "",
+                who,
+                f"{np.median(rms):.4f}",
+                *(f"{np.median(rms / of):.2f}" for of in (nothing, first)),
+                f"{np.sqrt(np.mean(rms**2) / np.mean(first**2)):.2f}",
+                f"{np.median(worst):.3f}",
+                f"{np.median(covered):.0f}",
             )
+        bound = bound_dps()
+        ratios = (f"{np.median(bound / of):.2f}" for of in (nothing, first))
+        together = f"{bound / np.sqrt(np.mean(first**2)):.2f}"
+        table.add_row("", "bound, always at rest, true law", f"{bound:.4f}", *ratios, together, "–", "–")
     return table
+
+
+def bound_dps() -> float:
+    """°/s, the Cramér-Rao bound of the bias where the law and the true rate of every second were known: noise and walk are left.
+
+    The filtered variance P of a walk q seen with noise r each second: P² + q P = q r.
+    """
+    spec = worn_spec(_RATE_HZ)
+    q, r = spec.rrw_dps_per_sqrt_s**2, spec.noise_dps**2 / _RATE_HZ
+    return float(np.sqrt((np.sqrt(q * q + 4 * q * r) - q) / 2))
 
 
 def _info(boot: int) -> DeviceInfo:
@@ -144,11 +161,11 @@ def main() -> int:
     """Print a table; no verdict."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--hours", type=float, default=2.0, help="of each boot that is learnt from")
-    asked.add_argument("--days", type=int, default=8, help="how many devices")
+    asked.add_argument("--days", type=int, default=24, help="how many devices")
     asked.add_argument("--out", type=Path, default=Path("out"))
     wanted = asked.parse_args()
     console = Console()
-    console.width = max(console.width, 100)
+    console.width = max(console.width, 120)
     with tempfile.TemporaryDirectory() as folder:
         seeds = track(range(wanted.days), "temperature", console=console)
         results = [measure(seed, wanted.hours, Path(folder)) for seed in seeds]

@@ -10,6 +10,7 @@ from bridge.sim.scenes import rests_and_motion
 from tests.bench import broad
 from tests.bench.cases import KEPT, ROWS, day_cases, turn_cases
 from tests.bench.optical import drift_deg_per_min, matrix_of
+from tests.bench.rests import Held, held_against_what_follows
 from tests.bench.trackers import TRACKERS, Track, first_still
 
 
@@ -46,6 +47,17 @@ def test_the_truth_keeps_slow_turns_and_days() -> None:
             if row.name in worth:
                 assert worth[row.name] == pytest.approx({"°/s": 0.0, "%": 100.0}[row.unit], abs=5.0)
                 assert row.group != KEPT or "0.1" in row.label
+
+
+@pytest.mark.parametrize(("told", "least", "most"), [(1.0, 90.0, 99.0), (0.5, 50.0, 90.0), (3.0, 99.0, 100.0)])
+def test_an_honest_bias_is_within_its_interval_at_rest_and_one_too_sure_is_not(
+    told: float, least: float, most: float
+) -> None:
+    trial, std = simulated(), np.radians(0.01)
+    off = np.repeat(np.random.default_rng(3).normal(size=(300, 3)), 200, axis=0)[: len(trial.bias)] * std
+    found = Track(trial.bias + off, np.full(off.shape, told * std))
+    held = Held([z for when, z in held_against_what_follows(trial, found) if when == "in it"])
+    assert least < held.share <= most
 
 
 def test_a_first_rest_is_not_known_before_it_has_passed() -> None:

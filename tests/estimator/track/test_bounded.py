@@ -20,6 +20,7 @@ def breathe(
     seed: int = 0,
     up: Floats | None = None,
     *,
+    breath_s: float = 4.3,
     slope_dps: float = 0.0,
     kelvin_per_s: float = 0.0,
 ) -> tuple[BiasFilter, list[Receipt]]:
@@ -29,18 +30,29 @@ def breathe(
     state.x[SLOPE] = np.radians(slope_dps)
     state.P[SLOPE, SLOPE] = np.radians(1e-3) ** 2 * np.eye(3)
     bias, bounded, receipts = BiasFilter(state, knobs), Bounded(), []
-    way = np.radians(swing_deg) * np.sin(2 * np.pi * np.arange(seconds + 1) / 4.3 + rng.uniform(0, 6))
+    way = np.radians(swing_deg) * np.sin(2 * np.pi * np.arange(seconds + 1) / breath_s + rng.uniform(0, 6))
     swung = np.ones(3) if up is None else np.array([1.0, 0.0, 0.0])
     for i in range(seconds):
         warmed = np.radians(slope_dps) * kelvin_per_s * (i + 0.5)
         mean = BIAS + warmed + (way[i + 1] - way[i]) * swung + np.radians(0.03) / np.sqrt(N) * rng.normal(size=3)
-        std, step = np.full(3, np.radians(0.03)), np.full(3, 1e-12)
-        second = Second(
-            i, i + 1.0, np.full(N, 1 / N), np.tile(mean, (N, 1)), None, False, "", mean, std, step, None, None
-        )
         bias.predict(i + 1.0, 20.0 + kelvin_per_s * (i + 1))
-        receipts += bounded.take(second, bias, up)
+        receipts += bounded.take(second_of(mean, i), bias, up)
     return bias, receipts
+
+
+def second_of(mean: Floats, i: int) -> Second:
+    """The second after i s, of that mean rate."""
+    std, step = np.full(3, np.radians(0.03)), np.full(3, 1e-12)
+    return Second(i, i + 1.0, np.full(N, 1 / N), np.tile(mean, (N, 1)), None, False, "", mean, std, step, None, None)
+
+
+def swayed(seed: int, settles_s: float) -> Floats:
+    """A degree's way (31, 3) at whole seconds, that comes back by chance: Ornstein and Uhlenbeck's."""
+    rng, kept = np.random.default_rng([seed, 1]), np.exp(-1 / settles_s)
+    way = [rng.normal(size=3)]
+    for _ in range(30):
+        way.append(kept * way[-1] + np.sqrt(1 - kept**2) * rng.normal(size=3))
+    return np.radians(np.array(way))
 
 
 def test_a_breathing_sleeper_teaches_the_bias_within_its_deviation() -> None:
@@ -58,6 +70,25 @@ def test_a_wider_swing_says_less_and_the_widest_nothing() -> None:
     (little,), (much,) = (breathe(0.0, 30, swing)[1] for swing in (0.5, 4.0))
     assert much.innovation_cov[0, 0] > 4 * little.innovation_cov[0, 0]
     assert breathe(0.0, 30, 15.0)[1] == []
+
+
+def test_who_swings_slowly_may_be_leaving() -> None:
+    (breath,), (sway,) = (breathe(0.0, 30, 2.0, breath_s=each)[1] for each in (4.3, 15.0))
+    assert sway.innovation_cov[0, 0] > 3 * breath.innovation_cov[0, 0]
+
+
+@pytest.mark.parametrize("settles_s", [3.0, 10.0])
+def test_a_sway_without_a_beat_teaches_about_as_much_as_it_is_believed(settles_s: float) -> None:
+    scores = []
+    for seed in range(60):
+        rng, way, bounded = np.random.default_rng(seed), swayed(seed, settles_s), Bounded()
+        bias = BiasFilter(start(BIAS, np.radians(1.0) ** 2 * np.eye(3), 0.0, BiasKnobs()), BiasKnobs())
+        for i in range(30):
+            mean = BIAS + way[i + 1] - way[i] + np.radians(0.03) / np.sqrt(N) * rng.normal(size=3)
+            bias.predict(i + 1.0)
+            bounded.take(second_of(mean, i), bias)
+        scores.append((bias.state.bias - BIAS) / bias.state.std)
+    assert 0.5 < np.mean(np.square(scores)) < 1.8
 
 
 def test_four_stretches_that_contradict_are_believed() -> None:
