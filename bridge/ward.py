@@ -19,7 +19,8 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
-_CACHE_S = 15.0
+#: an outage may last: over lines that lose much, one goes on for as long again as it has lasted
+_CACHE_S = 30.0
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
 _TURN = 0.5  # of the time between batches: the most that one device may take of it

@@ -86,13 +86,15 @@ class Once:
             if not owed:
                 return
             batch = _cut(batch, 0, owed)
+        which = batch.device, batch.boot
+        if boot.held:
+            self._outdate(which, boot, batch)
         end = batch.sequence + len(batch)
         boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
         if batch.sequence == boot.came_to and not boot.held:
             boot.came_to = end
             self.ready.append(batch)
             return
-        which = batch.device, batch.boot
         self._hold(boot, batch, now)
         self._in_turn(boot)
         while boot.samples > self.knobs.window:
@@ -134,6 +136,18 @@ class Once:
             boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes))
             self._forget(batch.device)
         return boot
+
+    def _outdate(self, which: tuple[str, int], boot: _Boot, batch: CorrectedBatch) -> None:
+        """Of what is held, leave out what is of earlier turns than this batch and not below it: its estimator says that, too."""
+        held, boot.held = boot.held, []
+        for piece, came in held:
+            n = len(piece) if piece.epoch >= batch.epoch else min(len(piece), max(0, batch.sequence - piece.sequence))
+            if n:
+                boot.held.append((_cut(piece, 0, n), came))
+            self._leave_out("outdated", len(piece) - n)
+        boot.samples = sum(len(piece) for piece, _ in boot.held)
+        boot.oldest = min((came for _, came in boot.held), default=0.0)
+        self._settle(which, boot)
 
     def _hold(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
         """Put what is new of a batch among what is held."""

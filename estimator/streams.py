@@ -13,7 +13,7 @@ from bridge.bus.contract import Message, Subscription
 from bridge.wire.messages import CorrectedBatch
 from estimator.door import Door
 from estimator.lateness import Lateness
-from estimator.once import Miss, Missing, Once, OnceKnobs
+from estimator.once import Event, Miss, Missing, Once, OnceKnobs
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -125,7 +125,8 @@ class Stream(Generic[T]):
 class Corrected(Stream[CorrectedBatch]):
     """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
 
-    What comes more than a second later than it should is flagged `SampleFlag.LATE`, whoever held it up.
+    What is given more than a second later than it should be is flagged `SampleFlag.LATE`, whoever held it up: the way, or a hole
+    before it that was waited for.
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
 
@@ -139,6 +140,7 @@ class Corrected(Stream[CorrectedBatch]):
     ) -> None:
         super().__init__(subscription, door, idle_s)
         self._once, self._on_miss, self._lateness = Once(knobs), on_miss, Lateness()
+        self._given: deque[Event] = deque()
 
     @property
     def repeated(self) -> int:
@@ -162,8 +164,8 @@ class Corrected(Stream[CorrectedBatch]):
 
     def pop(self) -> CorrectedBatch | None:
         """The next batch that is ready, or None."""
-        while self._once.ready:
-            event = self._once.ready.popleft()
+        while self._given:
+            event = self._given.popleft()
             if isinstance(event, CorrectedBatch):
                 return event
             if self._on_miss is not None:
@@ -173,7 +175,7 @@ class Corrected(Stream[CorrectedBatch]):
     def close(self) -> None:
         """Stop receiving; iterating ends at once."""
         super().close()
-        self._once.ready.clear()
+        self._given.clear()
 
     def ended(self) -> bool:
         """Whether nothing more is to be waited for: then what is held comes, and the end."""
@@ -181,29 +183,38 @@ class Corrected(Stream[CorrectedBatch]):
             return False
         if not self._subscription.closed:
             self._once.rest()
+            self._give()
         return not self._any()
 
     def _any(self) -> bool:
-        return bool(self._once.ready)
+        return bool(self._given)
+
+    def _give(self) -> None:
+        """What is in its turn now, marked where that is late."""
+        clock = time.time()
+        while self._once.ready:
+            event = self._once.ready.popleft()
+            self._given.append(self._lateness.marked(event, clock) if isinstance(event, CorrectedBatch) else event)
 
     def _fill(self, timeout_s: float) -> bool:
         now, due = time.monotonic(), self._once.due()
         for_s = timeout_s if due is None else max(0.0, min(timeout_s, due - now))
         if super()._fill(for_s):
-            self._once.overdue(
-                now
-            )  # all that came until then has been taken from the queue, however slow the program is
+            # All that came until then has been taken from the queue, however slow the program is.
+            self._once.overdue(now)
+            self._give()
             return True
         if due is None or due - now > timeout_s or self._subscription.closed:
             return False
         self._once.overdue(due)
+        self._give()
         return True
 
     def _take(self, messages: Sequence[Message]) -> None:
-        now, clock = time.monotonic(), time.time()
+        now = time.monotonic()
         for message in messages:
             if (batch := self._door.take(message)) is not None:
-                self._once.feed(self._lateness.marked(batch, clock), now)
+                self._once.feed(batch, now)
 
 
 class _InALoop(AsyncIterator[T]):

@@ -12,8 +12,9 @@ from typing import Generic, NamedTuple, TypeVar
 
 _T = TypeVar("_T")
 
-#: when a gap is asked about, after it was noticed and after each try that found nobody; then it is given up
-TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0)
+#: when a gap is asked about, after it was noticed and after each try that found nobody; then it is given up. Over a bad line a
+#: publisher may be out of reach for as long as a bridge keeps what it has sent
+TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0)
 #: a heartbeat may overtake the last message inside this process
 GRACE_S = 0.02
 MOST_HELD = 4096

@@ -76,12 +76,13 @@ class Repaired(Subscription):
         heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
         inbox: Inbox,
         pattern: str,
+        past: int | None,
     ) -> None:
         self._pattern, self._heartbeats = pattern, heartbeats
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
-        self._first = bus.past(f"{pattern}/@adv/**")
+        self._first = bus.past(f"{pattern}/@adv/**", "" if past is None else f"_max={past}")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
         bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
         bus.run(self._go_on_repairing, f"repair {pattern}")

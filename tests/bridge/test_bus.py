@@ -227,6 +227,20 @@ def test_a_late_joiner_gets_history_then_live(a: Bus, b: Bus) -> None:
     assert subscription.missed == 0
 
 
+def test_a_late_joiner_may_want_the_last_of_the_past_only(a: Bus, b: Bus) -> None:
+    publishers = [a.publisher(key, cache=10) for key in ("t/one", "t/two")]
+    for n in range(5):
+        for publisher in publishers:
+            publisher.put(bytes([n]))
+    subscription = b.subscribe("t/*", history=2)
+    found = [message for _ in range(4) if (message := subscription.receive(5.0))]
+    for publisher in publishers:
+        publisher.put(bytes([5]))
+    found += [message for _ in range(2) if (message := subscription.receive(5.0))]
+    assert [[m.payload[0] for m in found if m.key == key] for key in ("t/one", "t/two")] == [[3, 4, 5]] * 2
+    assert subscription.missed == 0
+
+
 def test_a_bus_with_more_history_of_its_own_than_a_channel_holds_does_not_hang(a: Bus) -> None:
     publisher = a.publisher("t/own", cache=70_000)
     for n in range(70_000):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bridge.wire.messages import CorrectedBatch
 from estimator.fence import FORGET_S, Fence, Turns
-from estimator.once import Once
+from estimator.once import Once, OnceKnobs
 from tests.estimator.test_revision import batch
 
 
@@ -83,3 +83,30 @@ def test_a_subscriber_takes_a_sample_from_one_estimator_only_and_misses_none() -
     assert [b.epoch for b in given] == sorted(b.epoch for b in given)
     assert once.left_out.as_dict() == {"repeated": 10, "outdated": 25}
     assert once.missing == {}
+
+
+def test_what_was_held_of_an_earlier_turn_is_not_given_after_a_later_one() -> None:
+    once = Once(OnceKnobs(wait_s=1.0))
+    came = [(0, 5, 1), (20, 30, 1), (8, 14, 1), (5, 10, 2), (10, 20, 2)]
+    for at, (start, end, epoch) in enumerate(came):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    assert [(b.sequence, len(b), b.epoch) for b in once.ready if isinstance(b, CorrectedBatch)] == [
+        (0, 5, 1),
+        (5, 5, 2),
+        (10, 10, 2),
+    ]
+    assert once.left_out.as_dict() == {"outdated": 16}
+    assert once.due() is None, "nothing is held"
+
+
+def test_what_was_held_from_below_a_later_turn_is_given_before_it() -> None:
+    once = Once(OnceKnobs(wait_s=1.0))
+    came = [(0, 5, 1), (8, 14, 1), (12, 20, 2), (5, 8, 1)]
+    for at, (start, end, epoch) in enumerate(came):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    assert [(b.sequence, len(b), b.epoch) for b in once.ready if isinstance(b, CorrectedBatch)] == [
+        (0, 5, 1),
+        (5, 3, 1),
+        (8, 4, 1),
+        (12, 8, 2),
+    ]

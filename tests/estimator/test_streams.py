@@ -3,14 +3,17 @@
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from bridge.bus.contract import Bus, BusError, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import CorrectedBatch
+from bridge.wire.messages import CorrectedBatch, SampleFlag
 from estimator.client import Client
+from estimator.lateness import LATE_S
 from estimator.once import Miss
 from tests.bridge.test_bus import MemoryWorld, World, ZenohWorld, eventually
 from tests.estimator.test_client import numbers
@@ -106,6 +109,29 @@ def test_a_router_that_is_gone_for_a_while_costs_nothing(client: Client, world: 
     put(sending, 50)
     assert numbers([first, *until(iter(stream), 54)]) == list(range(55))
     assert stream.missing == {}
+
+
+def test_what_waited_long_for_a_hole_before_it_is_late_and_what_filled_it_too(client: Client, estimator: Bus) -> None:
+    """Its own way was short: nobody but the subscriber knows how long it was held."""
+    stream, n = client.corrected(wait_s=10.0), 5
+
+    def made_now(start: int) -> CorrectedBatch:
+        return replace(batch(start, n), start_time_ns=time.time_ns())
+
+    sends = publisher(estimator)
+    first, missing, held = (made_now(start) for start in (0, n, 2 * n))
+    for one in (first, held):
+        sends.put(codec.encode_corrected(one))
+    came = stream.drain(10.0)
+    deadline = time.monotonic() + LATE_S + 0.3
+    while time.monotonic() < deadline:
+        came += stream.drain(0.05)
+    assert [one.sequence for one in came] == [0]
+    for one in (missing, made_now(3 * n)):
+        sends.put(codec.encode_corrected(one))
+    given = until(iter(stream), 4 * n - 1)
+    assert [one.sequence for one in given] == [n, 2 * n, 3 * n]
+    assert [bool((one.flags & SampleFlag.LATE).all()) for one in given] == [True, True, False]
 
 
 def test_a_few_devices_are_read_together(client: Client, estimator: Bus) -> None:

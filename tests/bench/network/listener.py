@@ -15,7 +15,7 @@ from estimator.config import Ward
 from estimator.once import Miss
 
 #: who does not want to miss anything waits for a router that is gone, and for repeats through lines that lose packets
-PATIENT_S = 20.0
+PATIENT_S = 40.0
 
 
 def say(**what: object) -> None:
