@@ -4,6 +4,7 @@ import logging
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
+from itertools import islice
 
 from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
@@ -25,6 +26,8 @@ SAY_S, SAY_ALONE_S = 0.2, 1.0
 HELD_UP_S = 0.5
 #: so many messages in a round: there are more to be read
 MANY = 512
+#: devices that are taken over in one round: then it is those' turn that we have, and that come back first
+AT_ONCE = 16
 #: how often it is looked whether there is a router, when no token has changed
 _LOOK_S = 0.25
 _MOVES, _WAITING = 8, 65536
@@ -164,9 +167,9 @@ class Peers:
         return ours
 
     def taken_over(self, devices: dict[str, Device], silent: Silent, now: float) -> list[list[Message]]:
-        """Devices that are ours from now on, and are said to be: what is to be done of each, in its order.
+        """Some devices that are ours from now on, and are said to be: what is to be done of each, in its order.
 
-        Those that send nothing are `silent`.
+        The others follow in the next rounds. Those that send nothing are `silent`.
         """
         if now < self._next_scan:
             return []
@@ -176,7 +179,10 @@ class Peers:
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
                 silent.take(known, self._begin(known.device), self._now_ns())
-        queues = [self._take(device) for device in list(self._standby) if self.cluster.wants(device, now)]
+        wanted = (device for device in list(self._standby) if self.cluster.wants(device, now))
+        queues = [self._take(device) for device in islice(wanted, AT_ONCE)]
+        if len(queues) == AT_ONCE:
+            self._next_scan = now
         if queues:
             self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
         return queues
