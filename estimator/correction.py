@@ -57,7 +57,12 @@ class Correction:
 
     def apply(self, batch: SampleBatch, start: int, end: int) -> CorrectedBatch:
         """Samples start to end of the batch, corrected."""
-        model, part = self.model, slice(start, end)
+        rate = self.model.correct(batch.gyro[start:end].astype(float))
+        return self.told_of(batch, start, end, rate.astype(np.float32))
+
+    def told_of(self, batch: SampleBatch, start: int, end: int, rate: NDArray[np.float32]) -> CorrectedBatch:
+        """The same with the rates (end - start, 3) that this has made of them."""
+        part = slice(start, end)
         since = float(batch.ticks[start] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
         return CorrectedBatch(
             device=batch.device,
@@ -67,12 +72,20 @@ class Correction:
             tick_period_s=batch.tick_period_s,
             clock_rate=batch.clock_rate,
             ticks=batch.ticks[part],
-            rate=model.correct(batch.gyro[part].astype(float)).astype(np.float32),
+            rate=rate,
             flags=batch.flags[part],
             quality=self.quality,
             **self.told._asdict(),
             calibration=self.calibration,
         )
+
+
+class Cut(NamedTuple):
+    """Samples first to last of a batch, and what corrects them."""
+
+    correction: Correction
+    first: int
+    last: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

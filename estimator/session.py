@@ -26,7 +26,7 @@ from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.block import BLOCK_S, Block, Part, joined, sample_time_ns, temperature_at
-from estimator.correction import Correction, believed, choose
+from estimator.correction import Correction, Cut, believed, choose
 from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
@@ -83,6 +83,11 @@ class Outcome:
     seconds: list[Second] = field(default_factory=list)
     changed: bool = False
     said: list[str] = field(default_factory=list)
+
+    @property
+    def worded(self) -> bool:
+        """Whether anything but samples is to be published of it."""
+        return self.changed or self.calibration is not None or self.revision is not None
 
 
 class DeviceSession:
@@ -278,12 +283,11 @@ class DeviceSession:
         self._block.add(time, batch, 0, len(time))
         self._latest = float(time[-1])
 
-    def end_block(self, batch: SampleBatch) -> Outcome:
-        """Take a plain batch that ends a block, as `take` would."""
+    def end_block(self, batch: SampleBatch) -> tuple[Outcome, list[Cut]]:
+        """Take a plain batch that ends a block, as `take` would; what of it is to be corrected by what, besides the outcome."""
         outcome = Outcome()
         self._went_on(batch)
-        self._take(batch, 0, len(batch.ticks), 0.0, outcome)
-        return outcome
+        return outcome, self._take(batch, 0, len(batch.ticks), 0.0, outcome)
 
     def _went_on(self, batch: SampleBatch) -> None:
         self.sequence.went_on(len(batch.ticks))
@@ -322,10 +326,11 @@ class DeviceSession:
         finite = runs(batch, first)
         self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - begin for begin, end in finite))
         for begin, end in finite:
-            self._take(batch, begin, end, away_s, outcome)
+            cuts = self._take(batch, begin, end, away_s, outcome)
+            outcome.corrected += [cut.correction.apply(batch, cut.first, cut.last) for cut in cuts]
         return outcome
 
-    def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> None:
+    def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> list[Cut]:
         time = self._going_on(batch.device_time[first:last], away_s)
         if self._first_time is None:
             self._first_time = float(time[0])
@@ -333,17 +338,17 @@ class DeviceSession:
         edges = [] if blocks[0] == self._block_number else [0]
         edges += ((blocks[1:] != blocks[:-1]).nonzero()[0] + 1).tolist()
         self._block_number = int(blocks[-1])
-        start = held = 0
+        cuts, start, held = list[Cut](), 0, 0
         for edge in edges:
             self._hold(time, batch, first, held, edge)
             held, before = edge, self._applied
             self._end_block(outcome)
             if edge > start and not self._applied.same(before):
-                outcome.corrected.append(before.apply(batch, first + start, first + edge))
+                cuts.append(Cut(before, first + start, first + edge))
                 start = edge
         self._hold(time, batch, first, held, len(time))
         self._latest = float(time[-1])
-        outcome.corrected.append(self._applied.apply(batch, first + start, last))
+        return [*cuts, Cut(self._applied, first + start, last)]
 
     def _hold(self, time: Floats, batch: SampleBatch, first: int, begin: int, end: int) -> None:
         if end > begin:

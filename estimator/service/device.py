@@ -13,6 +13,7 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
 from bridge.wire.refusal import Reason
+from estimator.correction import Cut
 from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.overload import OVERLOADED
@@ -20,7 +21,7 @@ from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
 from estimator.windowed import Windowed
 
-#: messages kept for late and returning subscribers: some 15 s of corrected rates
+#: messages kept for late and returning subscribers: some 25 s of corrected rates
 CACHES = {"corrected": 512, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
@@ -105,13 +106,13 @@ class Device:
         if wanted != (self.session.windowed is not None):
             self.session.windowed = Windowed() if wanted else None
 
-    def say_whole(self, batch: SampleBatch) -> None:
-        """Publish a whole batch, corrected by what the session now applies."""
-        self.say_corrected([self.session.applied.apply(batch, 0, len(batch))])
+    def say_cut(self, batch: SampleBatch, cut: Cut) -> None:
+        """Publish a part of a batch, or all of it."""
+        self.say_corrected([cut.correction.apply(batch, cut.first, cut.last)])
 
-    def say_rates(self, batch: SampleBatch, rate: NDArray[np.float32]) -> None:
-        """Publish a whole batch as the session now applies it; rate (n, 3) are its corrected rates, little-endian."""
-        self._put_corrected(self._encoder.encode_rates(self.session.applied, batch, rate))
+    def say_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> None:
+        """The same of what is corrected already: rate (n, 3), little-endian, within the wire's range."""
+        self._put_corrected(self._encoder.encode_rates(batch, cut, rate))
         self._published(len(rate))
 
     def _published(self, n: int) -> None:

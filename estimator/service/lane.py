@@ -20,6 +20,7 @@ from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE,
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.messages import VERSION, SampleBatch
+from estimator.correction import Cut
 from estimator.gyro import corrected
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
@@ -50,7 +51,8 @@ class _Columns(NamedTuple):
     time: Floats
 
 
-Plain = tuple[Device, SampleBatch]
+#: of a plain batch a part, or all of it
+Plain = tuple[Device, SampleBatch, Cut]
 Tell = Callable[[Device, Outcome], None]
 
 
@@ -89,21 +91,24 @@ class Lane:
                 batch = _plain(device, bridge, raw, whole)
                 if batch is not None:
                     self._count(raw.n)
-                    taken = whole.time[raw.begin : raw.begin + raw.n]
-                    if not device.session.ends_block(float(taken[-1])):
-                        if self._guarded(device, partial(_keep, device, batch, taken), came=raw.n):
-                            going.setdefault(message.key, []).append((device, batch))
-                        continue
-                    self._send(going.pop(message.key, []))
-                    self._guarded(device, partial(self._end_block, device, batch), came=raw.n)
+                    taken, going_on = whole.time[raw.begin : raw.begin + raw.n], going.setdefault(message.key, [])
+                    take = self._end_block if device.session.ends_block(float(taken[-1])) else _keep
+                    self._guarded(device, partial(take, device, batch, taken, going_on), came=raw.n)
                     continue
             self._send(going.pop(message.key, []))
             self._slow(message)
         self._send([plain for held in going.values() for plain in held])
 
-    def _end_block(self, device: Device, batch: SampleBatch) -> None:
+    def _end_block(self, device: Device, batch: SampleBatch, _: Floats, going_on: list[Plain]) -> None:
         _heard(device, batch)
-        self._tell(device, device.session.end_block(batch))
+        outcome, cuts = device.session.end_block(batch)
+        plain = [(device, batch, cut) for cut in cuts]
+        if outcome.worded:  # after the samples that led to it
+            self._send([*going_on, *plain])
+            going_on.clear()
+            plain = []
+        self._tell(device, outcome)
+        going_on += plain
 
     def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
         raws: list[_Raw | None] = []
@@ -122,24 +127,25 @@ class Lane:
         """Correct batches and publish them, in order."""
         if not plain:
             return
-        lengths = [len(batch.ticks) for _, batch in plain]
-        models = [device.session.applied.model for device, _ in plain]
+        lengths = [cut.last - cut.first for _, _, cut in plain]
+        models = [cut.correction.model for _, _, cut in plain]
         matrix = np.repeat(np.array([model.matrix for model in models]), lengths, axis=0)
         bias = np.repeat(np.array([model.bias for model in models]), lengths, axis=0)
-        reading = np.concatenate([batch.gyro for _, batch in plain]).astype(np.float64)
+        reading = np.concatenate([batch.gyro[cut.first : cut.last] for _, batch, cut in plain]).astype(np.float64)
         rate = corrected(reading, matrix, bias).astype("<f4")
         within = _within(rate, MAX_CORRECTED)
         begin = 0
-        for (device, batch), n in zip(plain, lengths, strict=True):
+        for (device, batch, cut), n in zip(plain, lengths, strict=True):
             part = rate[begin : begin + n]
             begin += n
-            say = partial(device.say_rates, batch, part) if within else partial(device.say_whole, batch)
+            say = partial(device.say_rates, batch, cut, part) if within else partial(device.say_cut, batch, cut)
             self._guarded(device, say, owed=n)
 
 
-def _keep(device: Device, batch: SampleBatch, taken: Floats) -> None:
+def _keep(device: Device, batch: SampleBatch, taken: Floats, going_on: list[Plain]) -> None:
     _heard(device, batch)
     device.session.keep(batch, taken)
+    going_on.append((device, batch, Cut(device.session.applied, 0, len(taken))))
 
 
 def _heard(device: Device, batch: SampleBatch) -> None:

@@ -11,7 +11,7 @@ from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
-from estimator.correction import Correction
+from estimator.correction import Cut
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -67,11 +67,12 @@ class Encoder:
         self._stencil, self._bias = Stencil(fit), batch.bias
         return self._stencil.encode(fit, fit.rate)
 
-    def encode_rates(self, applied: Correction, batch: SampleBatch, rate: NDArray[np.float32]) -> bytes:
-        """The same of a whole batch, its corrected rates (n, 3) within the wire's range and little-endian."""
-        if self._stencil is not None and applied.told.bias is self._bias:
+    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> bytes:
+        """The same of a part of a batch, its corrected rates (n, 3) within the wire's range and little-endian."""
+        whole = len(rate) == len(batch.ticks)
+        if self._stencil is not None and whole and cut.correction.told.bias is self._bias:
             return self._stencil.encode(batch, rate)
-        return self.encode(applied.apply(batch, 0, len(batch)))
+        return self.encode(cut.correction.told_of(batch, cut.first, cut.last, rate))
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
