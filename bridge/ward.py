@@ -21,6 +21,8 @@ from bridge.wire.messages import DeviceInfo, SampleBatch
 
 #: an outage may last: over lines that lose much, one goes on for as long again as it has lasted
 _CACHE_S = 30.0
+#: messages of a device: of the shortest ones less is kept
+_CACHE_MOST = 3000
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
 _TURN = 0.5  # of the time between batches: the most that one device may take of it
@@ -96,7 +98,7 @@ class Ward:
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
-        cache = max(1, round(_CACHE_S / self._batch_s))
+        cache = min(max(1, round(_CACHE_S / self._batch_s)), _CACHE_MOST)
         self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
         # Who can send faster during a calibration must hear of it, and who sends for nothing.

@@ -90,7 +90,9 @@ class Client:
         given up, counted in `missing` and told to on_miss. Of more than `queue` unread messages the oldest are dropped.
         """
         subscription = self._subscribe("corrected", device, history=history, queue=queue)
-        return Corrected(subscription, Door("corrected", codec.decode_corrected), idle_s, OnceKnobs(wait_s), on_miss)
+        return Corrected(
+            subscription, Door("corrected", codec.decode_corrected), idle_s, OnceKnobs.patient(wait_s), on_miss
+        )
 
     def rates(self, device: Devices = None) -> Stream[codec.Rates]:
         """How fast devices turn, as it comes from now on and nothing more: for who looks at many of them.

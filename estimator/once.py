@@ -7,6 +7,8 @@ are the number it has come to, what is held, and its last few holes: never a set
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field, replace
+from math import ceil
+from typing import Self
 
 from bridge.wire.messages import CorrectedBatch, SampleFlag
 from bridge.wire.refusal import Tally
@@ -15,6 +17,8 @@ from estimator.revision import SAME_TIME_NS
 
 #: how long a hole is waited for: some batches, so that two publishers may overtake each other
 WAIT_S = 0.1
+#: samples of a boot that are held at least, and of the fastest device in a second
+WINDOW, FASTEST_HZ = 4096, 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +26,15 @@ class OnceKnobs:
     """How long a hole is waited for, how many samples of a boot are held meanwhile, and how much is remembered."""
 
     wait_s: float = WAIT_S
-    window: int = 4096  # samples
+    window: int = WINDOW  # samples
     devices: int = 4096  # of more, the one heard longest ago is forgotten
     boots: int = 64  # of each device
     holes: int = 64  # of each boot, and of each device for those who ask
+
+    @classmethod
+    def patient(cls, wait_s: float) -> Self:
+        """Who waits so long holds what comes meanwhile, of any device."""
+        return cls(wait_s, max(WINDOW, ceil(wait_s * FASTEST_HZ)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +69,7 @@ class _Boot:
     held: list[tuple[CorrectedBatch, float]] = field(default_factory=list)  # by sequence, disjoint; and when each came
     samples: int = 0  # in them
     oldest: float = 0.0  # when the first of them came
+    lowest: int = 0  # no epoch of them is below it
 
 
 class Once:
@@ -87,7 +97,7 @@ class Once:
                 return
             batch = _cut(batch, 0, owed)
         which = batch.device, batch.boot
-        if boot.held:
+        if boot.held and batch.epoch > boot.lowest:
             self._outdate(which, boot, batch)
         end = batch.sequence + len(batch)
         boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
@@ -147,6 +157,7 @@ class Once:
             self._leave_out("outdated", len(piece) - n)
         boot.samples = sum(len(piece) for piece, _ in boot.held)
         boot.oldest = min((came for _, came in boot.held), default=0.0)
+        boot.lowest = min((piece.epoch for piece, _ in boot.held), default=0)
         self._settle(which, boot)
 
     def _hold(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
@@ -159,6 +170,7 @@ class Once:
             self._leave_out("repeated", past - start - late)
             start = past
         boot.oldest = boot.oldest if boot.held else now
+        boot.lowest = min(boot.lowest, batch.epoch) if boot.held else batch.epoch
         at = max(0, bisect_right(boot.held, start, key=lambda one: one[0].sequence) - 1)
         while start < end:
             known, until = (end, end) if at == len(boot.held) else _span(boot.held[at][0])

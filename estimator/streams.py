@@ -13,7 +13,7 @@ from bridge.bus.contract import Message, Subscription
 from bridge.wire.messages import CorrectedBatch
 from estimator.door import Door
 from estimator.lateness import Lateness
-from estimator.once import Event, Miss, Missing, Once, OnceKnobs
+from estimator.once import Miss, Missing, Once, OnceKnobs
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -125,8 +125,8 @@ class Stream(Generic[T]):
 class Corrected(Stream[CorrectedBatch]):
     """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
 
-    What is given more than a second later than it should be is flagged `SampleFlag.LATE`, whoever held it up: the way, or a hole
-    before it that was waited for.
+    What is given more than a second later than it should be is flagged `SampleFlag.LATE`, whoever held it up: the way, a hole
+    before it that was waited for, or a program that does not read.
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
 
@@ -140,7 +140,6 @@ class Corrected(Stream[CorrectedBatch]):
     ) -> None:
         super().__init__(subscription, door, idle_s)
         self._once, self._on_miss, self._lateness = Once(knobs), on_miss, Lateness()
-        self._given: deque[Event] = deque()
 
     @property
     def repeated(self) -> int:
@@ -164,10 +163,10 @@ class Corrected(Stream[CorrectedBatch]):
 
     def pop(self) -> CorrectedBatch | None:
         """The next batch that is ready, or None."""
-        while self._given:
-            event = self._given.popleft()
+        while self._once.ready:
+            event = self._once.ready.popleft()
             if isinstance(event, CorrectedBatch):
-                return event
+                return self._lateness.marked(event, time.time())
             if self._on_miss is not None:
                 self._on_miss(event)
         return None
@@ -175,7 +174,7 @@ class Corrected(Stream[CorrectedBatch]):
     def close(self) -> None:
         """Stop receiving; iterating ends at once."""
         super().close()
-        self._given.clear()
+        self._once.ready.clear()
 
     def ended(self) -> bool:
         """Whether nothing more is to be waited for: then what is held comes, and the end."""
@@ -183,18 +182,10 @@ class Corrected(Stream[CorrectedBatch]):
             return False
         if not self._subscription.closed:
             self._once.rest()
-            self._give()
         return not self._any()
 
     def _any(self) -> bool:
-        return bool(self._given)
-
-    def _give(self) -> None:
-        """What is in its turn now, marked where that is late."""
-        clock = time.time()
-        while self._once.ready:
-            event = self._once.ready.popleft()
-            self._given.append(self._lateness.marked(event, clock) if isinstance(event, CorrectedBatch) else event)
+        return bool(self._once.ready)
 
     def _fill(self, timeout_s: float) -> bool:
         now, due = time.monotonic(), self._once.due()
@@ -202,12 +193,10 @@ class Corrected(Stream[CorrectedBatch]):
         if super()._fill(for_s):
             # All that came until then has been taken from the queue, however slow the program is.
             self._once.overdue(now)
-            self._give()
             return True
         if due is None or due - now > timeout_s or self._subscription.closed:
             return False
         self._once.overdue(due)
-        self._give()
         return True
 
     def _take(self, messages: Sequence[Message]) -> None:

@@ -80,10 +80,9 @@ class Bus(Protocol):
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
         """Declare a publisher. With cache > 0 the last `cache` messages are kept for late and returning subscribers."""
 
-    def subscribe(self, pattern: str, *, history: bool | int = False, capacity: int = 65536) -> Subscription:
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> Subscription:
         """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
 
-        history may be a number: at most so many come first of each publisher, its last.
         A full queue drops its oldest message and counts it in `missed`.
         """
 

@@ -61,7 +61,7 @@ class MemoryBus:
         """See contract.Bus."""
         return _Publisher(self, self._open(), check_key(key), cache)
 
-    def subscribe(self, pattern: str, *, history: bool | int = False, capacity: int = 65536) -> "_Subscription":
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "_Subscription":
         """See contract.Bus."""
         return _Subscription(self, self._open(), check_pattern(pattern), Inbox(capacity), history=history)
 
@@ -188,9 +188,7 @@ class _Publisher:
 
 
 class _Subscription(Reading):
-    def __init__(
-        self, bus: MemoryBus, broker: MemoryBroker, pattern: str, inbox: Inbox, *, history: bool | int
-    ) -> None:
+    def __init__(self, bus: MemoryBus, broker: MemoryBroker, pattern: str, inbox: Inbox, *, history: bool) -> None:
         self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
         self._last: dict[_Publisher, int] = {}
         with broker.lock:
@@ -211,8 +209,6 @@ class _Subscription(Reading):
             return
         last = self._last.get(publisher)
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
-        if last is None and self._history is not True:
-            new = new[-self._history :]
         if new:
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)

@@ -85,7 +85,7 @@ class ZenohBus:
             )
             return _Publisher(self, publisher, key)
 
-    def subscribe(self, pattern: str, *, history: bool | int = False, capacity: int = 65536) -> "Subscription":
+    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "Subscription":
         """See contract.Bus. Ask for history only where publishers have a cache.
 
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
@@ -98,8 +98,7 @@ class ZenohBus:
                 plain = self._session.declare_subscriber(pattern, channel)
                 return Subscription(self, plain, plain.handler, inbox, pattern)
             heartbeats = self._session.declare_subscriber(f"{pattern}/@adv/pub/**", handlers.FifoChannel(_CHANNEL))
-            subscriber = self._session.declare_subscriber(pattern, channel)
-            return Repaired(self, subscriber, heartbeats, inbox, pattern, None if history is True else history)
+            return Repaired(self, self._session.declare_subscriber(pattern, channel), heartbeats, inbox, pattern)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":
         """See contract.Bus."""

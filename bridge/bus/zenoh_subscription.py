@@ -76,13 +76,12 @@ class Repaired(Subscription):
         heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
         inbox: Inbox,
         pattern: str,
-        past: int | None,
     ) -> None:
         self._pattern, self._heartbeats = pattern, heartbeats
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
-        self._first = bus.past(f"{pattern}/@adv/**", "" if past is None else f"_max={past}")
+        self._first = bus.past(f"{pattern}/@adv/**")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
         bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
         bus.run(self._go_on_repairing, f"repair {pattern}")
@@ -148,11 +147,13 @@ class Repaired(Subscription):
                 self._away.clear()
                 asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
             with self._order:
-                gaps, due_s = self._sequences.due(time.monotonic()), self._sequences.next_due_s()
+                gaps = self._sequences.due(time.monotonic())
             for gap in gaps:
                 asked[gap.source] = (self._bus.past(f"{gap.key}/@adv/pub/{gap.source}/**", f"_sn={gap.start}.."), [])
             for source in [source for source, answer in asked.items() if _drained(*answer)]:
                 self._answered(source, asked.pop(source)[1])
+            with self._order:
+                due_s = self._sequences.next_due_s()
             wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
             self._news.wait(wait_s)
             self._news.clear()

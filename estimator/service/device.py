@@ -21,8 +21,8 @@ from estimator.service.sources import Source
 from estimator.session import DeviceSession, SessionKnobs
 from estimator.windowed import Windowed
 
-#: messages kept for late and returning subscribers: some 25 s of corrected rates
-CACHES = {"corrected": 512, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
+#: messages kept for late and returning subscribers: as many corrected ones as a bridge keeps of 50 ms, and some more
+CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
 #: calibrations that wait for a store that works again

@@ -65,6 +65,8 @@ class Peers:
         self._looked, self._deaf_s = time.monotonic(), 0.0
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
+        #: whether more of what is taken over now follows in the next round, and whether the last move is the begin of it
+        self._more = self._taking = False
         self._newcomer = False
         self._calibrated: list[Calibration] = []
         self._load = 0.0
@@ -181,10 +183,14 @@ class Peers:
                 silent.take(known, self._begin(known.device), self._now_ns())
         wanted = (device for device in list(self._standby) if self.cluster.wants(device, now))
         queues = [self._take(device) for device in islice(wanted, AT_ONCE)]
-        if len(queues) == AT_ONCE:
+        self._more = len(queues) == AT_ONCE
+        if self._more:
             self._next_scan = now
         if queues:
+            self._next_say = now
             self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
+        elif self._taking:
+            self._taking, self._why = False, ""
         return queues
 
     def epoch(self, device: str) -> int:
@@ -252,8 +258,13 @@ class Peers:
 
     def _moved(self, time_ns: int) -> None:
         if self._came:
-            self._moves.append(Move(time_ns, self._came, 0, self._why or "heard for the first time"))
-            self._came, self._why = 0, ""
+            came, why = self._came, self._why or "heard for the first time"
+            if self._taking and self._moves and self._moves[-1].came:
+                came += self._moves.pop().came
+            self._moves.append(Move(time_ns, came, 0, why))
+            self._came, self._taking = 0, self._more
+            if not self._more:
+                self._why = ""
         for name, n in self._left.items():
             if n:
                 self._moves.append(Move(time_ns, 0, n, f"{name} has taken them"))

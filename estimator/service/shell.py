@@ -54,8 +54,6 @@ DRAIN_S = 2.0
 LINGER_S = 40.0
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
-#: messages of each device that are read as we start: of an outage that was longer, the latest
-PAST = 300
 #: names told to who asks for a device that is not there
 SHOWN = 20
 #: commands that were done before, and are not done again, under this
@@ -106,7 +104,7 @@ class Service:
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=PAST)
+        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [

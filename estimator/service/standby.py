@@ -17,7 +17,7 @@ from bridge.wire import columns_pb2 as columns
 HELD_S = 12.0
 OVERLAP_S = 0.5
 #: of one device; bytes of all together, of which those of the device that has most go first
-MOST, MOST_BYTES = 512, 64 * 2**20
+MOST, MOST_BYTES = 640, 64 * 2**20
 
 
 @dataclass(slots=True)

@@ -14,7 +14,7 @@ from bridge.bus.contract import Message
 #: so many messages of a device are handled at once with those of the others; more of them wait
 SHARE = 32
 #: so many may wait, a bus's cache among them; of more the oldest are dropped
-MOST = 2048
+MOST = 4096
 #: so many of those of one device are handled at once, as of a cache, and so many a second for ever: twice what a bridge sends
 AT_ONCE, A_SECOND = 4096.0, 400.0
 _REMEMBERED = 1024

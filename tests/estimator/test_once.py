@@ -98,6 +98,15 @@ def test_too_much_that_is_held_pushes_the_first_out() -> None:
     assert once.due() is None
 
 
+def test_who_waits_long_holds_what_comes_meanwhile() -> None:
+    once = Once(OnceKnobs.patient(40.0))
+    for n in [0, *range(2, 700)]:  # 20 samples every 50 ms
+        once.feed(batch(20 * n, 20), 0.05 * n)
+    assert said(once) == [("d", 0, 19)]
+    once.overdue(40.1)
+    assert said(once)[:2] == [("-", 20, 39), ("d", 40, 59)]
+
+
 def test_whoever_joins_late_waits_at_the_beginning_only_and_misses_nothing() -> None:
     once = fed((100, 105), (95, 100))
     assert said(once) == []
