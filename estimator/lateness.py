@@ -31,7 +31,7 @@ class Lateness:
         self._ways: dict[str, _Way] = {}
 
     def marked(self, batch: CorrectedBatch, now: float) -> CorrectedBatch:
-        """The batch that came at `now`; its samples flagged where they are late."""
+        """The batch that came at `now`; those of its samples flagged that are late."""
         lasts_s = int(batch.ticks[-1] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
         took_s = now - batch.start_time_ns / 1e9 - lasts_s
         way = self._ways.get(batch.device)
@@ -43,6 +43,10 @@ class Lateness:
         if not 0.0 <= now - way.since_s <= _KNOWN_S:
             way.before_s, way.least_s, way.since_s = way.least_s, took_s, now
         way.least_s = min(way.least_s, took_s)
-        if took_s - min(way.least_s, way.before_s) <= LATE_S:
+        over_s = took_s - min(way.least_s, way.before_s) - LATE_S
+        if over_s + lasts_s <= 0.0:
             return batch
-        return replace(batch, flags=batch.flags | np.uint32(SampleFlag.LATE))
+        # In a long batch the first samples may be late and the last not.
+        earlier_s = (batch.ticks[-1] - batch.ticks).astype(np.float64) * (batch.tick_period_s * batch.clock_rate)
+        late = np.where(over_s + earlier_s > 0.0, np.uint32(SampleFlag.LATE), np.uint32(0))
+        return replace(batch, flags=batch.flags | late)

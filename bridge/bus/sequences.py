@@ -14,9 +14,7 @@ _T = TypeVar("_T")
 
 #: when a gap is asked about, after it was noticed and after each try that found nobody; then it is given up. Over a bad line a
 #: publisher may be out of reach for as long as a bridge keeps what it has sent
-TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 8.0)
-#: and at the latest so long after something came of the same publisher
-HEARD_S = 1.0
+TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 #: a heartbeat may overtake the last message inside this process
 GRACE_S = 0.02
 MOST_HELD = 4096
@@ -155,9 +153,5 @@ class Sequences(Generic[_T]):
             self._lacking.pop(source, None)
             return
         self._lacking[source] = state
-        if state.asked:
-            return
-        if state.due_s is None:
+        if state.due_s is None and not state.asked:
             state.due_s = from_s + TRIES_S[state.tries]
-        elif state.tries:  # who is heard can be asked again
-            state.due_s = min(state.due_s, from_s + HEARD_S)

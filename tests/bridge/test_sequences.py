@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, HEARD_S, MOST_HELD, TRIES_S, Sequences
+from bridge.bus.sequences import GRACE_S, MOST_HELD, TRIES_S, Sequences
 
 A, KEY = "publisher-a", "t/a"
 
@@ -85,28 +85,9 @@ def test_nobody_answering_is_asked_again_and_given_up() -> None:
     assert live(sequences, 6) == [6]
 
 
-@pytest.mark.parametrize("by_heartbeat", [False, True])
-def test_who_is_heard_again_is_asked_again_soon(by_heartbeat: bool) -> None:
-    """It was out of reach for as long as it takes until it is asked seldom; then its line is back."""
-    sequences: Sequences[int] = Sequences()
-    live(sequences, 0, 2)
-    now_s, due_s = 0.0, sequences.next_due_s()
-    while due_s is not None and due_s < 8.0:
-        now_s = due_s
-        assert asked(sequences, now_s) == [1]
-        sequences.answered(A, {}, now_s)
-        due_s = sequences.next_due_s()
-    assert due_s is not None
-    assert due_s > 10.0
-    if by_heartbeat:
-        sequences.heard(A, KEY, 2, 8.0)
-    else:
-        live(sequences, 3, now_s=8.0)
-    due_s = sequences.next_due_s()
-    assert due_s is not None
-    assert due_s <= 8.0 + HEARD_S + GRACE_S
-    assert asked(sequences, due_s) == [1]
-    assert list(sequences.answered(A, by_number(1, 2), due_s))[:2] == [1, 2]
+def test_who_was_out_of_reach_for_long_is_asked_again_soon() -> None:
+    assert sum(TRIES_S) > 30.0, "as long as a bridge keeps what it has sent"
+    assert max(TRIES_S) <= 4.0, "what came meanwhile waits for it"
 
 
 def test_a_heartbeat_tells_of_what_never_came() -> None:

@@ -51,3 +51,17 @@ def test_flags_that_were_there_stay() -> None:
     one = batch(0.0)
     one = replace(one, flags=one.flags | np.uint32(SampleFlag.CLIPPED))
     assert (Lateness().marked(one, BEGUN_S + 5.0).flags == SampleFlag.CLIPPED | SampleFlag.LATE).all()
+
+
+def test_of_a_long_batch_only_what_is_late_is_marked() -> None:
+    """As a bridge makes one of what it could not send: it ends when it comes, and began 1.5 s before."""
+    lateness = Lateness()
+    assert not late(lateness, 0.0, 0.45), "five samples last 0.4 s"
+    one = made(0, 151)
+    lasts_s = int(one.ticks[-1] - one.ticks[0]) * one.tick_period_s * one.clock_rate
+    marked = lateness.marked(replace(one, start_time_ns=round((BEGUN_S + 1.0) * 1e9)), BEGUN_S + 1.07 + lasts_s)
+    flags = (marked.flags & SampleFlag.LATE) != 0
+    at_s = (one.ticks - one.ticks[0]).astype(float) * one.tick_period_s * one.clock_rate
+    assert lasts_s > 1.2
+    np.testing.assert_array_equal(flags, lasts_s - at_s + 0.02 > 1.0)
+    assert 0 < np.count_nonzero(flags) < len(flags)

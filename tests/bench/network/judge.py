@@ -5,11 +5,6 @@ from itertools import pairwise
 
 from tests.bench.network.guarded import Heard
 
-#: samples that are older when they come are late
-LATE_S = 1.0
-#: clocks and the way of a sample: what is younger need not be marked, nor what is older not be
-_GIVE_S = 0.3
-
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -50,7 +45,6 @@ def judged(heard: Heard, since_s: float) -> Verdict:
             good_twice += len(good & numbers)
             good |= numbers
     came = [batch for batches in boots.values() for batch in batches]
-    late = [batch for batch in came if batch["age"] > LATE_S + _GIVE_S]
     return Verdict(
         samples=sum(batch["n"] for batch in came),
         lost=max(lost, sum(miss["n"] for miss in heard.misses if miss["at"] >= since_s)),
@@ -58,8 +52,8 @@ def judged(heard: Heard, since_s: float) -> Verdict:
         out_of_order=disordered,
         good_twice=good_twice,
         older=older,
-        late=sum(batch["n"] for batch in late),
-        unmarked=sum(batch["n"] - batch["late"] for batch in late),
+        late=sum(batch["old"] for batch in came),
+        unmarked=sum(max(0, batch["old"] - batch["late"]) for batch in came),
         marked=sum(batch["late"] for batch in came),
         gap_s=gap_s,
     )
