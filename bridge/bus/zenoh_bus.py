@@ -29,6 +29,8 @@ _MAX_KNOWN = 8192
 _PAST_S = 2.0
 # After a reconnection; zenoh knows who listens some 25 ms later here, over slow lines and to a router that is back later, later.
 _REMIND_S = (0.5, 2.0)
+# So often, and for so long after its last message, a publisher says which that was: lines between routers may have been cut.
+_REPEAT_S, _REPEATED_S = 2.0, 40.0
 
 
 class ZenohBus:
@@ -63,6 +65,7 @@ class ZenohBus:
         self._over = threading.Event()
         links = self._session.info.declare_transport_events_listener(handlers.FifoChannel(256))
         self.run(lambda: each(links.handler, self._remind), "remind")
+        self.run(self._repeat, "repeat")
         atexit.register(self.close)
 
     def publisher(self, key: str, *, cache: int = 0) -> "_Publisher":
@@ -199,6 +202,14 @@ class ZenohBus:
                 elif isinstance(one, Repaired):
                     one.remind()
 
+    def _repeat(self) -> None:
+        """Say again what was last of publishers that say nothing more: nothing that follows tells who did not hear it."""
+        while not self._over.wait(_REPEAT_S):
+            now_s = time.monotonic()
+            for one in list(self.declared):
+                if isinstance(one, _Publisher) and _REPEAT_S <= now_s - one.put_s < _REPEATED_S:
+                    one.remind(self._session)
+
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that close() waits for; work must end when its channel does."""
 
@@ -247,6 +258,8 @@ class _Publisher(Declared):
         super().__init__(bus, publisher)
         self._publisher, self._key, self._plain = publisher, key, plain
         self._sent = 0
+        #: when the last message was put
+        self.put_s = float("-inf")
 
     def put(self, payload: bytes) -> None:
         with self._lock:  # messages leave in the order they are numbered
@@ -255,6 +268,7 @@ class _Publisher(Declared):
             try:
                 self._publisher.put(payload)
                 self._sent += 1
+                self.put_s = time.monotonic()
             except BaseException as error:
                 if not is_zenohs(error):
                     raise

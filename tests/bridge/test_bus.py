@@ -252,6 +252,26 @@ def test_who_does_not_answer_is_asked_again_though_nothing_else_is_heard() -> No
     world.stop()
 
 
+def test_what_was_last_is_said_again_for_who_did_not_hear_it() -> None:
+    """As of a device that went to another estimator, or of a calibration, while the line between two routers was cut."""
+    world = ZenohWorld()
+    with world.bus() as a, world.bus() as b:
+        assert isinstance(b, ZenohBus)
+        numbers: list[int] = []
+        beats = b._session.declare_subscriber(
+            "t/last/@adv/pub/**", lambda sample: numbers.append(ext.z_deserialize(ext.UInt32, sample.payload))
+        )
+        publisher = a.publisher("t/last", cache=3)
+        time.sleep(0.2)
+        publisher.put(b"0")
+        publisher.put(b"1")
+        eventually(lambda: len(numbers) >= 3)
+        assert set(numbers) <= {0, 1}
+        assert numbers[-2:] == [1, 1]
+        beats.undeclare()  # type: ignore[no-untyped-call]
+    world.stop()
+
+
 def _told(bus: ZenohBus, told: zenoh.ZBytes, subscription: Repaired) -> bool:
     if not subscription._sequences._lacking:
         bus._session.put("t/quiet/@adv/pub/abc/1/_", told)
