@@ -70,6 +70,7 @@ class _Boot:
     samples: int = 0  # in them
     oldest: float = 0.0  # when the first of them came
     lowest: int = 0  # no epoch of them is below it
+    epoch: int = 0  # of what was given last
 
 
 class Once:
@@ -97,12 +98,10 @@ class Once:
                 return
             batch = _cut(batch, 0, owed)
         which = batch.device, batch.boot
-        if boot.held and batch.epoch > boot.lowest:
-            self._outdate(which, boot, batch)
         end = batch.sequence + len(batch)
         boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
         if batch.sequence == boot.came_to and not boot.held:
-            boot.came_to = end
+            boot.came_to, boot.epoch = end, batch.epoch
             self.ready.append(batch)
             return
         self._hold(boot, batch, now)
@@ -147,18 +146,20 @@ class Once:
             self._forget(batch.device)
         return boot
 
-    def _outdate(self, which: tuple[str, int], boot: _Boot, batch: CorrectedBatch) -> None:
-        """Of what is held, leave out what is of earlier turns than this batch and not below it: its estimator says that, too."""
+    def _make_way(self, boot: _Boot, batch: CorrectedBatch) -> None:
+        """Of what is held of earlier turns leave out what this batch says, too."""
+        start, end = _span(batch)
         held, boot.held = boot.held, []
         for piece, came in held:
-            n = len(piece) if piece.epoch >= batch.epoch else min(len(piece), max(0, batch.sequence - piece.sequence))
-            if n:
-                boot.held.append((_cut(piece, 0, n), came))
-            self._leave_out("outdated", len(piece) - n)
+            first, last = _span(piece)
+            if piece.epoch >= batch.epoch or last <= start or end <= first:
+                boot.held.append((piece, came))
+                continue
+            kept = [(first, min(last, start)), (max(first, end), last)]
+            boot.held += [(_cut(piece, a - first, b - first), came) for a, b in kept if a < b]
+            self._leave_out("repeated", min(last, end) - max(first, start))
         boot.samples = sum(len(piece) for piece, _ in boot.held)
-        boot.oldest = min((came for _, came in boot.held), default=0.0)
-        boot.lowest = min((piece.epoch for piece, _ in boot.held), default=0)
-        self._settle(which, boot)
+        boot.lowest = min((piece.epoch for piece, _ in boot.held), default=batch.epoch)
 
     def _hold(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
         """Put what is new of a batch among what is held."""
@@ -169,6 +170,8 @@ class Once:
             self._leave_out("late", late)
             self._leave_out("repeated", past - start - late)
             start = past
+        if boot.held and batch.epoch > boot.lowest:
+            self._make_way(boot, batch)
         boot.oldest = boot.oldest if boot.held else now
         boot.lowest = min(boot.lowest, batch.epoch) if boot.held else batch.epoch
         at = max(0, bisect_right(boot.held, start, key=lambda one: one[0].sequence) - 1)
@@ -185,11 +188,14 @@ class Once:
             at += 1
 
     def _in_turn(self, boot: _Boot) -> None:
-        """Give what there is no hole before."""
+        """Give what there is no hole before; of an earlier turn than what was given last only if nobody else says it in time."""
         n = 0
         while n < len(boot.held) and boot.held[n][0].sequence == boot.came_to:
             batch = boot.held[n][0]
+            if batch.epoch < boot.epoch:
+                break
             boot.came_to += len(batch)
+            boot.epoch = batch.epoch
             boot.samples -= len(batch)
             self.ready.append(batch)
             n += 1
@@ -200,8 +206,10 @@ class Once:
     def _give_up_first(self, which: tuple[str, int], boot: _Boot) -> None:
         """Wait no longer for what is missing before the first that is held."""
         first = boot.held[0][0]
-        boot.holes.append((boot.came_to or 0, first.sequence))
-        if boot.came_to is not None:
+        boot.epoch = first.epoch
+        if first.sequence != boot.came_to:
+            boot.holes.append((boot.came_to or 0, first.sequence))
+        if boot.came_to is not None and first.sequence != boot.came_to:
             told = bool(first.flags[0] & SampleFlag.AFTER_GAP)
             miss = Miss(*which, boot.came_to, first.sequence - boot.came_to, told)
             missing = self.missing.setdefault(which[0], Missing(0, deque(maxlen=self.knobs.holes)))

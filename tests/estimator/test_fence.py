@@ -87,15 +87,17 @@ def test_a_subscriber_takes_a_sample_from_one_estimator_only_and_misses_none() -
 
 def test_what_was_held_of_an_earlier_turn_is_not_given_after_a_later_one() -> None:
     once = Once(OnceKnobs(wait_s=1.0))
-    came = [(0, 5, 1), (20, 30, 1), (8, 14, 1), (5, 10, 2), (10, 20, 2)]
+    came = [(0, 5, 1), (20, 30, 1), (8, 14, 1), (5, 10, 2), (10, 20, 2), (20, 25, 2), (25, 40, 2)]
     for at, (start, end, epoch) in enumerate(came):
         once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
     assert [(b.sequence, len(b), b.epoch) for b in once.ready if isinstance(b, CorrectedBatch)] == [
         (0, 5, 1),
         (5, 5, 2),
         (10, 10, 2),
+        (20, 5, 2),
+        (25, 15, 2),
     ]
-    assert once.left_out.as_dict() == {"outdated": 16}
+    assert once.left_out.as_dict() == {"repeated": 16}
     assert once.due() is None, "nothing is held"
 
 
@@ -110,3 +112,17 @@ def test_what_was_held_from_below_a_later_turn_is_given_before_it() -> None:
         (8, 4, 1),
         (12, 8, 2),
     ]
+
+
+def test_what_was_held_of_an_earlier_turn_and_nobody_says_again_is_given_in_the_end() -> None:
+    once = Once(OnceKnobs(wait_s=1.0))
+    came = [(0, 5, 1), (20, 30, 1), (5, 20, 2), (30, 40, 3)]
+    for at, (start, end, epoch) in enumerate(came):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    assert [b.epoch for b in once.ready if isinstance(b, CorrectedBatch)] == [1, 2]
+    due = once.due()
+    assert due is not None
+    once.overdue(due)
+    given = [event for event in once.ready if isinstance(event, CorrectedBatch)]
+    assert [(b.sequence, len(b), b.epoch) for b in given][2:] == [(20, 10, 1), (30, 10, 3)]
+    assert (once.missing, once.due()) == ({}, None)
