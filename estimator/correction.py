@@ -1,6 +1,6 @@
 """What is applied to readings, and how sure it is: chosen from all that is known of a device, applied to a run of samples."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -118,7 +118,9 @@ def choose(belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | N
     noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known.
     """
     quality = belief.quality if belief.quality is Quality.GOOD or not sure else Quality.BIAS_ONLY
-    model = replace(belief.model, bias=bias, noise_std=belief.model.noise_std if noise_std is None else noise_std)
+    known = belief.model
+    noise_std = known.noise_std if noise_std is None else noise_std
+    model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)
     return Correction(model, bias_std, quality, belief.calibration)
 
 

@@ -582,7 +582,7 @@ class DeviceSession:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         std = track.std
-        sure = bool((std < self.knobs.track.bias_std).all())
+        sure = track.sure
         best = choose(self._belief, track.bias, std, noise_std, sure=sure)
         doubtful = self.life.away or track.doubted or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best

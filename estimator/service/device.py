@@ -161,14 +161,13 @@ class Device:
         said = self.session.status(time_ns)
         if self.overloaded_s:
             said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
-        said = published.status(said)
         refused = self.source.refused(time.monotonic())
-        return replace(said, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch)
+        return published.status(said, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch)
 
     @property
     def told(self) -> int:
         """Corrected samples that were published, or are kept until it is clear that there is a device."""
-        return self.said + sum(map(len, self._waiting))
+        return self.said + sum(map(len, self._waiting)) if self._waiting else self.said
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""

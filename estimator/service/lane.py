@@ -36,11 +36,16 @@ _NO_FLAGS.setflags(write=False)
 
 
 class _Raw(NamedTuple):
-    """A message whose columns fit together: the message, n samples, of which `begin` come before in its round."""
+    """A message whose columns fit together, and its n samples.
+
+    begin, pushed, warmed: how many of its round come before it: samples, those with an acceleration, those with a temperature.
+    """
 
     message: Any
     n: int
     begin: int
+    pushed: int
+    warmed: int
 
 
 class _Columns(NamedTuple):
@@ -48,6 +53,8 @@ class _Columns(NamedTuple):
 
     ticks: NDArray[np.uint64]
     gyro: NDArray[np.float32]
+    accel: NDArray[np.float32]
+    celsius: NDArray[np.float32]
     time: Floats
 
 
@@ -112,15 +119,19 @@ class Lane:
 
     def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
         raws: list[_Raw | None] = []
-        begin = 0
+        begin = pushed = warmed = 0
         for key, payload in messages:
             raw = _read(payload) if key in self._devices else None
             if raw is None:
                 raws.append(None)
                 continue
             n = len(raw.ticks) // 8
-            raws.append(_Raw(raw, n, begin))
+            raws.append(_Raw(raw, n, begin, pushed, warmed))
             begin += n
+            if raw.accel:
+                pushed += n
+            if raw.temperature_c:
+                warmed += n
         return raws
 
     def _send(self, plain: list[Plain]) -> None:
@@ -185,7 +196,7 @@ def _whole(there: list[_Raw]) -> _Columns | None:
         return None
     ticks = np.frombuffer(b"".join([raw.message.ticks for raw in there]), "<u8")
     gyro = np.frombuffer(b"".join([raw.message.gyro for raw in there]), "<f4").reshape(-1, 3)
-    accel = np.frombuffer(b"".join([raw.message.accel for raw in there]), "<f4")
+    accel = np.frombuffer(b"".join([raw.message.accel for raw in there]), "<f4").reshape(-1, 3)
     celsius = np.frombuffer(b"".join([raw.message.temperature_c for raw in there]), "<f4")
     first = np.zeros(len(ticks), bool)
     first[[raw.begin for raw in there]] = True
@@ -196,7 +207,7 @@ def _whole(there: list[_Raw]) -> _Columns | None:
     if not (rising and fit):
         return None
     periods = np.repeat([raw.message.tick_period_s for raw in there], [raw.n for raw in there])
-    return _Columns(ticks, gyro, ticks * periods)
+    return _Columns(ticks, gyro, accel, celsius, ticks * periods)
 
 
 def _within(column: NDArray[np.float32], limit: float) -> bool:
@@ -206,7 +217,7 @@ def _within(column: NDArray[np.float32], limit: float) -> bool:
 
 def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBatch | None:
     """The batch, if it is plain."""
-    message, n, begin = raw
+    message, n, begin, pushed, warmed = raw
     end = begin + n
     if (
         message.device != device.name
@@ -226,8 +237,8 @@ def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBat
         clock_rate=message.clock_rate,
         ticks=whole.ticks[begin:end],
         gyro=whole.gyro[begin:end],
-        accel=np.frombuffer(message.accel, "<f4").reshape(n, 3) if message.accel else None,
-        temperature_c=np.frombuffer(message.temperature_c, "<f4") if message.temperature_c else None,
+        accel=whole.accel[pushed : pushed + n] if message.accel else None,
+        temperature_c=whole.celsius[warmed : warmed + n] if message.temperature_c else None,
         flags=_NO_FLAGS[:n],
         bridge=bridge,
     )

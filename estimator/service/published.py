@@ -3,6 +3,8 @@
 from dataclasses import replace
 from heapq import nlargest
 from itertools import pairwise
+from math import isnan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,11 @@ MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
 
 
-def status(said: Status) -> Status:
-    """The status with every number in the wire's range; what is not a number becomes the worst there is."""
+def status(said: Status, **more: Any) -> Status:
+    """The status with every number in the wire's range; what is not a number becomes the worst there is.
+
+    more: fields that the session does not know of.
+    """
     return replace(
         said,
         bias=tuple(_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias),
@@ -30,6 +35,7 @@ def status(said: Status) -> Status:
         rate_hz=_within(said.rate_hz, 0.0, MAX_HZ, 0.0),
         dropped=_counts(said.dropped),
         events=_counts(said.events),
+        **more,
     )
 
 
@@ -123,7 +129,7 @@ def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_
 
 
 def _within(value: float, low: float, high: float, unknown: float) -> float:
-    return unknown if np.isnan(value) else min(max(value, low), high)
+    return unknown if isnan(value) else min(max(value, low), high)
 
 
 def _clipped(

@@ -22,7 +22,7 @@ from estimator.database import Change, Database, Row, StoreError, Trim
 from estimator.restore import differing, restore_key
 from estimator.service.retention import ALL_DAYS, DAY_NS, old_boots, superfluous
 from estimator.session import Remembered
-from estimator.track.bias_filter import BiasState
+from estimator.track.bias_filter import OWN, BiasState
 from estimator.track.learning import Points
 
 __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
@@ -92,7 +92,9 @@ class Store:
         doubted, asked: see Remembered.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
-        text = json.dumps([state.x.tolist(), state.P.tolist(), *at, {"doubted": doubted, "asked": asked}])
+        # A restored tracker begins anew with all but the filter's own states.
+        x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
+        text = json.dumps([x, P, *at, {"doubted": doubted, "asked": asked}])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:

@@ -280,7 +280,9 @@ class BiasFilter:
         if evidence.since is not None:
             S += evidence.since.added(H)
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = isfinite(innovation.sum() + S.sum()) and evidence.R.diagonal().min() > 0
+        finite = (
+            all(map(isfinite, (*innovation.tolist(), *S.ravel().tolist()))) and min(evidence.R.diagonal().tolist()) > 0
+        )
         nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
         if not isfinite(nis):  # so large that its own determinant is beyond all numbers
             finite, nis = False, np.inf
@@ -301,7 +303,7 @@ class BiasFilter:
             H = evidence.H
             seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
-        return replace(receipt, accepted=True, reason="")
+        return receipt if receipt.accepted else replace(receipt, accepted=True, reason="")
 
     def _take_in(self, evidence: Evidence, R: Floats) -> None:
         kf, H, late = self._kf, evidence.H, evidence.since

@@ -33,8 +33,8 @@ class Consistency:
         if isfinite(receipt.nis):
             self._inflation = None
             self._nis.append((min(receipt.nis, _CAP * n), n))
-            std = np.sqrt(np.diag(receipt.innovation_cov))
-            self._signs.append(float(np.mean(receipt.innovation / std)))
+            signs = receipt.innovation / np.sqrt(receipt.innovation_cov.diagonal())
+            self._signs.append(sum(signs.tolist()) / n)
 
     def forget(self) -> None:
         """Begin anew: what was noted has been explained."""

@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from math import degrees
+from math import degrees, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +153,8 @@ class Tracker:
     @property
     def sure(self) -> bool:
         """Whether anything worth telling is known of this boot's bias."""
-        return bool((self.std < self.knobs.bias_std).all())
+        most = self.knobs.bias_std / self._consistency.inflation
+        return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
     @property
     def consistency(self) -> Consistency:
@@ -334,7 +335,7 @@ class Tracker:
         up = None
         if span is not None:
             g = self._filter.x[GRAVITY]
-            up = g / np.linalg.norm(g)
+            up = g / sqrt(g @ g)
         if not resting:
             self._zaru.interrupted(self._filter)
             return self._bounded.take(second, self._filter, up)

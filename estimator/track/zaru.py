@@ -8,14 +8,16 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 from collections import deque
 from dataclasses import dataclass, replace
 from math import ceil, radians, sqrt
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var, spread
-from estimator.rotation import angle_between, cross_matrix
+from estimator.rotation import angle_between
 from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
 from estimator.track.seconds import Second
+from estimator.track.since import Since
 
 Floats = NDArray[np.float64]
 
@@ -175,7 +177,7 @@ class Zaru:
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
             bias.forget()
-        evidence = replace(self._questioned(evidence), since=bias.since())
+        evidence = _measured(self._questioned(evidence), bias.since())
         self._waiting.append((evidence, second.start, second.end))
         together = _mean([waiting for waiting, _, _ in self._waiting])
         weighed = bias.weigh(together)
@@ -289,12 +291,21 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     """Some of the same kind as one: what is common to them does not average out."""
     last, n = evidence[-1], len(evidence)
     common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
-    z, R = np.mean([e.z for e in evidence], axis=0), np.mean([e.R for e in evidence], axis=0)
-    return replace(last, z=z, R=(R - common) / n + common, since=None)
+    z, R = np.add.reduce([e.z for e in evidence]) / n, np.add.reduce([e.R for e in evidence]) / n
+    R = (R - common) / n + common
+    return Evidence(last.kind, z, last.H, R, last.gate, last.common_var, last.soft)
+
+
+def _measured(evidence: Evidence, since: Since) -> Evidence:
+    return Evidence(
+        evidence.kind, evidence.z, evidence.H, evidence.R, evidence.gate, evidence.common_var, evidence.soft, since
+    )
 
 
 def across(up: Floats) -> Floats:
     """(2, 3) two unit vectors across up."""
-    first = cross_matrix(up)[:, np.argmin(np.abs(up))]
-    first /= np.linalg.norm(first)
-    return np.array([first, cross_matrix(up) @ first])
+    x, y, z = up.tolist()
+    _, a, b, c = min((abs(x), 0.0, z, -y), (abs(y), -z, 0.0, x), (abs(z), y, -x, 0.0), key=itemgetter(0))
+    length = sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
