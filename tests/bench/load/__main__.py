@@ -1,4 +1,4 @@
-"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices, the estimator and a bare relay in turn.
+"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices: a bare relay, one that recodes, the estimator in turn.
 
 Writes out/load.png: how all of it grows with the number of devices.
 """
@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator import figures
-from tests.bench.load.run import Load, Took, run
+from tests.bench.load.run import Load, Middle, Took, run
 
 PACED = (
     *(Load(devices, rate_hz, batch) for rate_hz, batch in ((104.0, 10), (562.5, 56)) for devices in (1, 10, 100, 1000)),
@@ -46,31 +46,26 @@ def main() -> int:
         "sender late ms",
     ):
         table.add_column(heading, justify="right")
-    found: dict[tuple[Load, bool], Took] = {}
+    found: dict[tuple[Load, Middle], Took] = {}
     for load in QUICK if args.quick else PACED:
         paced = Load(load.devices, load.rate_hz, load.batch, args.seconds)
-        for relay in (True, False):
-            took = found[load, relay] = run(paced, relay=relay)
-            table.add_row(*_words(paced, took, relay=relay))
-            console.print(
-                f"{paced.devices} x {paced.rate_hz:g} Hz, {'relay' if relay else 'estimator'}: done", style="dim"
-            )
+        for middle in Middle:
+            took = found[load, middle] = run(paced, middle)
+            table.add_row(*_words(paced, took, middle))
+            console.print(f"{paced.devices} x {paced.rate_hz:g} Hz, {middle}: done", style="dim")
     console.print(table)
     bursts = Table(title=f"As fast as it goes: bursts of {BURST:,} messages of 10 samples, best of {args.bursts}")
-    for heading in ("devices", "relay k msg/s", "estimator k msg/s", "ratio", "M samples/s", "lost"):
+    for heading in ("devices", *(f"{middle} k msg/s" for middle in Middle), "ratios", "M samples/s", "lost"):
         bursts.add_column(heading, justify="right")
     for devices in (100,) if args.quick else (10, 100, 1000):
-        relayed, corrected = (
-            [run(Load(devices, burst=BURST), relay=relay) for _ in range(args.bursts)] for relay in (True, False)
-        )
-        most = [max(took.messages_per_s for took in each) for each in (relayed, corrected)]
+        runs = [[run(Load(devices, burst=BURST), middle) for _ in range(args.bursts)] for middle in Middle]
+        most = [max(took.messages_per_s for took in each) for each in runs]
         bursts.add_row(
             str(devices),
-            f"{most[0] / 1e3:.1f}",
-            f"{most[1] / 1e3:.1f}",
-            f"{most[1] / most[0]:.2f}",
-            f"{most[1] * 10 / 1e6:.2f}",
-            str(sum(took.lost for took in corrected)),
+            *(f"{each / 1e3:.1f}" for each in most),
+            ", ".join(f"{each / most[0]:.2f}" for each in most[1:]),
+            f"{most[-1] * 10 / 1e6:.2f}",
+            str(sum(took.lost for took in runs[-1])),
         )
     console.print(bursts)
     if not args.quick:
@@ -79,14 +74,14 @@ def main() -> int:
     return 0
 
 
-def _draw(found: dict[tuple[Load, bool], Took]) -> None:
+def _draw(found: dict[tuple[Load, Middle], Took]) -> None:
     numbers = sorted({load.devices for load in PACED})
     cpu, latency = dict[str, list[float]](), dict[str, list[float]]()
     for rate_hz, batch in dict.fromkeys((load.rate_hz, load.batch) for load in PACED if load.devices == 1):
-        for relay, who in ((False, "estimator"), (True, "relay")):
-            took = [found[Load(devices, rate_hz, batch), relay] for devices in numbers]
-            cpu[f"{who}, {rate_hz:g} Hz"] = [100 * each.cpu for each in took]
-            latency[f"{who}, {rate_hz:g} Hz"] = [1e3 * each.p99_s for each in took]
+        for middle in reversed(Middle):
+            took = [found[Load(devices, rate_hz, batch), middle] for devices in numbers]
+            cpu[f"{middle}, {rate_hz:g} Hz"] = [100 * each.cpu for each in took]
+            latency[f"{middle}, {rate_hz:g} Hz"] = [1e3 * each.p99_s for each in took]
     panels = [
         figures.Curves(title, "devices", np.array(numbers, float), {k: np.array(v) for k, v in values.items()}, goal)
         for title, values, goal in (("% of a core", cpu, 50.0), ("ms, 99 % of latency", latency, None))
@@ -95,12 +90,12 @@ def _draw(found: dict[tuple[Load, bool], Took]) -> None:
     figures.curves(panels, "What an estimator takes of its machine, beside a bare relay", OUT)
 
 
-def _words(load: Load, took: Took, *, relay: bool) -> list[str]:
+def _words(load: Load, took: Took, middle: Middle) -> list[str]:
     return [
         str(load.devices),
         f"{load.rate_hz:g}",
         str(load.batch),
-        "relay" if relay else "estimator",
+        middle,
         f"{100 * took.cpu:.1f}",
         f"{100 * took.router_cpu:.1f}",
         f"{took.rss_mb:.0f}",

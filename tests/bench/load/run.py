@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,15 @@ id = "e"
 store = "{folder}/store.sqlite3"
 """
 _TICK = os.sysconf("SC_CLK_TCK")
+
+
+class Middle(StrEnum):
+    """What is between the senders and the subscriber."""
+
+    RELAY = "relay"
+    #: reads, corrects and writes each message, and nothing else
+    RECODE = "recoding relay"
+    ESTIMATOR = "estimator"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +74,23 @@ class Took:
         return self.sent / self.seconds
 
 
-def run(load: Load, *, relay: bool, wait_s: float = 120.0) -> Took:
+def run(load: Load, middle: Middle, wait_s: float = 120.0) -> Took:
     """Run it, and wait for all to arrive or for nothing to come any more."""
     with tempfile.TemporaryDirectory() as folder:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         config = Path(folder) / "ward.toml"
         config.write_text(_CONFIG.format(ward=WARD, endpoint=endpoint, folder=folder), encoding="utf-8")
-        middle = ["tests.bench.load.relay", endpoint] if relay else ["estimator.cli", "estimator", "serve", str(config)]
+        command = {
+            Middle.RELAY: ["tests.bench.load.relay", endpoint],
+            Middle.RECODE: ["tests.bench.load.relay", endpoint, "recode"],
+            Middle.ESTIMATOR: ["estimator.cli", "estimator", "serve", str(config)],
+        }[middle]
         with _process("estimator.cli", "router", "--listen", endpoint) as router:
             if not listens(endpoint, 20.0):
                 raise RuntimeError("the router does not listen")
-            with _process(*middle) as worker:
+            with _process(*command) as worker:
                 time.sleep(2.5)
-                return _measured(load, endpoint, worker, router, relay=relay, wait_s=wait_s)
+                return _measured(load, endpoint, worker, router, middle, wait_s)
 
 
 def _measured(
@@ -84,11 +98,10 @@ def _measured(
     endpoint: str,
     worker: subprocess.Popen[bytes],
     router: subprocess.Popen[bytes],
-    *,
-    relay: bool,
+    middle: Middle,
     wait_s: float,
 ) -> Took:
-    receiver = Receiver(endpoint, relayed=relay)
+    receiver = Receiver(endpoint, relayed=middle is Middle.RELAY)
     arguments = [endpoint, str(load.devices), str(load.rate_hz), str(load.batch), *load.mode]
     with _process("tests.bench.load.sender", *arguments, pipe=True) as sender:
         before = json.loads(_line(sender))["before"]
@@ -97,7 +110,7 @@ def _measured(
         began_s, cpu, router_cpu = time.monotonic(), _cpu(worker), _cpu(router)
         arrived = receiver.count
         said = json.loads(_line(sender))
-        ended_s = _last(receiver, said["sent"], wait_s, exact=relay)
+        ended_s = _last(receiver, said["sent"], wait_s, exact=middle is not Middle.ESTIMATOR)
         cpu, router_cpu = _cpu(worker) - cpu, _cpu(router) - router_cpu
         rss = _rss_mb(worker)
     _, samples, twice, latency = receiver.result()
