@@ -52,7 +52,8 @@ class Peers:
         self.cluster = Cluster(own, peers, time.monotonic())
         self.replicas = Replicas(MAX_DEVICES)
         self._buses, self._now_ns, self._counts = (data, control), now_ns, counts
-        self._standby = Standby(MAX_DEVICES)
+        self._standby, self._ours = Standby(MAX_DEVICES), Standby(MAX_DEVICES)
+        self._company = bool(self.cluster.members[1:])  # whether there ever was another
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_WAITING)
         self._owned = Door[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
@@ -116,6 +117,7 @@ class Peers:
         self._notice(*cluster.look(now), now)
         for device in lost:
             cluster.lose(device, now)
+            self._ours.move(device, self._standby)
         return list(lost)
 
     def _excuse(self, now: float, *, heard: bool) -> None:
@@ -131,7 +133,7 @@ class Peers:
         self._left[owned.estimator] += len(fresh)
         for h in owned.holdings:
             if h.device not in self.cluster.held:
-                self._standby.done(h.device, h.boot, h.next, now)
+                self._standby.done(h.device, h.boot, h.next, now, h.epoch)
 
     def _notice(self, came: list[str], gone: list[str], now: float) -> None:
         for name in came:
@@ -151,7 +153,7 @@ class Peers:
     def sift(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
         """Of samples that came, those of our devices; the others are kept for a while."""
         cluster = self.cluster
-        if cluster.undisputed and not self._standby:
+        if not self._company:
             return messages
         if len(messages) >= MANY:
             cluster.behind(now)
@@ -164,6 +166,7 @@ class Peers:
                 continue
             if device in cluster.held:
                 ours.append(message)
+                self._ours.hold(device, message, now)
             elif self._standby.hold(device, message, now):
                 self._next_scan = now  # it may be ours, and is said to be first
         return ours
@@ -176,7 +179,8 @@ class Peers:
         if now < self._next_scan:
             return []
         self._next_scan = now + SAY_ALONE_S
-        self._standby.tidy(now)
+        for kept in (self._standby, self._ours):
+            kept.tidy(now)
         self.cluster.keep({*devices, *silent})
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
@@ -199,7 +203,8 @@ class Peers:
 
     def back(self, device: str, message: Message, now: float) -> None:
         """A message of a device that has left us, and that nobody has looked at."""
-        self._standby.hold(device, message, now)
+        if not self._standby.has(device, message):
+            self._standby.hold(device, message, now)
 
     def answers(self, device: str) -> bool:
         """Whether it is for us to answer a command; from any thread."""
@@ -207,7 +212,7 @@ class Peers:
 
     def _take(self, device: str) -> list[Message]:
         self._begin(device)
-        return self._standby.take(device)
+        return self._standby.move(device, self._ours)
 
     def _begin(self, device: str) -> int:
         self._came += 1
@@ -223,6 +228,7 @@ class Peers:
             self._counts.add(f"tokens refused, {refusal.reason}")
             return
         self.cluster.change(name, now, alive=alive)
+        self._company |= alive and name != self.cluster.own
 
     # ---- what is said of ours ---------------------------------------------------------------------------------------
 

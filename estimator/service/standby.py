@@ -1,7 +1,10 @@
-"""The last that other estimators' devices have sent: kept until it is corrected by them, to go on from when one is gone. Pure.
+"""The last that devices have sent, to go on from with those of other estimators: kept until it is corrected by them. Pure.
 
 What an estimator says to have corrected is kept a little longer: its words and its corrected samples may go different ways, and
 those that it had sent when it died may have got lost. Whoever hears a sample twice takes it once.
+
+Of our own devices it is kept, too: another may have taken one long before we hear of it, and what we say meanwhile nobody
+listens to. It is not lost where that one never comes to it and the device is ours again.
 """
 
 from collections import deque
@@ -40,6 +43,7 @@ class _Held:
 class _Queue:
     held: deque[_Held] = field(default_factory=deque)
     size: int = 0
+    epoch: int = 0
 
     def drop(self) -> int:
         size = len(self.held.popleft().message.payload)
@@ -82,15 +86,21 @@ class Standby:
             self._size -= queue.drop()
             self.dropped += 1
         while self._size > MOST_BYTES:
-            self._size -= max(self._queues.values(), key=lambda q: q.size).drop()
+            fair = self._size / len(self._queues)
+            most = queue if queue.size >= fair else max(self._queues.values(), key=lambda q: q.size)
+            self._size -= most.drop()
             self.dropped += 1
         return len(queue.held) <= 1
 
-    def done(self, device: str, boot: int, next_: int, now: float) -> None:
-        """Whose device it is has corrected all of this boot below this number."""
+    def done(self, device: str, boot: int, next_: int, now: float, epoch: int = 0) -> None:
+        """Who has a device since this epoch has corrected all of this boot below this number.
+
+        To what is said under an earlier epoch than was heard of nobody listens, neither do we.
+        """
         queue = self._queues.get(device)
-        if queue is None:
+        if queue is None or epoch < queue.epoch:
             return
+        queue.epoch = epoch
         last = -1
         for at, held in enumerate(queue.held):
             if held.came_s > now - OVERLAP_S:
@@ -108,6 +118,17 @@ class Standby:
             return []
         self._size -= queue.size
         return [held.message for held in queue.held]
+
+    def has(self, device: str, message: Message) -> bool:
+        """Whether this very message is kept."""
+        return device in self and any(held.message is message for held in self._queues[device].held)
+
+    def move(self, device: str, to: "Standby") -> list[Message]:
+        """What is kept of a device is kept there from now on; the messages, in the order in which they came."""
+        queue = self._queues.get(device)
+        for held in () if queue is None else queue.held:
+            to.hold(device, held.message, held.came_s)
+        return self.take(device)
 
     def tidy(self, now: float) -> None:
         """Forget what is too old, and devices that send nothing."""

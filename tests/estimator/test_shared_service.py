@@ -2,11 +2,12 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import pytest
 
+from bridge.bus.contract import Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
@@ -147,6 +148,48 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     assert len({batch.epoch for batch in given}) == 3
     statuses = both.client.statuses(0.1)
     assert statuses[NAME].epoch == given[-1].epoch
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+
+
+class Cut:
+    """A subscription over a line on which nothing passes for a while; what was said meanwhile comes when it is whole again."""
+
+    def __init__(self, whole: Subscription) -> None:
+        self._whole, self.cut = whole, True
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._whole, name)
+
+    def drain(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        return [] if self.cut else self._whole.drain(limit, timeout_s)
+
+
+def test_what_nobody_listened_to_is_said_again_where_it_was_not_said_by_who_had_the_device(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(60.0)]).batches()
+    worn = len(batches) - 800  # calibrated
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:worn])
+    assert both.has() == [SECOND]
+    lines = {}
+    for name in (FIRST, SECOND):
+        peers = both.services[name]._peers
+        peers._heard = lines[name] = Cut(peers._heard)  # type: ignore[assignment]
+    both.send(batches[worn : worn + 600])
+    assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
+    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    both.send(batches[worn + 600 : worn + 700])  # SECOND says them; who has heard FIRST does not listen
+    for line in lines.values():
+        line.cut = False
+    both.send(batches[worn + 700 :])
+    both.pass_(4.0)
+    assert both.has() == [SECOND]
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
 
 

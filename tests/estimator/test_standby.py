@@ -43,6 +43,20 @@ def test_what_is_corrected_goes_but_for_the_last_moments() -> None:
     assert firsts(kept.take("d1")) == [(7, 20)]
 
 
+def test_what_was_corrected_under_an_epoch_that_is_over_is_not_corrected() -> None:
+    kept = held(message(0), message(10), message(20))
+    kept.done("d1", 7, 10, LATER, epoch=2)
+    kept.done("d1", 7, 30, LATER, epoch=1)
+    assert firsts(kept.take("d1")) == [(7, 10), (7, 20)]
+
+
+def test_what_goes_over_to_another_has_the_time_at_which_it_came() -> None:
+    to = held(message(0), at=0.0)
+    assert firsts(held(message(10), at=LATER).move("d1", to)) == [(7, 10)]
+    to.done("d1", 7, 20, LATER + OVERLAP_S - 0.1)
+    assert firsts(to.take("d1")) == [(7, 10)]
+
+
 def test_half_a_message_is_not_corrected() -> None:
     kept = held(message(0), message(10))
     kept.done("d1", 7, 15, LATER)
