@@ -42,7 +42,8 @@ class Device:
         #: what it is heard under
         self.key = ""
         self.heard = now
-        self.checkpointed = self.recorded = 0.0
+        #: what is kept of it by whoever had it before is good for a while: at first there are other things to do
+        self.checkpointed, self.recorded = now, 0.0
         #: when its bias history was looked through last; boots still to be thinned, from when on
         self.thinned = float("-inf")
         self.to_thin: deque[tuple[str, int]] = deque()
