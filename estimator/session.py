@@ -233,9 +233,11 @@ class DeviceSession:
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""
+        self._law = law
         if self.calibration is None:
-            self._law = law
             self.tracker.expect(law)
+        else:
+            self.tracker.follow(law)
 
     # ---- samples --------------------------------------------------------------------------------------------------
 

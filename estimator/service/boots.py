@@ -7,9 +7,11 @@ from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from estimator.block import temperature_at
 from estimator.restore import changed, restore_key
 from estimator.service.device import Device
+from estimator.service.isolation import Isolation
 from estimator.service.record import Record
 from estimator.service.roster import Roster
 from estimator.session import Outcome, Remembered
+from estimator.track.temperature import TemperatureLaw
 
 log = logging.getLogger(__name__)
 
@@ -17,8 +19,8 @@ log = logging.getLogger(__name__)
 class Boots:
     """Begins boots of the roster's devices with what the record has of them."""
 
-    def __init__(self, devices: Roster, record: Record) -> None:
-        self._devices, self._record = devices, record
+    def __init__(self, devices: Roster, record: Record, guarded: Isolation) -> None:
+        self._devices, self._record, self._guarded = devices, record, guarded
 
     def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
@@ -28,9 +30,8 @@ class Boots:
             kept = self._record.past(session, device.name)
             session.sequence.recall(kept[: kept.index(batch.boot)] if batch.boot in kept else kept)
         session.info = info = info if info is not None and info.boot == batch.boot else None
-        remembered, law, scratch = self._record.recall(device, batch.boot), None, ""
+        remembered, scratch = self._record.recall(device, batch.boot), ""
         if info is not None:
-            law = self._record.law(session, info)
             self._record.boot(session, info)
             if remembered is not None and remembered.calibration is not None:
                 scratch = changed(remembered.calibration, info, within_boot=True)
@@ -43,13 +44,15 @@ class Boots:
                 if prior is None:
                     scratch = scratch or self._record.scratch(session, info)
         now, celsius = float(batch.device_time[0]), temperature_at(batch, 0)
-        outcome = session.begin_boot(batch.boot, now, remembered if same else None, law, celsius)
+        outcome = session.begin_boot(batch.boot, now, remembered if same else None, None, celsius)
         if remembered is not None and not same:
             session.count_event("boot number repeated")
             if remembered.calibration is not None:
                 session.believe(remembered.calibration)
         if info is not None and scratch:
             outcome.said += self._from_scratch(device, info, scratch)
+        if info is not None:
+            self._learn_law(device, info)
         return outcome
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
@@ -73,9 +76,15 @@ class Boots:
         if scratch:
             outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
             outcome.changed = True
-        if (law := self._record.law(session, info)) is not None:
-            session.expect(law)
+        self._learn_law(device, info)
         return outcome
+
+    def _learn_law(self, device: Device, info: DeviceInfo) -> None:
+        def taught(law: TemperatureLaw) -> None:
+            if self._devices.get(device.name) is device and device.session.boot == info.boot:
+                self._guarded(device, lambda: device.session.expect(law))
+
+        self._record.law(device.session, info, taught)
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
         device.session.scratch = why

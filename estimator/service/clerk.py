@@ -1,9 +1,13 @@
-"""Who writes to the store: at once, or on a thread of its own, so that a disk that takes its time delays no sample."""
+"""Who writes to the store: at once, or on a thread of its own, so that a disk that takes its time delays no sample.
+
+What takes long to be read and thought about has another one, so that no write waits for it.
+"""
 
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol
 
 from estimator.database import Database, StoreError
@@ -28,6 +32,9 @@ class Writes(Protocol):
     def do(self, write: Write, done: Done) -> None:
         """Write, now or soon; done is called on the caller's own thread, at once or in `collect`."""
 
+    def look_up(self, read: Write, done: Done) -> None:
+        """The same of what only reads and takes its time; none when it is over before."""
+
     def collect(self) -> None:
         """Call what waits to be called."""
 
@@ -41,6 +48,10 @@ class Inline:
     def do(self, write: Write, done: Done) -> None:
         """See Writes."""
         done(_tried(write))
+
+    def look_up(self, read: Write, done: Done) -> None:
+        """See Writes."""
+        done(_tried(read))
 
     def collect(self) -> None:
         """See Writes."""
@@ -63,6 +74,7 @@ class Clerk:
         self._written: deque[tuple[Done, StoreError | None]] = deque()
         self._more = threading.Condition()
         self._over = False
+        self._reader = ThreadPoolExecutor(1, "reader")
         self._thread = threading.Thread(target=self._run, name="clerk", daemon=True)
         self._thread.start()
 
@@ -76,6 +88,11 @@ class Clerk:
         if full:
             done(StoreError(f"store {self._database.path}: the disk is too slow, {MOST} writes wait for it"))
 
+    def look_up(self, read: Write, done: Done) -> None:
+        """See Writes."""
+        if not self._over:
+            self._reader.submit(lambda: self._written.append((done, _tried(read))))
+
     def collect(self) -> None:
         """See Writes."""
         while self._written:
@@ -87,6 +104,7 @@ class Clerk:
         with self._more:
             self._over = True
             self._more.notify()
+        self._reader.shutdown(wait=False, cancel_futures=True)
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
             log.error("store %s: the disk does not answer; the last writes are lost", self._database.path)

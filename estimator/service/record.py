@@ -148,13 +148,18 @@ class Record:
 
         self._keep(session, once)
 
-    def law(self, session: DeviceSession, info: DeviceInfo) -> TemperatureLaw | None:
-        """What the same hardware taught of temperature in earlier boots."""
-        try:
-            return learn(self._store.points(info), session.knobs.track.bias)
-        except StoreError as error:
-            self._failed(session, error)
-            return None
+    def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
+        """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
+        knobs, found = session.knobs.track.bias, list[TemperatureLaw | None]()
+
+        def learnt(error: StoreError | None) -> None:
+            if error is not None:
+                self._failed(session, error)
+            for law in found:
+                if law is not None:
+                    then(law)
+
+        self._clerk.look_up(lambda: found.append(learn(self._store.points(info), knobs)), learnt)
 
     def past(self, session: DeviceSession, device: str) -> list[int]:
         """Boots of a device that were heard before this estimator was started, oldest first."""

@@ -95,7 +95,7 @@ class Service:
         self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
         self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
         self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
-        self._boots, self._holding = Boots(self._devices, self._record), dict[str, Device]()
+        self._boots, self._holding = Boots(self._devices, self._record, self._guarded), dict[str, Device]()
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)

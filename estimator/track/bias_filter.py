@@ -206,6 +206,11 @@ class BiasFilter:
             for since in self._since:
                 since.cross[SLOPE] = 0.0
 
+    def follow(self, law: TemperatureLaw) -> None:
+        """From now on go on by a law that the slope, as it is known, was learnt under."""
+        self.law = law
+        self._unsure = self._law_var(self.temperature_c)
+
     def unlearn(self) -> Floats:
         """Give the law up: the slope is doubted as much as that of any part; by how much, (3, 3)."""
         self.law = None

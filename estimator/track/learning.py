@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.temperature import TemperatureLaw
@@ -56,7 +56,7 @@ def _apart(boot: Points, walk: float) -> Points:
     kept = [0]
     for i, var in enumerate(boot.std**2):
         before = boot.std[kept[-1]] ** 2 + walk**2 * (boot.time[i] - boot.time[kept[-1]])
-        if np.all(var < _SHARE * before):
+        if (var < _SHARE * before).all():
             kept.append(i)
     return Points(boot.time[kept], boot.bias[kept], boot.std[kept], boot.temperature_c[kept])
 
@@ -75,7 +75,7 @@ def _told(boot: Points, axis: int, reference_c: float, walk: float) -> _Told:
     since = boot.time - boot.time[0]
     C = np.diag(np.maximum(boot.std[:, axis], _LEAST_STD) ** 2) + walk**2 * np.minimum.outer(since, since)
     all_of_it = np.column_stack([np.ones(m), warmer, warmer**2, boot.bias[:, axis]])
-    white = solve_triangular(np.linalg.cholesky(C), all_of_it, lower=True)
+    white, _ = dtrtrs(np.linalg.cholesky(C), all_of_it, lower=1)
     one = white[:, :1] / np.linalg.norm(white[:, 0])
     rest = white[:, 1:] - one @ (one.T @ white[:, 1:])  # whatever the offset is
     A, y = rest[:, :2], rest[:, 2]

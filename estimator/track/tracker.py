@@ -240,6 +240,11 @@ class Tracker:
         self._law = law
         self._filter.expect(law)
 
+    def follow(self, law: TemperatureLaw) -> None:
+        """The same, of a bias whose slope was learnt under such a law already."""
+        self._law = law
+        self._filter.follow(law)
+
     def skip(self, window: Window) -> None:
         """Take no notice of the next window."""
         self.seconds.skip(window)

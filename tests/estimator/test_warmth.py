@@ -1,5 +1,7 @@
 """What temperature does is learnt in one boot, kept, and used in the next: sessions and store as the service has them."""
 
+import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +13,14 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.day import simulate_day
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
-from estimator.database import Change
+from estimator.database import Change, Database
+from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.record import Record
 from estimator.service.store import BOOTS, POINTS, Store, _point
 from estimator.session import DeviceSession, SessionKnobs
-from estimator.track.bias_filter import BIAS, SLOPE, BiasState
-from estimator.track.learning import learn
+from estimator.track.bias_filter import BIAS, SLOPE, BiasKnobs, BiasState
+from estimator.track.learning import Points, learn
 from estimator.track.temperature import Floats, TemperatureLaw
 from tests.estimator.stream import NAME, Stream, feed, info
 from tests.estimator.test_service import Ward
@@ -38,9 +41,9 @@ def kept(store: Store, number: int, seed: int, *, firmware: str = "1.0", minutes
     points, began = boot(np.random.default_rng(seed)), number * HOUR_NS
     store.add_boot(info(number, firmware=firmware), began)
     rows = zip(points.time, points.bias, points.std, points.temperature_c, strict=True)
-    for time, bias, std, celsius in list(rows)[:minutes]:
-        state = BiasState(np.concatenate([bias, np.zeros(3)]), np.diag([*std, 1, 1, 1]) ** 2, time, celsius)
-        store.save_bias(NAME, number, began + round(time * 1e9), state, history=True)
+    for at, bias, std, celsius in list(rows)[:minutes]:
+        state = BiasState(np.concatenate([bias, np.zeros(3)]), np.diag([*std, 1, 1, 1]) ** 2, at, celsius)
+        store.save_bias(NAME, number, began + round(at * 1e9), state, history=True)
 
 
 def day(hours: float, number: int, seed: int = 2) -> Stream:
@@ -112,9 +115,10 @@ def test_a_second_boot_follows_what_the_first_taught(tmp_path: Path) -> None:
         feed(device.session, [batch])
         clock[0] = round(batch.device_time[-1] * 1e9)
         record.checkpoint(device, clock[0] / 1e9)
-    law = record.law(device.session, info(2))
+    found = list[TemperatureLaw]()
+    record.law(device.session, info(2), found.append)
     store.close()
-    assert law is not None
+    (law,) = found
     second = day(1 / 6, 2)
     assert error(second, law) < 0.7 * error(second, None)
 
@@ -155,6 +159,19 @@ def test_a_law_that_comes_late_is_used_too() -> None:
     np.testing.assert_allclose(state.x[SLOPE], LAW.slope(state.temperature_c))
 
 
+def test_what_was_learnt_of_the_slope_in_this_boot_is_kept_when_the_law_comes() -> None:
+    device, of = DeviceSession(NAME), batches(day(0.01, 1), 1)
+    feed(device, of[:5])
+    before = device.tracker.state
+    device.tracker.follow(LAW)
+    state = device.tracker.state
+    np.testing.assert_array_equal(state.x, before.x)
+    np.testing.assert_array_equal(state.P, before.P)
+    warmer = device.tracker._filter
+    warmer.predict(state.time + 1.0, state.temperature_c + 1.0)
+    np.testing.assert_allclose(warmer.bent[SLOPE], 2 * LAW.quadratic)
+
+
 def test_a_wrong_law_is_given_up_and_told_once() -> None:
     of = day(0.2, 1)
     wrong = replace(LAW, linear=of.truth.bias_per_kelvin + np.radians(0.06))
@@ -185,13 +202,51 @@ def test_the_service_hands_the_law_on(tmp_path: Path, info_first: bool) -> None:
     ward.kill()
 
 
+def test_no_sample_waits_for_what_earlier_boots_teach(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ward, go_on = Ward(tmp_path), threading.Event()
+    kept(ward.store, 1, seed=1)
+    kept(ward.store, 2, seed=2)
+    ward.kill()
+    clerks: list[Clerk] = []
+
+    def hired(database: Database) -> Clerk:
+        clerks.append(Clerk(database))
+        return clerks[0]
+
+    def thorough(points: list[Points], knobs: BiasKnobs) -> TemperatureLaw | None:
+        assert go_on.wait(20.0)
+        return learn(points, knobs)
+
+    monkeypatch.setattr("estimator.service.record.learn", thorough)
+    ward.start(hired)
+    of = batches(day(0.01, 3), 3)
+    ward.send(of[:10], info(3))
+    tracker = ward.service._devices[NAME].session.tracker
+    assert sum(map(len, ward.subscriber)) == sum(map(len, of[:10]))
+
+    def taught() -> bool:
+        return tracker._law is not None
+
+    assert not taught()
+    go_on.set()
+    deadline = time.monotonic() + 20.0
+    while not taught() and time.monotonic() < deadline:
+        ward.settle()
+    law = learnt(ward.store.points(info(3)))
+    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.temperature_c), atol=np.radians(0.003))
+    clerks[0].close()
+    ward.kill()
+
+
 def test_a_store_that_fails_teaches_nothing_and_is_counted(tmp_path: Path) -> None:
     store = Store(tmp_path / "a.sqlite3")
     record, session = Record(store, Tally(), lambda: 0), DeviceSession(NAME)
     assert store.database._db is not None
     store.database._db.execute("DROP TABLE bias_history")
     store.add_boot(info(1), 1)
-    assert record.law(session, info(2)) is None
+    found = list[TemperatureLaw]()
+    record.law(session, info(2), found.append)
+    assert found == []
     assert session.status(0).events["store failed"] == 1
     store.close()
 
