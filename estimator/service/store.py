@@ -31,6 +31,8 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 BOOTS, POINTS = 8, 300
 #: of each device the audit keeps about so many lines, those of years; looked after every so many
 AUDITED, _LOOKED_AFTER = 10_000, 100
+#: so many calibrations of a device are looked at whatever they are of
+_LATEST, _NEWEST = 8, "time_ns DESC, rowid DESC"
 #: how many points are thinned at a time
 STRETCH = 500
 #: under which boots teach the same law
@@ -184,7 +186,7 @@ class Store:
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         name = keys.boot_id(boot)
-        calibration = self._latest(device, lambda row: row["boot"] == name)
+        calibration = self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
@@ -222,10 +224,17 @@ class Store:
         rows = self.database.rows("calibrations", "device = ?", (device,), "time_ns, rowid")
         return [found for row in rows if (found := self._calibration(row)) is not None]
 
-    def _latest(self, device: str, wanted: Callable[[Row], bool]) -> Calibration | None:
-        # What it is looked up by is tried here, behind the seals: SQLite would pass over a damaged column in silence.
-        rows = self.database.rows("calibrations", "device = ?", (device,), "time_ns DESC, rowid DESC")
-        return next((found for row in rows if wanted(row) and (found := self._calibration(row)) is not None), None)
+    def _latest(
+        self, device: str, wanted: Callable[[Row], bool], where: str = "1", *values: object
+    ) -> Calibration | None:
+        # What it is looked up by is tried here, behind the seals: SQLite would pass over a damaged column in silence. It is
+        # asked only for those of long ago, to look through which takes as long as hundreds of samples.
+        for some, given, most in (("1", (), _LATEST), (where, values, -1)):
+            rows = self.database.rows("calibrations", f"device = ? AND {some}", (device, *given), _NEWEST, most)
+            for row in rows:
+                if wanted(row) and (found := self._calibration(row)) is not None:
+                    return found
+        return None
 
     def _calibration(self, row: Row) -> Calibration | None:
         place = keys.build("store", "calibration", device=row["device"])

@@ -167,6 +167,21 @@ def test_a_payload_of_another_device_is_refused(store: Store, caplog: pytest.Log
     assert "damaged" in caplog.text
 
 
+def test_one_of_long_ago_is_found_behind_many(store: Store) -> None:
+    made = [
+        replace(GOOD, id=f"c{n}", boot=100 + n, time_ns=1000 + n, firmware="1.0" if n == 3 else "2.0")
+        for n in range(40)
+    ]
+    for c in made:
+        store.add_calibration(c)
+    remembered = store.recall(NAME, 107, 0)
+    assert remembered is not None
+    assert same(remembered.calibration, made[7])
+    assert same(store.prior(replace(info(500), firmware="1.0")), made[3])
+    assert same(store.latest(NAME), made[39])
+    assert store.recall(NAME, 500, 0) is None
+
+
 @pytest.mark.parametrize("damage", ["state = replace(state, '0.1', '0.9')", "digest = x''"])
 def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.LogCaptureFixture) -> None:
     store.add_calibration(GOOD)
