@@ -91,9 +91,9 @@ class Outcome:
 
 
 class DeviceSession:
-    """The life of one device across its boots."""
+    """The life of one device across its boots; `began`, device s, if it is known when the first of them begins."""
 
-    def __init__(self, device: str, knobs: SessionKnobs | None = None) -> None:
+    def __init__(self, device: str, knobs: SessionKnobs | None = None, began: float = 0.0) -> None:
         self.device = device
         self.knobs = knobs or SessionKnobs()
         self.life = Life()
@@ -105,7 +105,8 @@ class DeviceSession:
         self.last_heard_ns = 0
         #: keeps what windows are made of, where somebody looks at them
         self.windowed: Windowed | None = None
-        self._begin(0.0)
+        self._begin(began)
+        self._unused = True  # since it was begun
 
     # ---- boots ----------------------------------------------------------------------------------------------------
 
@@ -124,7 +125,9 @@ class DeviceSession:
         outcome = self.learn()  # what came of the one before
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
-        self._begin(device_time, law)
+        if not self._unused or device_time != self._began or law is not None:
+            self._begin(device_time, law)
+        self._unused = False
         self.life.on(Event.BOOTED)
         if not again:  # nothing was taken of it yet
             self.reason = (

@@ -33,7 +33,15 @@ class Device:
     """A session and its publishers; what fails in it is begun anew by `restart`."""
 
     def __init__(
-        self, bus: Bus, ward: str, name: str, knobs: SessionKnobs, silence_s: float, now: float, epoch: int = 0
+        self,
+        bus: Bus,
+        ward: str,
+        name: str,
+        knobs: SessionKnobs,
+        silence_s: float,
+        now: float,
+        epoch: int = 0,
+        began: float = 0.0,
     ) -> None:
         self.name = name
         #: of our turn at it; in all that is said of it
@@ -59,7 +67,7 @@ class Device:
         self.latest: Status | None = None
         self._delay_s, self._timed = math.nan, False
         self._bus, self._ward, self._knobs = bus, ward, knobs
-        self.session = DeviceSession(name, knobs)
+        self.session = DeviceSession(name, knobs, began)
         self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._gone = False

@@ -271,7 +271,8 @@ class Service:
                 return
             knobs = self._treatment.of(batch.device)
             epoch = self._peers.epoch(batch.device)
-            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now, epoch)
+            began = float(batch.device_time[0])
+            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now, epoch, began)
             self._go_on(device, batch, now)
             self._silent.drop(batch.device)
             self._devices[batch.device] = device
