@@ -111,6 +111,8 @@ class Device:
 
     def look_round(self) -> None:
         """Once a second: windows are made where somebody looks."""
+        if self._windowed is None and self.announced:
+            self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
         if wanted != (self.session.windowed is not None):
             self.session.windowed = Windowed() if wanted else None
@@ -207,7 +209,6 @@ class Device:
         if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
         self._put_corrected = self._publisher("corrected").put
-        self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         return True
 
     def _put(self, what: str, payload: bytes) -> None:
