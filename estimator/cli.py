@@ -27,7 +27,16 @@ from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 from bridge.wording import count
-from estimator import cli_cluster, cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
+from estimator import (
+    cli_cluster,
+    cli_correct,
+    cli_dashboard,
+    cli_doctor,
+    cli_offline,
+    cli_store,
+    cli_tracking,
+    picture_file,
+)
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_ward import add_ward, ward_of
 
@@ -181,6 +190,7 @@ def _add_estimator(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 def _demo(given: argparse.Namespace) -> int:
     from estimator.demo.run import run  # noqa: PLC0415
 
+    picture_file.check("--picture", given.picture)
     seed = secrets.randbelow(2**31) if given.seed is None else given.seed
     return 0 if run(Console(), given.picture, seed) else 1
 
@@ -267,7 +277,7 @@ def _config_check(given: argparse.Namespace) -> None:
         raise ConfigError("\n".join(wrong))
     for file, ward in wards.items():
         parts = [
-            f"{len(ward.bridge.devices)} devices" if ward.bridge else "no bridge",
+            count(len(ward.bridge.devices), "device") if ward.bridge else "no bridge",
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
         print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")

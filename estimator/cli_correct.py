@@ -7,8 +7,9 @@ from pathlib import Path
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.progress import Bar
+from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_recorded import add_choice, gyro_range, recorded
+from estimator.cli_recorded import add_choice, check_range, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
 
 HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
@@ -33,8 +34,6 @@ examples:
   truerate calibrate session.npz --json > chest.json
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
   truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
-
-_PICTURES = (".png", ".svg", ".pdf")
 
 
 def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -88,8 +87,7 @@ def _correct(given: argparse.Namespace) -> None:
 
     if given.other_boot and given.calibration is None:
         raise ConfigError("--other-boot says of which boot a calibration is: it needs --calibration FILE")
-    if not 0 <= given.range_dps <= 10_000:
-        raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to 10000 is taken")
+    check_range(given)
     model = load_model(given.model)
     corrected_file.check(given.out, given.file)
     _check_picture(given.picture)
@@ -124,7 +122,8 @@ def _correct(given: argparse.Namespace) -> None:
 
 
 def _check_picture(picture: Path | None) -> None:
-    if picture is not None and picture.suffix.lower() not in _PICTURES:
-        raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
-    if picture is not None and not picture.parent.is_dir():
+    if picture is None:
+        return
+    if not picture.parent.is_dir():
         raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
+    picture_file.check("--picture", picture)

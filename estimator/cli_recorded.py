@@ -3,7 +3,10 @@
 import argparse
 from math import radians
 
+from bridge.config import ConfigError
 from bridge.recording import Recording, load
+
+MAX_RANGE_DPS = 10_000
 
 
 def add_choice(verb: argparse.ArgumentParser) -> None:
@@ -20,6 +23,12 @@ def add_choice(verb: argparse.ArgumentParser) -> None:
 def recorded(given: argparse.Namespace) -> Recording:
     """The recording that was chosen."""
     return load(given.file, given.rate_hz, device=given.device, boot=given.boot)
+
+
+def check_range(given: argparse.Namespace) -> None:
+    """Refuse a full-scale range that no gyro has; raises ConfigError."""
+    if not 0 <= given.range_dps <= MAX_RANGE_DPS:
+        raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to {MAX_RANGE_DPS} is taken")
 
 
 def gyro_range(given: argparse.Namespace, recording: Recording) -> float:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import add_choice, recorded
+from estimator.noise_model import load_model
 
 if TYPE_CHECKING:
     from estimator.identification import AtRest
@@ -52,8 +54,12 @@ def _allan(given: argparse.Namespace) -> None:
     from estimator.allan_report import as_json, as_table, sentences  # noqa: PLC0415
     from estimator.identification import identify_noise  # noqa: PLC0415
 
+    picture = given.picture or (None if given.json else Path("out/allan.png"))
+    if picture:
+        picture_file.check("--picture", picture)
+    load_model(given.model)
     if given.write:
-        _check_written(given.write, given.model)
+        _check_written(given.write)
     rest = identify_noise(recorded(given))
     if given.json:
         print(json.dumps(as_json(rest)))
@@ -62,7 +68,6 @@ def _allan(given: argparse.Namespace) -> None:
         console.print(as_table(rest))
         for sentence in sentences(rest):
             console.print(sentence, style="dim", highlight=False)
-    picture = given.picture or (None if given.json else Path("out/allan.png"))
     if picture:
         from estimator import figures  # noqa: PLC0415
 
@@ -75,20 +80,17 @@ def _allan(given: argparse.Namespace) -> None:
             print(f"written: {path}")
 
 
-def _check_written(path: Path, like: str) -> None:
+def _check_written(path: Path) -> None:
     """Before a long computation: what would only be noticed after it."""
-    from estimator.noise_model import load_model  # noqa: PLC0415
-
     if path.suffix != ".toml":
         raise ConfigError(f"--write {path}: a device model ends in .toml")
     if path.exists():
         raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
-    load_model(like)
 
 
 def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:
     from estimator.identification import measured  # noqa: PLC0415
-    from estimator.noise_model import as_toml, load_model  # noqa: PLC0415
+    from estimator.noise_model import as_toml  # noqa: PLC0415
 
     kind = load_model(like)
     model, origin = measured(rest, kind)
