@@ -9,12 +9,15 @@ from bridge.console import plain_console
 from bridge.progress import Bar
 from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_recorded import add_choice, check_range, gyro_range, recorded
+from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
 
-HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
-quality. .npz: see estimator/corrected_file.py; .csv: the unit is in each column's name. All is in rad/s.
-
+HELP = f"""{HOLDS}
+corrected:
+  a row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation, quality.
+  .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n), a number whose name is in
+         quality_names, matrix (3, 3), rate_hz; and as recorded accel_m_s2 (n, 3), temperature_c (n).
+  .csv   the same, a column an axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by its name.
 quality:
   NONE, PRIOR          nothing is known yet; or the scale of another boot
   BIAS_ONLY            the bias is known, the scale is not of this boot
@@ -45,7 +48,7 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "correct a recording (.npz, .csv, .mcap) as a ward would: rates, bias, deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording; see bridge/recording.py for what is in it")
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, .npz, .csv or .mcap; see below")
     verb.add_argument(
         "out",
         type=Path,

@@ -14,12 +14,14 @@ from bridge.console import plain_console
 from bridge.wire.messages import Calibration, Verdict
 from estimator import picture_file
 from estimator.cli_live import add_live, live
-from estimator.cli_recorded import add_choice, check_range, gyro_range, recorded
+from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
 
 if TYPE_CHECKING:
     from estimator.batch.result import Result
 
-METHODS = """A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
+METHODS = f"""{HOLDS}
+
+A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
 unless a method is named.
 
 methods:
@@ -61,9 +63,7 @@ def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "calibrate from a recording (.npz, .csv, .mcap): still, turn, still, turn, still, turn, still",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
-    verb.add_argument(
-        "file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
-    )
+    verb.add_argument("file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see below")
     add_live(verb)
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(

@@ -10,16 +10,17 @@ from bridge.config import ConfigError
 from bridge.console import plain_console
 from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_recorded import add_choice, recorded
+from estimator.cli_recorded import HOLDS, add_choice, recorded
 from estimator.noise_model import load_model
 
 if TYPE_CHECKING:
     from estimator.identification import AtRest
 
-ALLAN = """Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
+ALLAN = f"""Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
 how its bias wanders. The longest rest in the file is used; the table gives each coefficient with its 95 % interval, or
 the upper limit where the record is too short to show it.
 
+{HOLDS}
 examples:
   truerate allan night.npz                                  a table, and the picture out/allan.png
   truerate allan night.csv --rate-hz 100 --json             one JSON object, SI
@@ -32,9 +33,7 @@ def add_allan(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
     verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
-    verb.add_argument(
-        "file", type=Path, help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
-    )
+    verb.add_argument("file", type=Path, help="a recording, .npz, .csv or .mcap; see below")
     add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
