@@ -40,7 +40,7 @@ def check_time(path: Path, time_s: Floats) -> None:
 
 
 def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
-    """Refuse a rate beside times (n,) that step at another, in the median (past gaps) and in the mean (of what comes in bunches)."""
+    """Refuse a rate beside times (n,) that step at another, in the median (past gaps) and in the mean (of bunches)."""
     steps = np.diff(time_s)
     step = float(np.median(steps))
     if min(abs(step * rate_hz - 1), abs(float(steps.mean()) * rate_hz - 1)) > _RATE_OFF:
