@@ -25,6 +25,7 @@ from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
+from bridge.wire.messages import CommandReply
 from bridge.wire.refusal import Refusal
 from bridge.wording import count
 from estimator import (
@@ -243,7 +244,13 @@ def _command(given: argparse.Namespace) -> int:
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
         reply = ask(device, getpass.getuser(), given.reason)
-    print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
+    return _answered(device, reply)
+
+
+def _answered(device: str, reply: CommandReply) -> int:
+    """Print what the estimator answered, with the device where it does not begin with it; the exit code."""
+    named = device in reply.message.split()[:2]
+    print(reply.message if named else f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1
 
 
@@ -258,8 +265,7 @@ def _note(given: argparse.Namespace) -> int:
         raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, getpass.getuser(), text)
-    print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
-    return 0 if reply.accepted else 1
+    return _answered(device, reply)
 
 
 def _config_check(given: argparse.Namespace) -> None:

@@ -5,13 +5,17 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
+from bridge.wire import codec, keys
+from bridge.wire.messages import CommandReply
 from estimator.cli import main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
@@ -286,3 +290,24 @@ from estimator.command import main
 main()"""
     ended = subprocess.run([sys.executable, "-c", interrupted], capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.mark.parametrize(
+    ("message", "printed"),
+    [
+        ("chest is tracking: no calibration is under way", "chest is tracking: no calibration is under way"),
+        ("device chest is unknown: nothing was heard of it", "device chest is unknown: nothing was heard of it"),
+        ("calibration cancelled by chest", "chest: calibration cancelled by chest"),
+        ("noted", "chest: noted"),
+    ],
+)
+def test_an_answer_names_its_device_once(
+    message: str, printed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broker = MemoryBroker()
+    monkeypatch.setattr("estimator.client.ZenohBus", lambda _: MemoryBus(broker))
+    monkeypatch.setattr("estimator.client.Routers", SimpleNamespace(of=lambda _: SimpleNamespace(identity=None)))
+    reply = codec.encode_reply(CommandReply("1", accepted=True, message=message))
+    MemoryBus(broker).answer(keys.pattern("ward", "rpc"), lambda *_: reply)
+    assert main(["cancel", "chest"]) == 0
+    assert capsys.readouterr().out == f"{printed}\n"
