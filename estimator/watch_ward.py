@@ -77,7 +77,7 @@ def watch_ward(
     if not heard:
         words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
         print(words, file=sys.stderr)  # noqa: T201
-    elif strange and (as_json or not live):
+    elif strange and (as_json or not (live or once)):
         print(_strange(strange), file=sys.stderr)  # noqa: T201
     return 0 if heard and not strange else 1
 
