@@ -135,9 +135,9 @@ def _parser(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, examp
 
 def _add_ward(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
+        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: that of --config, else {LOCAL})"
     )
-    verb.add_argument("--ward", metavar="W", help="the ward's name (default: the file's, else 'ward')")
+    verb.add_argument("--ward", metavar="W", help="the ward's name (default: that of --config, else 'ward')")
     verb.add_argument("--config", type=Path, help="take ward and router from this file")
 
 
@@ -229,7 +229,7 @@ def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
 def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
     if not args.file.is_file():
         raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
-    if args.device is None:
+    if args.device is None and args.file.suffix != ".part":  # of which loading says what is to be done first
         raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
     load_recording(args.file, args.rate_hz)
     rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}

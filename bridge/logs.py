@@ -27,6 +27,7 @@ def begin(form: str = TEXT) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(Machines() if form == JSON else People())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # of fonts and folders of its own, which nobody asked about
     if form == JSON:
         sys.excepthook = _ended
         threading.excepthook = lambda said: _ended(said.exc_type, said.exc_value, said.exc_traceback)

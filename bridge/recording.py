@@ -25,7 +25,7 @@ from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
-from bridge.recording_units import believed_accel, check_gyro, check_time
+from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -235,6 +235,8 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     time = _time(path, columns.get("t_s"), rate, n)
     if "t_s" in columns:
         check_time(path, time)
+        if rate is not None:
+            check_rate(path, time, rate)
     check_gyro(path, gyro, 1 / float(np.median(np.diff(time))))
     return Recording(
         time_s=time,

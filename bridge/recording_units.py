@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 ABSURD = 70.0
 _ABSURD_S = 0.25
 _SLOWEST_HZ, _FASTEST_HZ = 1.0, 20_000.0
+#: how far a rate may be from what times say: devices are sold as of 100 Hz that have 104
+_RATE_OFF = 0.2
 #: what the median length of the acceleration is near, in units that it is often given in, when it should be 9.8
 _GRAVITIES = {"g": 1.0, "milli-g": 1000.0}
 _NEAR = 0.25
@@ -35,6 +37,17 @@ def check_time(path: Path, time_s: Floats) -> None:
         f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
         f"{_SLOWEST_HZ:g} to {_FASTEST_HZ:g} Hz is taken: {asked}"
     )
+
+
+def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
+    """Refuse a rate beside times (n,) that step at another, in the median (past gaps) and in the mean (of bunches)."""
+    steps = np.diff(time_s)
+    step = float(np.median(steps))
+    if min(abs(step * rate_hz - 1), abs(float(steps.mean()) * rate_hz - 1)) > _RATE_OFF:
+        raise RecordingError(
+            f"{path}: its times step by {step:g} s, {1 / step:.4g} Hz, but its rate is said to be {rate_hz:g} Hz; "
+            "leave the rate out, or mend the one that is wrong"
+        )
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:

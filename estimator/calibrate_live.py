@@ -5,6 +5,7 @@ from math import degrees, isfinite
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.padding import Padding
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
@@ -133,7 +134,9 @@ def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
     ]
     lines += [Text(head, _STYLES.get(told.step, "bold cyan")), Text(how.strip())]
     if told.step in _BARS:
-        lines.append(ProgressBar(total=1.0, completed=told.ring, width=40))
+        lines.append(
+            Padding(ProgressBar(total=1.0, completed=told.ring, width=40))
+        )  # which ends its line, as a bar does not
     turned = f"{abs(degrees(told.angle)):.0f}°" if told.step is Step.TURNING else ""
     turns = [
         f"{AXES[axis]} {t(f'guide.{told.ways[axis]}')}: {t('guide.done' if axis in told.done else 'guide.next')}"

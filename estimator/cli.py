@@ -25,9 +25,19 @@ from bridge.record import cli as record_cli
 from bridge.recording import RecordingError
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
+from bridge.wire.messages import CommandReply
 from bridge.wire.refusal import Refusal
 from bridge.wording import count
-from estimator import cli_cluster, cli_correct, cli_dashboard, cli_doctor, cli_offline, cli_store, cli_tracking
+from estimator import (
+    cli_cluster,
+    cli_correct,
+    cli_dashboard,
+    cli_doctor,
+    cli_offline,
+    cli_store,
+    cli_tracking,
+    picture_file,
+)
 from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_ward import add_ward, ward_of
 
@@ -181,6 +191,7 @@ def _add_estimator(verbs: "Verbs[argparse.ArgumentParser]") -> None:
 def _demo(given: argparse.Namespace) -> int:
     from estimator.demo.run import run  # noqa: PLC0415
 
+    picture_file.check("--picture", given.picture)
     seed = secrets.randbelow(2**31) if given.seed is None else given.seed
     return 0 if run(Console(), given.picture, seed) else 1
 
@@ -233,7 +244,13 @@ def _command(given: argparse.Namespace) -> int:
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
         reply = ask(device, getpass.getuser(), given.reason)
-    print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
+    return _answered(device, reply)
+
+
+def _answered(device: str, reply: CommandReply) -> int:
+    """Print what the estimator answered, with the device where it does not begin with it; the exit code."""
+    named = device in reply.message.split()[:2]
+    print(reply.message if named else f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
     return 0 if reply.accepted else 1
 
 
@@ -248,8 +265,7 @@ def _note(given: argparse.Namespace) -> int:
         raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
     with Client(endpoints, ward=ward) as client:
         reply = client.note(device, getpass.getuser(), text)
-    print(f"{device}: {reply.message}", file=sys.stdout if reply.accepted else sys.stderr)
-    return 0 if reply.accepted else 1
+    return _answered(device, reply)
 
 
 def _config_check(given: argparse.Namespace) -> None:
@@ -267,7 +283,7 @@ def _config_check(given: argparse.Namespace) -> None:
         raise ConfigError("\n".join(wrong))
     for file, ward in wards.items():
         parts = [
-            f"{len(ward.bridge.devices)} devices" if ward.bridge else "no bridge",
+            count(len(ward.bridge.devices), "device") if ward.bridge else "no bridge",
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
         print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")

@@ -7,13 +7,17 @@ from pathlib import Path
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.progress import Bar
+from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_recorded import add_choice, gyro_range, recorded
+from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
 
-HELP = """A row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation,
-quality. .npz: see estimator/corrected_file.py; .csv: the unit is in each column's name. All is in rad/s.
-
+HELP = f"""{HOLDS}
+corrected:
+  a row for each sample: rate, its standard deviation, bias (the reading at zero rate), its standard deviation, quality.
+  .npz   t_s (n), rate_rad_s, rate_std_rad_s, bias_rad_s, bias_std_rad_s (n, 3), quality (n), a number whose name is in
+         quality_names, matrix (3, 3), rate_hz; and as recorded accel_m_s2 (n, 3), temperature_c (n).
+  .csv   the same, a column an axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by its name.
 quality:
   NONE, PRIOR          nothing is known yet; or the scale of another boot
   BIAS_ONLY            the bias is known, the scale is not of this boot
@@ -34,8 +38,6 @@ examples:
   truerate correct day.npz corrected.csv --calibration chest.json --picture day.png
   truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
 
-_PICTURES = (".png", ".svg", ".pdf")
-
 
 def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `correct IN OUT`."""
@@ -46,7 +48,7 @@ def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "correct a recording (.npz, .csv, .mcap) as a ward would: rates, bias, deviations, quality",
     )
     verb.epilog, verb.formatter_class = HELP, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("file", type=Path, metavar="IN", help="a recording; see bridge/recording.py for what is in it")
+    verb.add_argument("file", type=Path, metavar="IN", help="a recording, .npz, .csv or .mcap; see below")
     verb.add_argument(
         "out",
         type=Path,
@@ -88,8 +90,7 @@ def _correct(given: argparse.Namespace) -> None:
 
     if given.other_boot and given.calibration is None:
         raise ConfigError("--other-boot says of which boot a calibration is: it needs --calibration FILE")
-    if not 0 <= given.range_dps <= 10_000:
-        raise ConfigError(f"--range-dps is {given.range_dps:g}; 0 (unknown) to 10000 is taken")
+    check_range(given)
     model = load_model(given.model)
     corrected_file.check(given.out, given.file)
     _check_picture(given.picture)
@@ -124,7 +125,8 @@ def _correct(given: argparse.Namespace) -> None:
 
 
 def _check_picture(picture: Path | None) -> None:
-    if picture is not None and picture.suffix.lower() not in _PICTURES:
-        raise ConfigError(f"--picture {picture}: ends in {', '.join(_PICTURES)}, not in {picture.suffix!r}")
-    if picture is not None and not picture.parent.is_dir():
+    if picture is None:
+        return
+    if not picture.parent.is_dir():
         raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
+    picture_file.check("--picture", picture)

@@ -12,13 +12,16 @@ from rich.console import Console
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.wire.messages import Calibration, Verdict
+from estimator import picture_file
 from estimator.cli_live import add_live, live
-from estimator.cli_recorded import add_choice, gyro_range, recorded
+from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
 
 if TYPE_CHECKING:
     from estimator.batch.result import Result
 
-METHODS = """A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
+METHODS = f"""{HOLDS}
+
+A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
 unless a method is named.
 
 methods:
@@ -60,9 +63,7 @@ def add_calibrate(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "calibrate from a recording (.npz, .csv, .mcap): still, turn, still, turn, still, turn, still",
     )
     verb.epilog, verb.formatter_class = METHODS, argparse.RawDescriptionHelpFormatter
-    verb.add_argument(
-        "file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
-    )
+    verb.add_argument("file", type=Path, nargs="?", help="a recording, .npz, .csv or .mcap; see below")
     add_live(verb)
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(
@@ -85,7 +86,7 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb = add_verb(
         inner, "algorithm1", _study, "errors of Algorithm 1 over simulated sessions, with a table and a picture"
     )
-    verb.add_argument("--sessions", type=int, default=200)
+    verb.add_argument("--sessions", type=_at_least_one, default=200)
     verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help="white noise of a reading, °/s")
     verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
     verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
@@ -95,14 +96,16 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         _study_paper,
         "the paper's simulation: Algorithm 1 and closure against truth and the best possible",
     )
-    verb.add_argument("--runs", type=int, default=15_000, help="sessions at each noise (default: %(default)s)")
+    verb.add_argument(
+        "--runs", type=_at_least_one, default=15_000, help="sessions at each noise (default: %(default)s)"
+    )
     verb.add_argument(
         "--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help="white noise of a reading, °/s"
     )
     verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
     verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
     verb.add_argument("--seed", type=int, default=1)
-    verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
+    verb.add_argument("--workers", type=_at_least_one, default=None, help="processes (default: one a processor)")
     verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
 
     verb = add_verb(
@@ -112,14 +115,14 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "good and bad sessions at random: is a wrong one ever accepted, a good one refused?",
     )
     verb.add_argument(
-        "--runs", type=int, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
+        "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
     )
     verb.add_argument("--method", default="closure")
-    verb.add_argument("--workers", type=int, default=None, help="processes (default: one a processor)")
+    verb.add_argument("--workers", type=_at_least_one, default=None, help="processes (default: one a processor)")
 
     verb = add_verb(inner, "scaling", _study_scaling, "how many estimators a ward needs, and how many a region")
-    verb.add_argument("--devices", type=int, default=1000, help="of a ward (default: %(default)s)")
-    verb.add_argument("--total", type=int, default=100_000, help="of all wards (default: %(default)s)")
+    verb.add_argument("--devices", type=_at_least_one, default=1000, help="of a ward (default: %(default)s)")
+    verb.add_argument("--total", type=_at_least_one, default=100_000, help="of all wards (default: %(default)s)")
     verb.add_argument(
         "--message-us",
         type=float,
@@ -131,6 +134,16 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     verb.add_argument("--known-s", type=float, default=0.1, help="s until the others know of a death (hung: 1.5)")
     verb.add_argument("--picture", type=Path, default=Path("out/scaling.png"))
+
+
+def _at_least_one(text: str) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 on is expected")
+    return number
 
 
 def _rates(text: str) -> tuple[float, ...]:
@@ -161,6 +174,7 @@ def _calibrate(given: argparse.Namespace) -> int:
         raise ConfigError(
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
         )
+    check_range(given)
     recording = recorded(given)
     if given.method is None and recording.made:
         return _show_made(recording.made[-1], as_json=given.json)
@@ -207,12 +221,14 @@ def _show_parameters(console: Console, of: "Result | Calibration") -> None:
 
 
 def _study(given: argparse.Namespace) -> None:
+    picture_file.check("--picture", given.picture)
     from estimator.study.algorithm1 import run  # noqa: PLC0415
 
     run(Console(), given.sessions, given.noise, given.wobble, given.picture)
 
 
 def _study_paper(given: argparse.Namespace) -> None:
+    picture_file.check("--picture", given.picture)
     from estimator.study.paper import run  # noqa: PLC0415
     from estimator.study.paper_runs import Scenario  # noqa: PLC0415
 
@@ -221,12 +237,17 @@ def _study_paper(given: argparse.Namespace) -> None:
 
 
 def _study_protocols(given: argparse.Namespace) -> None:
+    from estimator.batch.names import BY_HAND  # noqa: PLC0415
+
+    if given.method not in BY_HAND:
+        raise ConfigError(f"there is no method {given.method!r} by hand; there are {', '.join(BY_HAND)}")
     from estimator.study.protocols import run  # noqa: PLC0415
 
     run(Console(), given.runs, given.method, given.workers)
 
 
 def _study_scaling(given: argparse.Namespace) -> None:
+    picture_file.check("--picture", given.picture)
     from estimator.study.scaling import Costs, run  # noqa: PLC0415
 
     costs = Costs(1e-6 * given.message_us, 1e-6 * given.router_us, given.known_s)

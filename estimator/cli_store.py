@@ -11,6 +11,7 @@ from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.wire.keys import check_id
 from bridge.wording import count
+from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ _ROWS = {
     "bias_history": ("point of bias history", "points of bias history"),
     "audit": ("command or refusal", "commands and refusals"),
 }
-_PICTURES = (".png", ".svg", ".pdf")
 
 
 def add_store(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -93,8 +93,8 @@ def _history(given: argparse.Namespace) -> int:
     from estimator.service.store import Store  # noqa: PLC0415
 
     device = check_id(given.device, "device")
-    if given.plot is not None and given.plot.suffix.lower() not in _PICTURES:
-        raise ConfigError(f"--plot {given.plot}: a picture ends in {', '.join(_PICTURES)}")
+    if given.plot is not None:
+        picture_file.check("--plot", given.plot)
     try:
         since = history.since(given.since, datetime.now().astimezone()) if given.since else None
         since_ns = max(0, round(since.timestamp() * 1e9)) if since else 0
@@ -132,6 +132,8 @@ def _backup(given: argparse.Namespace) -> None:
 
     place = _place(given)
     to = given.to / f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}" if given.to.is_dir() else given.to
+    if not to.parent.is_dir():
+        raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
     store = Database.reading(place)
     try:
         store.backup(to)

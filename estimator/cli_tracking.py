@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING
 
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from estimator import picture_file
 from estimator.cli_offline import Verbs, add_verb
-from estimator.cli_recorded import add_choice, recorded
+from estimator.cli_recorded import HOLDS, add_choice, recorded
+from estimator.noise_model import load_model
 
 if TYPE_CHECKING:
     from estimator.identification import AtRest
 
-ALLAN = """Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
+ALLAN = f"""Lay the device down where nobody walks, let it warm up, and record: a minute shows angle random walk, an hour
 how its bias wanders. The longest rest in the file is used; the table gives each coefficient with its 95 % interval, or
 the upper limit where the record is too short to show it.
 
+{HOLDS}
 examples:
   truerate allan night.npz                                  a table, and the picture out/allan.png
   truerate allan night.csv --rate-hz 100 --json             one JSON object, SI
@@ -30,9 +33,7 @@ def add_allan(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
     verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter
-    verb.add_argument(
-        "file", type=Path, help="a recording, .npz, .csv or .mcap; see bridge/recording.py for what is in it"
-    )
+    verb.add_argument("file", type=Path, help="a recording, .npz, .csv or .mcap; see below")
     add_choice(verb)
     verb.add_argument("--json", action="store_true", help="one JSON object instead of a table and a picture")
     verb.add_argument("--picture", type=Path, metavar="FILE", help="where to leave it (default: out/allan.png)")
@@ -52,8 +53,12 @@ def _allan(given: argparse.Namespace) -> None:
     from estimator.allan_report import as_json, as_table, sentences  # noqa: PLC0415
     from estimator.identification import identify_noise  # noqa: PLC0415
 
+    picture = given.picture or (None if given.json else Path("out/allan.png"))
+    if picture:
+        picture_file.check("--picture", picture)
+    load_model(given.model)
     if given.write:
-        _check_written(given.write, given.model)
+        _check_written(given.write)
     rest = identify_noise(recorded(given))
     if given.json:
         print(json.dumps(as_json(rest)))
@@ -62,7 +67,6 @@ def _allan(given: argparse.Namespace) -> None:
         console.print(as_table(rest))
         for sentence in sentences(rest):
             console.print(sentence, style="dim", highlight=False)
-    picture = given.picture or (None if given.json else Path("out/allan.png"))
     if picture:
         from estimator import figures  # noqa: PLC0415
 
@@ -75,20 +79,17 @@ def _allan(given: argparse.Namespace) -> None:
             print(f"written: {path}")
 
 
-def _check_written(path: Path, like: str) -> None:
+def _check_written(path: Path) -> None:
     """Before a long computation: what would only be noticed after it."""
-    from estimator.noise_model import load_model  # noqa: PLC0415
-
     if path.suffix != ".toml":
         raise ConfigError(f"--write {path}: a device model ends in .toml")
     if path.exists():
         raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
-    load_model(like)
 
 
 def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:
     from estimator.identification import measured  # noqa: PLC0415
-    from estimator.noise_model import as_toml, load_model  # noqa: PLC0415
+    from estimator.noise_model import as_toml  # noqa: PLC0415
 
     kind = load_model(like)
     model, origin = measured(rest, kind)

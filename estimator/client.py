@@ -60,7 +60,9 @@ class Client:
     Routers deny silently: what ours does not let us do stands in `denied`, in words, and in the log.
     """
 
-    def __init__(self, endpoints: Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
+    def __init__(self, endpoints: str | Sequence[str] = (LOCAL,), *, ward: str, bus: Bus | None = None) -> None:
+        if isinstance(endpoints, str):
+            endpoints = (endpoints,)
         self.ward = keys.check_id(ward, "ward")
         self._own = bus is None
         self._bus: Bus = ZenohBus(endpoints) if bus is None else bus
@@ -215,6 +217,12 @@ class Client:
         payload = codec.encode_command(Command(uuid.uuid4().hex, who, reason))
         try:
             return codec.decode_reply(self._bus.ask(key, payload))
+        except BusError:
+            if self.connected and not self.alive("estimator"):
+                raise BusError(
+                    f"no estimator answers in ward {self.ward}; is one running, and is the ward's name right?"
+                ) from None
+            raise
         except Refusal as refusal:
             raise BusError(f"the answer to {verb} was not understood: {refusal}") from refusal
 

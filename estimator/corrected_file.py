@@ -6,6 +6,7 @@ CSV: a header row and a row a sample, the same in the same units, a column an ax
 bias_x_rad_s, bias_std_x_rad_s …; quality by its name.
 """
 
+import os
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
@@ -30,6 +31,8 @@ def check(out: Path, recorded: Path) -> None:
         raise RecordingError(f"{out}: a corrected recording ends in {' or '.join(_WRITERS)}, not in {out.suffix!r}")
     if not out.parent.is_dir():
         raise RecordingError(f"{out}: there is no folder {out.parent}; make it first")
+    if not os.access(out.parent, os.W_OK | os.X_OK):
+        raise RecordingError(f"{out}: no permission to write in {out.parent}; give another folder")
     if out.is_dir():
         raise RecordingError(f"{out}: is a folder; give the file a name of its own")
     if out.exists() and not out.is_file():

@@ -139,6 +139,18 @@ def chosen(rows: Iterable[Row], only: Iterable[str]) -> list[Row]:
     return [row for row in rows if not words or row.state in states or any(fnmatchcase(row.device, w) for w in words)]
 
 
+def strangers(rows: Iterable[Row], only: Iterable[str]) -> list[str]:
+    """Those of the words that are no state, and no device's that is heard."""
+    devices = [row.device for row in rows]
+    states = set(WORDS.values()) | {SILENT}
+    return [
+        word
+        for word in only
+        if word.lower().replace("-", " ").replace("_", " ") not in states
+        and not any(fnmatchcase(device, word.lower()) for device in devices)
+    ]
+
+
 def age(seconds: float) -> str:
     """How long, in the largest unit of which there are two."""
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):

@@ -14,7 +14,7 @@ from bridge.wire.messages import DeviceInfo, Status
 from estimator.client import Client
 from estimator.screen import STYLES
 from estimator.streams import Stream
-from estimator.ward_view import TRACKING, WORDS, Row, WardView, age, chosen, counted, head_line
+from estimator.ward_view import TRACKING, WORDS, Row, WardView, age, chosen, counted, head_line, strangers
 
 _REDRAW_S = 1.0
 _FIRST_S = 1.5  # every device is heard of once a second
@@ -37,7 +37,7 @@ def watch_ward(
     seconds: float | None = None,
 ) -> int:
     """The client's ward until Ctrl-C, for so many seconds, or once; 1 when no device was heard of."""
-    view, heard, said = WardView(), False, dict[str, str]()
+    view, heard, said, strange = WardView(), False, dict[str, str](), list[str]()
     statuses, infos = client.follow(), client.follow_infos()
     begin = time.monotonic()
     screen = Live(console=console, auto_refresh=False, screen=True)
@@ -53,7 +53,9 @@ def watch_ward(
             rows = chosen(everything, only)
             heard = heard or bool(everything)
             head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
-            head += f"; none is {' or '.join(only)}" if only and not rows else ""
+            strange = strangers(everything, only)
+            head += f"; none is {' or '.join(only)}" if only and not rows and not strange else ""
+            head += f"; {_strange(strange)}" if strange else ""
             if as_json:
                 _print_json(client.ward, everything, rows)
             elif live:
@@ -75,7 +77,14 @@ def watch_ward(
     if not heard:
         words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
         print(words, file=sys.stderr)  # noqa: T201
-    return 0 if heard else 1
+    elif strange and (as_json or not (live or once)):
+        print(_strange(strange), file=sys.stderr)  # noqa: T201
+    return 0 if heard and not strange else 1
+
+
+def _strange(words: list[str]) -> str:
+    states = ", ".join(word.replace(" ", "-") for word in WORDS.values())
+    return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}"
 
 
 def lines(

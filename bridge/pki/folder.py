@@ -61,8 +61,9 @@ class Folder:
         """What signs this member's certificates, and nobody else's; made where there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
+            pair = new_issuer(self._authority(), member)
             here.parent.mkdir(mode=0o700, exist_ok=True)
-            _keep(here, new_issuer(self._authority(), member))
+            _keep(here, pair)
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> list[Member]:
@@ -109,7 +110,9 @@ class Folder:
 
     def authority_until(self) -> datetime:
         """When the authority itself ends."""
-        return certificates(str(self.path / f"{_CA}.pem"))[0].not_valid_after_utc
+        if not (own := self.path / f"{_CA}.pem").exists():
+            raise self._none()
+        return certificates(str(own))[0].not_valid_after_utc
 
     def identity(self, member: Member) -> Identity:
         """Its files, whether they are there or not."""
@@ -122,8 +125,13 @@ class Folder:
 
     def _authority(self) -> Pair:
         if not (self.path / f"{_CA}.key").exists():
-            raise ValueError(f"{self.path}: no authority here; `truerate pki init --folder {self.path}` makes one")
+            raise self._none()
         return _pair(self.path / _CA)
+
+    def _none(self) -> ValueError:
+        return ValueError(
+            f"{self.path}: no authority here; `truerate pki init --ward WARD --folder {self.path}` makes one"
+        )
 
     def _lines(self) -> list[str]:
         path = self.path / _REVOKED

@@ -77,12 +77,12 @@ def _live(console: Console, ward: Ward, devices: dict[str, VirtualDevice], watch
                 devices[REBOOTED].reboot()
                 screen.say(elapsed, f"{REBOOTED} loses power and starts again: it must be turned once more")
             watcher.poll()
-            if not told and watcher.all_tracking(len(NAMES)):
-                told = True
-                screen.say(elapsed, "all devices are calibrated and tracked")
             screen.show(
                 elapsed, watcher.statuses, watcher.changes, f"a ward of {len(NAMES)}; ends by itself in about a minute"
             )
+            if not told and watcher.all_tracking(len(NAMES)):
+                told = True
+                screen.say(elapsed, "all devices are calibrated and tracked")
             if elapsed >= END_S and watcher.all_tracking(len(NAMES)):
                 return
             ward.check()

@@ -1,9 +1,7 @@
 """The runs behind the paper's simulation, spread over processes: scenario in, errors out. Imports nothing that draws."""
 
 import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.sim.paper import PaperPlan, draw_gyro, simulate
 from estimator.study import many
+from estimator.study.interrupts import unheard
 
 Floats = NDArray[np.float64]
 #: shows how far it is: takes what is done, one after the other, and how many there will be
@@ -59,18 +58,21 @@ def compute(scenario: Scenario, workers: int | None = None, progress: Progress |
         for number in range(SETS)
         for first in range(0, _runs_of(scenario, number), TASK)
     ]
-    parts: dict[tuple[float, int, int], Errors] = {}
     # Started anew and not copied: a copy of a process with threads may hang.
-    with ProcessPoolExecutor(workers or os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(_some, *task): task[1:] for task in tasks}
-        done: Iterable[Any] = as_completed(futures)
-        for future in progress(done, len(futures)) if progress else done:
-            parts[futures[future]] = future.result()
+    with unheard():
+        started = multiprocessing.get_context("spawn").Pool(workers)
+    with started as pool:
+        done: Iterable[Any] = pool.imap_unordered(_placed, tasks)
+        parts = dict(progress(done, len(tasks)) if progress else done)
     return {noise: _joined([parts[key] for key in sorted(parts) if key[0] == noise]) for noise in scenario.noise_dps}
 
 
 def _runs_of(scenario: Scenario, number: int) -> int:
     return scenario.runs // SETS + (number < scenario.runs % SETS)
+
+
+def _placed(task: tuple[Scenario, float, int, int]) -> tuple[tuple[float, int, int], Errors]:
+    return task[1:], _some(*task)
 
 
 def _some(scenario: Scenario, noise_dps: float, number: int, first: int) -> Errors:

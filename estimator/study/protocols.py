@@ -19,6 +19,7 @@ from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.axes import MAPPINGS
 from estimator.batch.result import Result
+from estimator.study.interrupts import unheard
 
 Floats = NDArray[np.float64]
 Rng = np.random.Generator
@@ -177,7 +178,9 @@ def run(console: Console, runs: int, method: str, workers: int | None) -> None:
     jobs = [(GOOD, seed, method) for seed in range(runs)]
     jobs += [(kinds[seed % len(kinds)], seed, method) for seed in range(runs)]
     seen, accepted, wrong = Counter[str](), Counter[str](), Counter[str]()
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+    with unheard():
+        started = multiprocessing.get_context("spawn").Pool(workers)
+    with started as pool:
         found = pool.imap_unordered(try_one, jobs, chunksize=16)
         for kind, was_accepted, was_wrong in track(
             found, "calibrating", total=len(jobs), console=console, transient=True

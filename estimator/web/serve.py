@@ -8,6 +8,7 @@ import socket
 import threading
 from pathlib import Path
 
+from bridge import os_words
 from bridge.bus.contract import Bus
 from bridge.bus.self_test import self_test
 from bridge.config import listening
@@ -59,7 +60,8 @@ class Server:
         try:
             listener = socket.create_server((host, port), family=family, backlog=128)
         except OSError as error:
-            raise OSError(f"dashboard: cannot listen on {host}:{port}: {error}; --listen takes another") from error
+            why = os_words.why(error)
+            raise OSError(f"dashboard: cannot listen on {host}:{port}: {why}; --listen takes another") from error
         log.info("the dashboard of ward %s is at %s", self._ward, _place(host, listener.getsockname()[1]))
         with listener:
             await self.uvicorn.serve([listener])

@@ -84,3 +84,9 @@ def test_a_command_that_fails_says_so_in_its_form_and_tells_no_password(hostile_
     else:
         assert [line for line in lines if not line.startswith("  ")] == lines[:1]
     assert "hunter2" not in found.stderr + found.stdout
+
+
+def test_what_matplotlib_says_of_its_fonts_is_no_business_of_ours() -> None:
+    said = "import logging; from bridge import logs; logs.begin(); logging.getLogger('matplotlib.font_manager').warning('fonts')"
+    ended = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, timeout=60, check=True)
+    assert not ended.stderr

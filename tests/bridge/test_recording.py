@@ -186,3 +186,11 @@ def test_every_real_recording_loads() -> None:
         assert isinstance(recording, Recording)
         assert 50 < recording.rate_hz < 400
         assert len(recording) > 500
+
+
+def test_a_rate_that_contradicts_the_times_is_refused(tmp_path: Path) -> None:
+    times = {"gyro_rad_s": GYRO, "t_s": [0, 0.01, 0.02, 0.03]}
+    said = "its times step by 0.01 s, 100 Hz, but its rate is said to be 400 Hz"
+    assert said in refusal(saved(tmp_path, **times), rate_hz=400.0)
+    assert said in refusal(saved(tmp_path, **times, rate_hz=400.0))
+    assert load(saved(tmp_path, **times, rate_hz=104.0)).rate_hz == 104.0  # what the device is sold as

@@ -101,6 +101,9 @@ def test_on_a_terminal_it_is_a_picture_of_a_few_lines() -> None:
     console = Console(file=io.StringIO(), width=100)
     console.print(Group(*panel(told, NAME, texts("en"))))
     assert isinstance(console.file, io.StringIO)
+    *_, bar, turns = console.file.getvalue().splitlines()
+    assert set(bar.strip()) <= set("━╸╺")
+    assert turns.startswith("180°   x over, away: done")
     for words in ("Calibrate chest", "Go on, all the way round", "180°", "x over, away: done", "z flat, round: to do"):
         assert words in console.file.getvalue()
 

@@ -1,14 +1,21 @@
 """The command line as people use it: what it prints, what it says of mistakes, and its exit codes."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
+from bridge.wire import codec, keys
+from bridge.wire.messages import CommandReply
 from estimator.cli import main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
@@ -226,3 +233,81 @@ def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixt
         main([*words, "--help"])
     assert ended.value.code == 0
     assert len(capsys.readouterr().out) > 100
+
+
+@pytest.mark.parametrize("dps", ["-3", "nan", "1e6"])
+def test_a_range_that_no_gyro_has_is_refused(dps: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--range-dps", dps]) == 2
+    assert "0 (unknown) to 10000 is taken" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["algorithm1", "--sessions", "0"],
+        ["paper", "--runs", "0"],
+        ["protocols", "--runs", "-1"],
+        ["protocols", "--workers", "0"],
+        ["scaling", "--devices", "0"],
+        ["scaling", "--total", "many"],
+    ],
+)
+def test_a_study_of_nothing_is_wrong_use(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["study", *words])
+    assert ended.value.code == 2
+    assert "a whole number from 1 on is expected" in capsys.readouterr().err
+
+
+def test_a_study_of_no_method_names_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "protocols", "--method", "x"]) == 2
+    assert "there is no method 'x' by hand; there are closure" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [["demo"], ["study", "algorithm1"], ["study", "paper"], ["study", "scaling"]])
+def test_where_no_picture_can_be_is_said_before_the_work(
+    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
+    for place, said in (
+        ("out.xyz", "a picture ends in .png, .svg, .pdf, not in '.xyz'"),
+        ("folder.png", "a folder; give the picture a name of its own"),
+        ("file/out.png", "is a file, not a folder"),
+    ):
+        assert main([*verb, "--picture", str(tmp_path / place)]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_who_interrupts_while_it_is_loaded_gets_no_traceback() -> None:
+    interrupted = """import os, signal, sys
+class Finder:
+    def find_spec(name, *_):
+        if name == "estimator.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder)
+from estimator.command import main
+main()"""
+    ended = subprocess.run([sys.executable, "-c", interrupted], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.mark.parametrize(
+    ("message", "printed"),
+    [
+        ("chest is tracking: no calibration is under way", "chest is tracking: no calibration is under way"),
+        ("device chest is unknown: nothing was heard of it", "device chest is unknown: nothing was heard of it"),
+        ("calibration cancelled by chest", "chest: calibration cancelled by chest"),
+        ("noted", "chest: noted"),
+    ],
+)
+def test_an_answer_names_its_device_once(
+    message: str, printed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broker = MemoryBroker()
+    monkeypatch.setattr("estimator.client.ZenohBus", lambda _: MemoryBus(broker))
+    monkeypatch.setattr("estimator.client.Routers", SimpleNamespace(of=lambda _: SimpleNamespace(identity=None)))
+    reply = codec.encode_reply(CommandReply("1", accepted=True, message=message))
+    MemoryBus(broker).answer(keys.pattern("ward", "rpc"), lambda *_: reply)
+    assert main(["cancel", "chest"]) == 0
+    assert capsys.readouterr().out == f"{printed}\n"

@@ -264,3 +264,11 @@ def test_a_bar_is_shown_to_who_waits_at_a_terminal(recorded: Path, tmp_path: Pat
     assert done.returncode == 0, shown
     assert "correcting" in shown
     assert "%" in shown
+
+
+def test_a_folder_that_may_not_be_written_to_is_said_before_the_work(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, mode: not mode & os.W_OK)  # root may write anywhere
+    assert main(["correct", str(recorded), str(tmp_path / "out.npz")]) == 1
+    assert f"out.npz: no permission to write in {tmp_path}" in capsys.readouterr().err

@@ -128,6 +128,8 @@ def test_a_backup_of_a_store_in_use_has_everything(
     again.close()
     assert main(["store", "backup", str(copy), "--store", store.path]) == 1
     assert "already" in capsys.readouterr().err
+    assert main(["store", "backup", str(tmp_path / "stick" / "copy"), "--store", store.path]) == 2
+    assert f"there is no folder {tmp_path / 'stick'}; make it first" in capsys.readouterr().err
 
 
 def test_check_says_what_is_whole(store: Store, capsys: pytest.CaptureFixture[str]) -> None:

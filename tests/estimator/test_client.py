@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -173,7 +174,7 @@ def test_commands_reach_the_estimator_and_bring_back_its_word(broker: MemoryBrok
 
 
 def test_nobody_there_or_nonsense_is_a_bus_error(broker: MemoryBroker, client: Client) -> None:
-    with pytest.raises(BusError, match="nobody answers"):
+    with pytest.raises(BusError, match=f"no estimator answers in ward {WARD}; is one running"):
         client.recalibrate(NAME, "nurse")
     MemoryBus(broker).answer(keys.pattern(WARD, "rpc"), lambda *_: b"\xff\xff")
     with pytest.raises(BusError, match="not understood"):
@@ -194,3 +195,15 @@ def test_a_bus_that_was_lent_is_not_closed(broker: MemoryBroker) -> None:
     with Client(ward=WARD, bus=bus):
         pass
     assert bus.connected
+
+
+def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Sequence[str]] = []
+
+    def opened(endpoints: Sequence[str]) -> MemoryBus:
+        asked.append(endpoints)
+        return MemoryBus(MemoryBroker())
+
+    monkeypatch.setattr("estimator.client.ZenohBus", opened)
+    Client("tcp/10.0.0.5:7447", ward=WARD)
+    assert asked == [("tcp/10.0.0.5:7447",)]

@@ -239,3 +239,14 @@ def test_nobody_there(client: Client, capsys: pytest.CaptureFixture[str]) -> Non
     assert "no device is heard" in capsys.readouterr().err
     assert watch_ward.watch_ward(console, client, ["lost"], once=True) == 0
     assert "none is lost" in file.getvalue()
+
+
+def test_a_word_that_is_nobody_and_no_state_is_said(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
+    console, file = terminal()
+    assert watch_ward.watch_ward(console, client, ["degarded"], once=True) == 1
+    assert "no device that is heard, and no state, is degarded; states are" in file.getvalue()
+    assert watch_ward.watch_ward(console, client, ["degarded", "d77"], once=True, as_json=True) == 1
+    printed = capsys.readouterr()
+    assert [device["device"] for device in json.loads(printed.out.splitlines()[-1])["devices"]] == ["d77"]
+    assert "is degarded" in printed.err
+    assert watch_ward.watch_ward(console, client, ["lost", "awaiting-still", "d*"], once=True) == 0

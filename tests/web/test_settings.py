@@ -86,7 +86,7 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixt
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         assert main(["dashboard", "--listen", listen, "--connect", "tcp/127.0.0.1:1"]) == 1
-    assert f"cannot listen on {listen}" in capsys.readouterr().err
+    assert f"cannot listen on {listen}: in use by another program; --listen takes another" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -266,3 +266,12 @@ def test_a_router_may_go_by_an_authority_from_elsewhere(pki: Path, capsys: pytes
     assert '"root_ca_certificate": "/etc/site.pem"' in written.out
     assert not written.err
     assert not (pki / "router.r.members.pem").exists()
+
+
+@pytest.mark.parametrize("words", [["issue", "bridge:b1"], ["show"]])
+def test_before_there_is_an_authority_it_is_said_how_to_make_one(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path / "pki", *words) == 2
+    assert "no authority here; `truerate pki init --ward WARD --folder" in capsys.readouterr().err
+    assert not (tmp_path / "pki").exists()

@@ -273,3 +273,9 @@ def test_wrong_use_is_said(words: list[str], code: int, said: str, capsys: Captu
     assert main(words) == code
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
+
+
+def test_what_was_not_finished_is_to_be_made_whole_before_it_is_played(tmp_path: Path, capsys: Capture) -> None:
+    (part := tmp_path / "ward.mcap.part").touch()
+    assert main(["bridge", "replay", str(part)]) == 1
+    assert f"make it whole first: truerate recording recover {part}" in capsys.readouterr().err

@@ -1,0 +1,21 @@
+"""Where a picture is to go, judged before the work that it is to show."""
+
+import os
+from pathlib import Path
+
+from bridge.config import ConfigError
+
+KINDS = (".png", ".svg", ".pdf")
+
+
+def check(option: str, path: Path) -> None:
+    """Refuse what could not be drawn there; folders that are missing are made later. Raises ConfigError."""
+    if path.suffix.lower() not in KINDS:
+        raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
+    if path.is_dir():
+        raise ConfigError(f"{option} {path}: a folder; give the picture a name of its own")
+    folder = next(above for above in path.absolute().parents if above.exists())
+    if not folder.is_dir():
+        raise ConfigError(f"{option} {path}: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"{option} {path}: no permission to write in {folder}")

@@ -1,0 +1,36 @@
+"""Ctrl-C in a study: it ends, and says nothing of its workers."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+
+@pytest.mark.parametrize("study", [["paper", "--noise", "0.03"], ["protocols"]])
+def test_workers_that_are_interrupted_print_no_traceback(study: list[str]) -> None:
+    run = "import sys; from estimator.command import main; sys.exit(main())"
+    words = [sys.executable, "-c", run, "study", *study, "--runs", "20000", "--workers", "1"]
+    with subprocess.Popen(
+        words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        deadline = time.monotonic() + 60
+        while not any("spawn_main" in _command(child) for child in children.read_text().split()):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(0.5)
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+
+
+def _command(child: str) -> str:
+    try:
+        return Path(f"/proc/{child}/cmdline").read_text()
+    except OSError:
+        return ""
