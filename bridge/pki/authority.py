@@ -91,20 +91,11 @@ def issue(
     return Pair(_signed(made, signer) + between, _pem(own))
 
 
-def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """The names and addresses a router's certificate is for."""
-    try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        return []
-    return [
-        *names.get_values_for_type(x509.DNSName),
-        *(str(address) for address in names.get_values_for_type(x509.IPAddress)),
-    ]
-
-
 def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
-    key = serialization.load_pem_private_key(pem, None)
+    try:
+        key = serialization.load_pem_private_key(pem, None)
+    except TypeError:
+        raise ValueError("the private key is locked with a password: unlock it for this (openssl pkey)") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise ValueError(f"a key of kind {type(key).__name__}, which truerate did not make: renew it where it was made")  # noqa: TRY004
     return key

@@ -10,8 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name, signer
+from bridge.pki.authority import DAYS, EARLIER, Pair, issue, new_authority, new_issuer
+from bridge.pki.identity import Identity, certificates, common_name, hosts_of, signer
 from bridge.pki.member import Member
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"

@@ -10,9 +10,9 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from bridge.pki.authority import Pair, hosts_of, issue, new_authority, new_issuer
+from bridge.pki.authority import Pair, issue, new_authority, new_issuer
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults, verified
+from bridge.pki.identity import Identity, certificates, common_name, faults, hosts_of, verified
 from bridge.pki.member import Member, Role
 from estimator.cli import main
 
