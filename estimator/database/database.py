@@ -277,7 +277,9 @@ class Database:
     def _put(self, db: sqlite3.Connection, table: str, row: Row, conflict: str) -> None:
         whole = sealed(table, row, self._types[table])
         places = ", ".join("?" * len(whole))
-        insert = f"INSERT OR {conflict} INTO {table} ({', '.join(whole)}) VALUES ({places})"  # noqa: S608 - our own words
+        # Not OR IGNORE, which would also pass over in silence what has no number where one must be.
+        verb, but = ("INSERT", " ON CONFLICT DO NOTHING") if conflict == "IGNORE" else (f"INSERT OR {conflict}", "")
+        insert = f"{verb} INTO {table} ({', '.join(whole)}) VALUES ({places}){but}"
         db.execute(insert, tuple(whole.values()))
 
     def _whole(self, table: str, number: int, row: dict[str, object]) -> Row | None:
