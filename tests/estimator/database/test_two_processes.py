@@ -1,6 +1,7 @@
 """Two processes on one store: nothing is taken from under who has it open, and no copy is made of what he is writing."""
 
 import contextlib
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.database import Unavailable
+from estimator.database import Unavailable, connection
 from estimator.database.database import RETRY_S
 from estimator.service.store import Store
 from tests.estimator.database.kept import made
@@ -69,6 +70,26 @@ def test_what_another_is_writing_just_now_is_not_lost(tmp_path: Path) -> None:
         assert store.database.notes == []
         store.close()
     assert not list(tmp_path.glob("*.damaged-*"))
+
+
+def test_what_is_copied_while_somebody_begins_to_write_is_copied_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, begun = made(tmp_path), list[Store]()
+
+    def just_then(place: Path) -> sqlite3.Connection:
+        opened = beside(place)
+        if not begun:
+            begun.append(Store(path))
+            begun[0].add_audit(9, NAME, "note", "meanwhile", "nurse", "", "noted", accepted=True)
+        return opened
+
+    beside = connection.beside
+    monkeypatch.setattr(connection, "beside", just_then)
+    reading = Store.reading(path)
+    assert reading.answer(NAME, "note", "meanwhile") == (True, "noted")
+    reading.close()
+    begun[0].close()
 
 
 def log_head(path: Path) -> bytes:
