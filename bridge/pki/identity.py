@@ -16,7 +16,18 @@ from bridge import os_words
 from bridge.pki.chain import Chain, common_name, dates, key_of, unusable
 from bridge.pki.member import Member, Role
 
-__all__ = ["SOON", "Identity", "certificates", "common_name", "faults", "hosts_of", "member_of", "signer", "verified"]
+__all__ = [
+    "SOON",
+    "Identity",
+    "certificates",
+    "common_name",
+    "exposed",
+    "faults",
+    "hosts_of",
+    "member_of",
+    "signer",
+    "verified",
+]
 
 SOON = timedelta(days=14)
 _BEGIN = re.compile(rb"^-----BEGIN ", re.MULTILINE)
@@ -102,15 +113,23 @@ def _text_faults(*paths: str) -> Iterator[str]:
             )
 
 
+def exposed(key: str) -> str:
+    """Why a private key is not private; empty where it is. Raises OSError."""
+    mode = Path(key).stat().st_mode
+    if not mode & (stat.S_IROTH | stat.S_IWGRP | stat.S_IWOTH):
+        return ""
+    return f"{key}: everybody on this machine may read or change it (mode {stat.S_IMODE(mode):04o}): chmod 600 {key}"
+
+
 def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[str]:
     path = Path(identity.key)
     try:
-        pem, mode = path.read_bytes(), path.stat().st_mode
+        pem, words = path.read_bytes(), exposed(identity.key)
     except OSError as error:
         yield f"{path}: {os_words.why(error)}"
         return
-    if mode & (stat.S_IROTH | stat.S_IWGRP | stat.S_IWOTH):
-        yield f"{path}: everybody on this machine may read or change it (mode {stat.S_IMODE(mode):04o}): chmod 600 {path}"
+    if words:
+        yield words
     try:
         public = load_pem_private_key(pem, None).public_key()
     except UnsupportedAlgorithm:

@@ -194,6 +194,16 @@ def test_a_ward_or_member_that_is_named_twice_is_there_once(pki: Path, capsys: p
         capsys.readouterr()
 
 
+def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
+    (pki / "router.json5").write_text(capsys.readouterr().out)
+    (pki / "router.r.key").chmod(0o644)
+    assert main(["router", "--config", str(pki / "router.json5")]) == 1
+    assert "chmod 600" in capsys.readouterr().err
+
+
 def other_key(pki: Path) -> Identity:
     return Identity(f"{pki}/ca.pem", f"{pki}/bridge.b1.pem", f"{pki}/viewer.hall.key")
 
