@@ -11,6 +11,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from bridge import cli_profiles, cli_scan, os_words
+from bridge.bus import router_check
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
 from bridge.bus.routers import Routers
@@ -21,6 +22,7 @@ from bridge.config import Bus as BusTable
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
+from bridge.pki.identity import exposed
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
@@ -299,6 +301,9 @@ def _listening_router(args: argparse.Namespace) -> Router:
     if args.config and args.config.suffix in (".json5", ".json"):
         if args.listen:
             raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
+        identity = router_check.read(args.config).identity
+        if identity is not None and (wrong := exposed(identity.key)):
+            raise BusError(wrong)
         return Router.of_file(args.config)
     listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
     return Router(check_endpoints(args.listen, "--listen") if args.listen else listen, shed=keys.VIEWED)

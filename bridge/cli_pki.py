@@ -17,6 +17,8 @@ from bridge.pki.identity import Identity, faults
 from bridge.pki.member import Member, Role
 from bridge.pki.report import Row, rows
 
+#: no certificate lasts longer, and no date is further off
+_MOST_DAYS = 36_500
 Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 
 ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
@@ -101,8 +103,8 @@ def _days(verb: argparse.ArgumentParser) -> None:
 
 def _guarded(given: argparse.Namespace) -> int:
     try:
-        if getattr(given, "days", DAYS) < 1:
-            raise ValueError(f"--days is {given.days}; 1 or more is taken")
+        if not 1 <= getattr(given, "days", DAYS) <= _MOST_DAYS:
+            raise ValueError(f"--days is {given.days}; 1 to {_MOST_DAYS} is taken")
         return int(given.verb(given))
     except ValueError as error:
         print(f"truerate: {error}", file=sys.stderr)
@@ -207,12 +209,14 @@ def _router(given: argparse.Namespace) -> int:
     router = folder.current(_members(given)[0])
     if router.role is not Role.ROUTER:
         raise ValueError(f"{router.label} is no router")
-    wards = [check(ward, "--ward") for ward in given.ward]
+    wards = [check(ward, "--ward") for ward in dict.fromkeys(given.ward)]
     listen, join = check_endpoints(given.listen, "--listen"), tuple(given.join)
     if join:
         check_endpoints(join, "--join")
+    if others := [endpoint for endpoint in (*listen, *join) if not endpoint.startswith("tls/")]:
+        raise ValueError(f"{others[0]!r}: a router with certificates goes by tls alone, such as 'tls/10.0.0.5:7447'")
     known = [member for member, _ in folder.members() if member != router]
-    places = [place for text in given.member for place in _places(folder, text, wards)]
+    places = list(dict.fromkeys(place for text in given.member for place in _places(folder, text, wards)))
     places = places or [(ward, member) for member in known for ward in wards]
     if missing := [member.label for _, member in places if member not in known]:
         raise ValueError(f"{', '.join(missing)}: no certificate in {folder.path}; `truerate pki issue` makes one")

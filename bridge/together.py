@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus.router_check import RouterFile
+from bridge.bus.routers import secured
 from bridge.config import Root
+from bridge.pki.identity import certificates, hosts_of, member_of, verified
 from bridge.pki.identity import faults as identity_faults
-from bridge.pki.identity import member_of, verified
 from bridge.pki.member import Member, Role
 
 #: what all estimators of a ward are told alike
+_NAMED = 5
 _ALIKE = ("method", "model", "models", "warming_s", "silence_s")
 
 
@@ -78,6 +80,17 @@ def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:
             for knob in _ALIKE
             if getattr(table, knob) != getattr(other, knob)
         )
+        if (here := _enrolled(root)) != (there := _enrolled(wards[before])):
+            names = sorted(name for name in {*here, *there} if name and here.get(name) != there.get(name))
+            yield (
+                f"{path}: [devices] is not that of {before}, of {', '.join(names[:_NAMED])}: estimators of one ward take"
+                " over each other's devices, and whose is not enrolled would not be used"
+            )
+
+
+def _enrolled(root: Root) -> dict[str, str]:
+    """The bridge of each enrolled device; of a ward that takes every device that of none is said."""
+    return root.devices.read() if root.devices is not None else {"": ""}
 
 
 def _names(root: Root) -> Iterator[tuple[str, str]]:
@@ -93,6 +106,14 @@ def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
     for endpoint in root.bus.connect:
         if _port(endpoint) not in ports:
             yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
+    for endpoint in filter(secured, root.bus.connect):
+        there = [router for router in routers if _port(endpoint) in map(_port, router.listen)]
+        hosts = [host for router in there for host in _hosts(router)]
+        if hosts and not any(_is_for(host, _host(endpoint)) for host in hosts):
+            yield (
+                f"[bus]: connect: {endpoint}: the router's certificate is for {', '.join(hosts)} alone, and we would not talk to"
+                " it by another name: truerate pki issue router:NAME --host names all of them"
+            )
     member = _member(root)
     if member is None:
         return
@@ -121,6 +142,25 @@ def _member(root: Root) -> Member | None:
         return member_of(root.bus.identity) if root.bus.identity is not None else None
     except ValueError:
         return None  # said already
+
+
+def _hosts(router: RouterFile) -> list[str]:
+    """What a router's certificate is for; nothing where it is not at hand."""
+    try:
+        return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
+    except ValueError:
+        return []
+
+
+def _host(endpoint: str) -> str:
+    address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
+    return address.rpartition(":")[0].strip("[]").lower()
+
+
+def _is_for(certified: str, host: str) -> bool:
+    """Whether a name of a certificate is that of a host; a `*` stands for one part."""
+    name = certified.lower()
+    return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
 
 
 def _port(endpoint: str) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
+from bridge.logs import printable
 from bridge.wire.keys import check_id
 from bridge.wording import count
 from estimator import picture_file
@@ -127,7 +128,7 @@ def _history(given: argparse.Namespace) -> int:
     return 0
 
 
-def _backup(given: argparse.Namespace) -> None:
+def _backup(given: argparse.Namespace) -> int:
     from estimator.database import Database, inspect  # noqa: PLC0415
 
     place = _place(given)
@@ -139,7 +140,9 @@ def _backup(given: argparse.Namespace) -> None:
         store.backup(to)
     finally:
         store.close()
-    print(f"{place} is backed up as {to}: {_contents(inspect(to))}")
+    found = inspect(to)
+    print(f"{place} is backed up as {to}: {_contents(found)}")
+    return _damage(found)
 
 
 def _check(given: argparse.Namespace) -> int:
@@ -151,14 +154,18 @@ def _check(given: argparse.Namespace) -> int:
         print(json.dumps({**shown, "whole": found.whole, "damaged": found.damaged}))
         return 0 if found.sound else 1
     print(f"{found.path}: schema {found.schema}, {_contents(found)}")
+    wrong = _damage(found)
+    print("what is whole can be used: the estimator takes it when it is started" if wrong else "every row is whole")
+    return wrong
+
+
+def _damage(found: "Inspection") -> int:
+    """Say what is not whole; the exit code."""
     for fault in found.faults:
-        print(f"damaged: {fault}")
+        print(f"damaged: {printable(fault)}")
     for table, rows in found.damaged.items():
         if rows:
             print(f"damaged: {count(len(rows), 'row')} of {table}, the first is row {rows[0]}")
-    print(
-        "every row is whole" if found.sound else "what is whole can be used: the estimator takes it when it is started"
-    )
     return 0 if found.sound else 1
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
+from bridge.logs import printable
 from bridge.wire.messages import Calibration
 from estimator.gyro import AXES
 from estimator.history import Biases, History
@@ -106,7 +107,7 @@ def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -
         return
     shown = Columns([_SHOWN.get(name) or Column(name, number="±" in name, least=12) for name in headings], title=title)
     for row in rows:
-        shown.add(*row)
+        shown.add(*map(printable, row))  # a file from elsewhere may say anything
     yield shown
 
 

@@ -8,6 +8,12 @@ TEXT = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
 LINES = dict(re.findall(r"^\| (T\d+) \|(.*)$", TEXT, re.MULTILINE))
 
 
+def test_what_zenoh_deserializes_is_not_used() -> None:
+    """T16 says so."""
+    sources = [path for package in ("bridge", "estimator") for path in (ROOT / package).rglob("*.py")]
+    assert [path for path in sources if "z_deserialize" in path.read_text(encoding="utf-8")] == []
+
+
 def test_each_threat_has_a_proof_that_is_there() -> None:
     assert list(LINES) == [f"T{n}" for n in range(1, 18)]
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

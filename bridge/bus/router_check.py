@@ -1,5 +1,6 @@
 """A router's own file, JSON5, looked through: it must be safe, and its rules those of the roles."""
 
+import ipaddress
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,14 @@ from bridge.bus.zenoh_session import read_settings
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from bridge.wire import keys
+from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.refusal import Refusal
 
 _OURS_US = round(zenoh_settings.CUT_OFF_S * 1e6)
 #: so many times as long is not complained of: files of earlier truerates say so
 _BEARABLE = 2
+#: what an endpoint may say behind its `#`
+_ITS_OWN = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +61,49 @@ def _faults(said: dict[str, Any]) -> Iterator[str]:
             yield f"scouting.{what}.enabled must be false: else this router tells the whole network that it is here"
     if said["adminspace"]["enabled"]:
         yield "adminspace.enabled must be false: else its settings can be read over the network"
+    if said["adminspace"]["permissions"]["write"]:
+        yield "adminspace.permissions.write must be false: else its settings can be changed over the network, with zenohd"
+    if said["plugins"]:
+        yield f"plugins: {', '.join(said['plugins'])}: zenohd loads them, and no rule holds for what they open: leave them out"
+    if said["transport"]["shared_memory"]["enabled"]:
+        yield "transport.shared_memory.enabled must be false: what lies in there passes by every limit of size"
     if said["timestamping"]["enabled"] is not False:
         yield "timestamping.enabled must be false: else subscribers with history drop messages"
     wait_us = said["transport"]["link"]["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"]
     if wait_us > _BEARABLE * _OURS_US:
         yield f"wait_before_close is {wait_us} µs: one frozen reader silences a ward for so long; {_OURS_US} is ours"
-    listen = endpoints_of(said["listen"]["endpoints"])
+    yield from _of_endpoints(said)
+
+
+def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
+    listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
     if not listen:
         yield "listen.endpoints is empty: it listens nowhere"
     open_to_others = [endpoint for endpoint in listen if not secured(endpoint) and not _loopback(endpoint)]
     if open_to_others:
         yield f"{', '.join(open_to_others)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
+    if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not _loopback(endpoint)]:
+        yield f"connect: {', '.join(in_the_clear)}: all of the ward would go there for everybody to read; use tls/..."
+    taken = said["transport"]["link"]["protocols"]
+    for endpoint in (*listen, *join):
+        if taken and endpoint.partition("/")[0] not in taken:
+            yield f"{endpoint}: transport.link.protocols has {', '.join(taken)} alone: zenoh does not take it"
+        named = [one.partition("=")[0] for one in endpoint.partition("#")[2].split(";")]
+        if others := [name for name in named if name and name not in _ITS_OWN]:
+            yield f"{endpoint}: {', '.join(others)}: goes before what the file says for all, and is not looked through"
     if any(secured(endpoint) for endpoint in listen):
         yield from _unguarded(said)
+    if any(secured(endpoint) for endpoint in join):
+        yield from _unproven(said["transport"]["link"]["tls"])
+
+
+def _unproven(tls: dict[str, Any]) -> Iterator[str]:
+    """What a router that joins others shows them, and asks of them."""
+    for name in ("connect_certificate", "connect_private_key"):
+        if not tls[name]:
+            yield f"transport.link.tls.{name} is missing: the routers that it joins would not let it in"
+    if not tls["verify_name_on_connect"]:
+        yield "transport.link.tls.verify_name_on_connect must be true: else whoever has a certificate plays the router joined"
 
 
 def _unguarded(said: dict[str, Any]) -> Iterator[str]:
@@ -80,6 +114,8 @@ def _unguarded(said: dict[str, Any]) -> Iterator[str]:
     for name in ("enable_mtls", "close_link_on_expiration"):
         if not tls[name]:
             yield f"transport.link.tls.{name} must be true: else whoever has no certificate, or an expired one, is let in"
+    if not any(_limits(one) for one in said["low_pass_filter"]):
+        yield f"low_pass_filter: messages of more than {MAX_PAYLOAD} bytes pass; `truerate pki router` writes it"
     if not access["enabled"] or access["default_permission"] != "deny":
         yield "access_control must be enabled, with default_permission 'deny': else every certificate may do everything"
         return
@@ -98,22 +134,33 @@ def _differing(access: dict[str, Any], expected: dict[str, Any]) -> Iterator[str
     if subjects != expected["subjects"]:
         yield "access_control: each subject is one common name, which is its id too, and nothing else"
     there = {rule["id"]: rule for rule in access["rules"] or ()}
+    if len(there) < len(access["rules"] or ()):
+        yield "access_control: two rules have the same id: zenoh does not start with them"
     for rule in expected["rules"]:
         found = there.pop(rule["id"], None)
         if found is None:
             yield f"access_control: the rule {rule['id']!r} is missing: its holder would silently get or give nothing"
-        elif any(sorted(found[name]) != sorted(rule[name]) for name in ("flows", "messages", "key_exprs")):
+        elif any(sorted(found[name] or ()) != sorted(rule[name]) for name in ("flows", "messages", "key_exprs")):
             yield f"access_control: the rule {rule['id']!r} is not that of its role; `truerate pki router` writes it anew"
     for name in there:
         yield f"access_control: the rule {name!r} gives somebody more than a role has"
-    given = {
-        policy["subjects"][0]: sorted(policy["rules"]) for policy in access["policies"] or () if policy["subjects"]
-    }
+    given = sorted((policy["subjects"], sorted(policy["rules"])) for policy in access["policies"] or ())
     for policy in expected["policies"]:
-        if given.pop(policy["subjects"][0], None) != sorted(policy["rules"]):
+        if (own := (policy["subjects"], sorted(policy["rules"]))) not in given:
             yield f"access_control: the policy of {policy['subjects'][0]} does not have just its rules"
-    if given or any(len(policy["subjects"]) != 1 for policy in access["policies"] or ()):
-        yield "access_control: a policy is of one member each, as `truerate pki router` writes them"
+        else:
+            given.remove(own)
+    if given:
+        yield "access_control: each member has one policy, and each policy one member, as `truerate pki router` writes them"
+
+
+def _limits(one: dict[str, Any]) -> bool:
+    """Whether a filter keeps out what is too large, all of it."""
+    ours = zenoh_settings.size_limit()
+    wide = all(set(ours[name]) <= set(one[name] or ours[name]) for name in ("flows", "messages", "key_exprs"))
+    return (
+        wide and not one.get("interfaces") and not one.get("link_protocols") and one["size_limit"] <= ours["size_limit"]
+    )
 
 
 def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
@@ -141,4 +188,8 @@ def _ward(rule: dict[str, Any]) -> str:
 
 def _loopback(endpoint: str) -> bool:
     protocol, _, address = endpoint.partition("/")
-    return protocol.startswith("unixsock") or address.startswith(("127.", "localhost:", "[::1]:"))
+    host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
+    try:
+        return protocol.startswith("unixsock") or host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

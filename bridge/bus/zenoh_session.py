@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 _RETRY_S = 0.1
 _PARTS = (
     *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
-    "access_control",
+    *("access_control", "plugins"),
 )
 
 

@@ -85,17 +85,20 @@ def secured_router(
     link["protocols"] = ["tls"]
     link["tls"] = _tls(identity, "listen") | _tls(identity, "connect")
     settings["access_control"] = access_control
-    settings["low_pass_filter"] = [
-        {
-            "id": "size",
-            "flows": ["ingress"],
-            "messages": ["put", "delete", "query", "reply"],
-            # `**` does not match what begins with an @
-            "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**", *(f"{ROOT}/*/{what}/**" for what in BY_NAME)],
-            "size_limit": MAX_PAYLOAD,
-        }
-    ]
+    settings["low_pass_filter"] = [size_limit()]
     return joined(settings, join) if join else settings
+
+
+def size_limit() -> Settings:
+    """A router's filter: nothing larger than the largest message of the wire."""
+    return {
+        "id": "size",
+        "flows": ["ingress"],
+        "messages": ["put", "delete", "query", "reply"],
+        # `**` does not match what begins with an @
+        "key_exprs": ["**", f"{ROOT}/**", f"{ROOT}/**/@adv/**", *(f"{ROOT}/*/{what}/**" for what in BY_NAME)],
+        "size_limit": MAX_PAYLOAD,
+    }
 
 
 def joined(settings: Settings, join: Sequence[str]) -> Settings:
@@ -121,7 +124,8 @@ def _common(cut_off_s: float, lease_s: float) -> Settings:
     # zenoh by itself listens on every interface and announces itself by multicast and gossip: not in a hospital.
     return {
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "adminspace": {"enabled": False},
+        # zenohd enables it whatever a file says; what may be seen of it stays as the file says
+        "adminspace": {"enabled": False, "permissions": {"read": False, "write": False}},
         "transport": {
             "unicast": {"open_timeout": round(OPEN_S * 1000)},
             "link": {

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import zenoh
-from zenoh import ext, handlers
+from zenoh import handlers
 
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox, Reading
@@ -19,6 +19,8 @@ _log = logging.getLogger(__name__)
 
 _BATCH = 512
 _EVERYBODY = ""
+#: where an advanced publisher of a key has its cache and its heartbeats; in one, its last number
+_ADVANCED, _NUMBER_BYTES = "/@adv/pub/", 4
 _TURN_S = 0.005
 
 
@@ -103,7 +105,9 @@ class Repaired(Subscription):
                     ready.append(message)
                 else:
                     cached.add(message.key)
-                    ready += self._sequences.take(_source(info), message.key, info.source_sn, message, now_s)
+                    ready += self._sequences.take(
+                        _source(message.key, info), message.key, info.source_sn, message, now_s
+                    )
             self._inbox.put(ready)
             lacking = self._sequences.next_due_s() is not None
         if lacking:
@@ -112,15 +116,14 @@ class Repaired(Subscription):
 
     def _heard(self, sample: zenoh.Sample) -> None:
         """One of zenoh's heartbeats: KEY/@adv/pub/SESSION/PUBLISHER/_, and the number of its last message."""
-        key, _, rest = str(sample.key_expr).rpartition("/@adv/pub/")
-        source = "/".join(rest.split("/")[:2])
-        try:
-            number = int(ext.z_deserialize(ext.UInt32, sample.payload))
-        except ext.ZDeserializeError:
+        key, adv, rest = str(sample.key_expr).rpartition(_ADVANCED)
+        said = sample.payload.to_bytes()
+        if len(said) != _NUMBER_BYTES:
             _log.debug("no heartbeat: %s", sample.key_expr)
             return
+        source = f"{key}{adv}{'/'.join(rest.split('/')[:2])}"
         with self._order:
-            self._sequences.heard(source, key, number, time.monotonic())
+            self._sequences.heard(source, key, int.from_bytes(said, "little"), time.monotonic())
         self._news.set()
 
     def remind(self) -> None:
@@ -149,7 +152,7 @@ class Repaired(Subscription):
             with self._order:
                 gaps = self._sequences.due(time.monotonic())
             for gap in gaps:
-                asked[gap.source] = (self._bus.past(f"{gap.key}/@adv/pub/{gap.source}/**", f"_sn={gap.start}.."), [])
+                asked[gap.source] = (self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.."), [])
             for source in [source for source, answer in asked.items() if _drained(*answer)]:
                 self._answered(source, asked.pop(source)[1])
             with self._order:
@@ -192,7 +195,8 @@ def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, Message]]
     found: dict[str, dict[int, Message]] = {}
     for sample in samples:
         if (info := sample.source_info) is not None:
-            found.setdefault(_source(info), {})[info.source_sn] = _message(sample)
+            message = _message(sample)
+            found.setdefault(_source(message.key, info), {})[info.source_sn] = message
     return found
 
 
@@ -207,6 +211,6 @@ def _drained(replies: Channel[zenoh.Reply], into: list[zenoh.Sample]) -> bool:
     return False
 
 
-def _source(info: zenoh.SourceInfo) -> str:
-    """A publisher; its id has no hash."""
-    return f"{info.source_id.zid}/{info.source_id.eid}"
+def _source(key: str, info: zenoh.SourceInfo) -> str:
+    """A publisher, by its key too: who may say something under one key may say there that it is anybody."""
+    return f"{key}{_ADVANCED}{info.source_id.zid}/{info.source_id.eid}"

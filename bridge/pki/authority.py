@@ -8,6 +8,7 @@ revoked is left out. Issuers' keys stay beside the authority's, so what they may
 """
 
 import ipaddress
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -23,6 +24,8 @@ from bridge.pki.member import Member, Role
 DAYS, CA_DAYS = 90, 3650
 #: clocks of a ward's machines may differ by so much
 EARLIER = timedelta(minutes=5)
+_LABEL = r"(?!-)[a-z0-9_-]{1,63}(?<!-)"
+_NAME = re.compile(rf"(?:\*\.)?(?:{_LABEL}\.)*(?!\d+\Z){_LABEL}\Z", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +94,23 @@ def issue(
     return Pair(_signed(made, signer) + between, _pem(own))
 
 
-def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """The names and addresses a router's certificate is for."""
+def check_host(text: str) -> str:
+    """A name or an address by which a router is reached; ValueError says what one looks like."""
     try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        return []
-    return [
-        *names.get_values_for_type(x509.DNSName),
-        *(str(address) for address in names.get_values_for_type(x509.IPAddress)),
-    ]
+        ipaddress.ip_address(text)
+    except ValueError:
+        if len(text) > 253 or not _NAME.match(text):
+            raise ValueError(
+                f"--host {text!r} is no name and no address; one looks like ward-3.example or 10.0.0.5, without a port"
+            ) from None
+    return text
 
 
 def _private(pem: bytes) -> ec.EllipticCurvePrivateKey:
-    key = serialization.load_pem_private_key(pem, None)
+    try:
+        key = serialization.load_pem_private_key(pem, None)
+    except TypeError:
+        raise ValueError("the private key is locked with a password: openssl pkey -in FILE unlocks it") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise ValueError(f"a key of kind {type(key).__name__}, which truerate did not make: renew it where it was made")  # noqa: TRY004
     return key

@@ -10,8 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, hosts_of, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name, signer
+from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, issue, new_authority, new_issuer
+from bridge.pki.identity import Identity, certificates, common_name, hosts_of, signer
 from bridge.pki.member import Member
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
@@ -25,7 +25,7 @@ class Folder:
 
     def make(self, name: str, now: datetime) -> None:
         """A new authority, in a folder that has none."""
-        if (self.path / f"{_CA}.key").exists():
+        if any((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         _keep(self.path / _CA, new_authority(name, now))
@@ -38,7 +38,8 @@ class Folder:
             raise ValueError(
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
-        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
+        named = [check_host(host) for host in hosts]
+        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=named)
         _keep(self.path / member.file, pair)
         return files
 
@@ -101,10 +102,13 @@ class Folder:
         """Everybody who has a certificate that is not revoked, and until when."""
         revoked = self.revoked()
         for path in sorted(self.path.glob("*.pem")):
-            if path.stem == _CA or path.name.endswith(_MEMBERS):
-                continue
+            try:
+                member = Member.parse(path.stem.replace(".", ":"))
+            except ValueError:
+                continue  # of the authority, of a router, or somebody's own
             own = certificates(str(path))[0]
-            member = Member.parse(common_name(own))
+            if (name := common_name(own)) != member.common_name:
+                raise ValueError(f"{path}: it is for {name!r}; a copy? Keep it in another folder")
             if member.common_name not in revoked:
                 yield member, own.not_valid_after_utc
 

@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 #: what SQLite raises; words of its own about a damaged schema may not even be text
@@ -32,8 +32,29 @@ def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
 
 def beside(path: Path) -> sqlite3.Connection:
     """A connection for reading that leaves nothing behind: in step with whoever writes, where anybody does."""
-    alone = "" if path.with_name(path.name + "-wal").exists() else "&immutable=1"
+    alone = "&immutable=1" if unused(path) else ""
     return connect(f"{path.absolute().as_uri()}?mode=ro{alone}", uri=True)
+
+
+def unused(path: Path) -> bool:
+    """Whether nobody writes to it, or it would have a log."""
+    return not path.with_name(path.name + "-wal").exists()
+
+
+def snapshot(path: Path) -> sqlite3.Connection:
+    """All that is in it now, in memory."""
+    alone, memory = unused(path), connect(":memory:")
+    try:
+        with closing(beside(path)) as db:
+            db.backup(memory)
+        if unused(path) or not alone:
+            return memory
+    except BaseException:
+        memory.close()
+        if unused(path) or not alone:
+            raise
+    memory.close()
+    return snapshot(path)  # somebody has begun to write meanwhile: now in step with him
 
 
 @contextmanager

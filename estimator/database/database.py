@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
 from bridge import os_words
-from estimator.database.connection import FAULTS, beside, code, connect, transaction
+from estimator.database.connection import FAULTS, beside, code, connect, snapshot, transaction, unused
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
+    LOOKED_THROUGH,
     Damaged,
     backed_up,
     head_of,
@@ -277,7 +278,9 @@ class Database:
     def _put(self, db: sqlite3.Connection, table: str, row: Row, conflict: str) -> None:
         whole = sealed(table, row, self._types[table])
         places = ", ".join("?" * len(whole))
-        insert = f"INSERT OR {conflict} INTO {table} ({', '.join(whole)}) VALUES ({places})"  # noqa: S608 - our own words
+        # Not OR IGNORE, which would also pass over in silence what has no number where one must be.
+        verb, but = ("INSERT", " ON CONFLICT DO NOTHING") if conflict == "IGNORE" else (f"INSERT OR {conflict}", "")
+        insert = f"{verb} INTO {table} ({', '.join(whole)}) VALUES ({places}){but}"
         db.execute(insert, tuple(whole.values()))
 
     def _whole(self, table: str, number: int, row: dict[str, object]) -> Row | None:
@@ -318,8 +321,13 @@ def _as_it_is(path: Path) -> sqlite3.Connection:
 
 
 def _live(path: Path) -> sqlite3.Connection:
-    """In step with who is writing to it; where nothing can be written beside it, as a copy in memory."""
-    db = beside(path)
+    """In step with who is writing to it; as a copy in memory where nobody is, and where nothing can be written beside it."""
+    try:
+        if unused(path) and path.stat().st_size <= LOOKED_THROUGH:
+            return snapshot(path)  # somebody who begins to write would change it under us
+        db = beside(path)
+    except FAULTS:
+        return in_memory(file_and_log(path))
     try:
         db.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except FAULTS:

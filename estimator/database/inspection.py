@@ -9,7 +9,7 @@ from pathlib import Path
 from bridge import os_words
 from bridge.wording import count
 from estimator.database import salvage, wal
-from estimator.database.connection import FAULTS, beside, connect
+from estimator.database.connection import FAULTS, snapshot
 from estimator.database.errors import StoreError
 from estimator.database.opening import Damaged, head_of, look, look_through
 from estimator.database.rescue import file_and_log
@@ -78,11 +78,7 @@ def _lost(log: Path) -> int:
 
 def _copy(path: Path) -> sqlite3.Connection:
     """What is in it now, in memory: from SQLite where it can be opened, else from its bytes."""
-    memory = connect(":memory:")
     try:
-        with closing(beside(path)) as db:
-            db.backup(memory)
+        return snapshot(path)
     except FAULTS:
-        memory.close()
         return salvage.in_memory(file_and_log(path))
-    return memory

@@ -9,7 +9,7 @@ from bridge import os_words
 from estimator.database import salvage
 from estimator.database.connection import FAULTS, connect, damaged, transaction
 from estimator.database.errors import StoreError, Unavailable
-from estimator.database.rescue import file_and_log, free, replaced, rescued, torn
+from estimator.database.rescue import file_and_log, free, replaced, rescued, torn, used
 from estimator.database.schema import (
     APPLICATION_ID,
     MIGRATIONS,
@@ -46,6 +46,10 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
         try:
             return _opened(path), notes
         except Damaged as damage:
+            if used(path):  # what it still writes would go into a file that nobody has any more
+                raise Unavailable(
+                    f"store {path} is damaged ({damage}), and another process has it open: stop that, then start again"
+                ) from None
             notes.append(rescued(path, str(damage)))
             return _opened(path), notes
     except (*FAULTS, OSError) as error:

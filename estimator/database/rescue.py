@@ -1,5 +1,7 @@
 """A store that is damaged or torn: a copy is kept, and what is whole goes on in its place."""
 
+import fcntl
+import filecmp
 import os
 import shutil
 import time
@@ -10,13 +12,28 @@ from estimator.database import salvage, wal
 from estimator.database.connection import connect, transaction
 from estimator.database.schema import build
 
+#: what every connection locks to read (SQLite's os_unix.c, SHARED_FIRST and SHARED_SIZE)
+_SHARED, _SHARED_BYTES = 0x40000002, 510
+
+
+def used(path: Path) -> bool:
+    """Whether another process has it open now. Not to be asked while this one has: its own locks would end with the asking."""
+    if not path.exists():
+        return False
+    with path.open("r+b") as file:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, _SHARED_BYTES, _SHARED)
+        except BlockingIOError:
+            return True
+    return False
+
 
 def torn(path: Path) -> list[str]:
     """What SQLite would not say: a file without content, a log that ends early. A copy is kept of what is lost by that."""
     log = path.with_name(path.name + "-wal")
     if path.exists() and path.stat().st_size == 0:
         return [f"store {path} is an empty file; a new store is begun: what it held, if anything, is lost"]
-    if not log.exists() or not path.exists():
+    if not log.exists() or not path.exists() or used(path):  # who has it open may just be writing
         return []
     found = wal.read(log.read_bytes())
     if not found.lost:
@@ -34,12 +51,16 @@ def rescued(path: Path, why: str) -> str:
     version = salvage.version_of(file[: salvage.HEAD])
     part = path.with_name(path.name + ".part")
     part.unlink(missing_ok=True)
-    with closing(salvage.in_memory(file)) as damaged, closing(connect(str(part))) as fresh:
-        found = salvage.scan(damaged, version)
-        with transaction(fresh):
-            build(fresh, version)
-            for name, table in found.items():
-                salvage.put(fresh, name, table)
+    try:
+        with closing(salvage.in_memory(file)) as damaged, closing(connect(str(part))) as fresh:
+            found = salvage.scan(damaged, version)
+            with transaction(fresh):
+                build(fresh, version)
+                for name, table in found.items():
+                    salvage.put(fresh, name, table)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
     for tail in ("-wal", "-shm"):
         path.with_name(path.name + tail).unlink(missing_ok=True)
     replaced(part, path)
@@ -71,15 +92,32 @@ def replaced(part: Path, to: Path) -> None:
 
 
 def _kept(path: Path) -> Path:
-    """A copy of the file and its log under another name."""
+    """A copy of the file and its log under another name: of the same, one is enough, however often it is tried."""
+    for one in path.parent.iterdir():
+        if one.name.startswith(f"{path.name}.damaged-") and all(_alike(path, one, tail) for tail in ("", "-wal")):
+            return one
     aside = free(path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"))
-    for tail in ("-wal", ""):  # the file last: as long as it is not there, the copy is not whole
-        source, target = path.with_name(path.name + tail), aside.with_name(aside.name + tail)
-        if source.exists():
-            part = target.with_name(target.name + ".part")
-            shutil.copyfile(source, part)
-            replaced(part, target)
+    made: list[Path] = []
+    try:
+        for tail in ("-wal", ""):  # the file last: as long as it is not there, the copy is not whole
+            source, target = path.with_name(path.name + tail), aside.with_name(aside.name + tail)
+            if source.exists():
+                part = target.with_name(target.name + ".part")
+                made += [part, target]
+                shutil.copyfile(source, part)
+                replaced(part, target)
+    except BaseException:
+        for one in made:  # a disk that is full must not be filled with halves
+            one.unlink(missing_ok=True)
+        raise
     return aside
+
+
+def _alike(path: Path, other: Path, tail: str) -> bool:
+    here, there = (one.with_name(one.name + tail) for one in (path, other))
+    if not here.exists() or not there.exists():
+        return here.exists() == there.exists()
+    return filecmp.cmp(here, there, shallow=False)
 
 
 def _sync(place: Path) -> None:

@@ -41,8 +41,8 @@ class Gate:
 
     def __init__(self, enrolment: Enrolment | None, counts: Tally) -> None:
         self._enrolment, self._counts = enrolment, counts
+        self._stamp = self._stamped()  # first: what changes while it is read is read again
         self._places = enrolment.read() if enrolment else {}
-        self._stamp = self._stamped()
         self._known = set[str]()
         self.strangers: dict[str, Stranger] = {}
 

@@ -278,6 +278,21 @@ def _told(bus: ZenohBus, told: zenoh.ZBytes, subscription: Repaired) -> bool:
     return bool(subscription._sequences._lacking)
 
 
+@pytest.mark.parametrize("said", [b"", b"\1", b"\1\0\0\0\0", b"\xff" * 3000])
+def test_hostile_heartbeats_are_no_news(said: bytes) -> None:
+    world = ZenohWorld()
+    with world.bus() as a, world.bus() as b:
+        assert isinstance(a, ZenohBus)
+        subscription = b.subscribe("t/quiet", history=True)
+        assert isinstance(subscription, Repaired)
+        time.sleep(0.2)
+        a._session.put("t/quiet/@adv/pub/abc/1/_", said)
+        a._session.put("t/quiet/@adv/pub/abd/1/_", b"\0\0\0\0")
+        eventually(lambda: bool(subscription._sequences._sources))
+        assert list(subscription._sequences._sources) == ["t/quiet/@adv/pub/abd/1"]
+    world.stop()
+
+
 def test_without_history_nothing_old_comes(a: Bus, b: Bus) -> None:
     a.publisher("t/old", cache=10).put(b"1")
     time.sleep(0.1)

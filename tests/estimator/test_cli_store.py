@@ -1,6 +1,7 @@
 """`truerate history`, `store backup` and `store check`, as people use them."""
 
 import json
+import sqlite3
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -130,6 +131,31 @@ def test_a_backup_of_a_store_in_use_has_everything(
     assert "already" in capsys.readouterr().err
     assert main(["store", "backup", str(tmp_path / "stick" / "copy"), "--store", store.path]) == 2
     assert f"there is no folder {tmp_path / 'stick'}; make it first" in capsys.readouterr().err
+
+
+def test_a_backup_of_what_is_damaged_says_so(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store.close()
+    path = Path(store.path)
+    path.write_bytes(path.read_bytes().replace(b"nothing to cancel", b"Nothing to cancel"))
+    assert main(["store", "backup", str(tmp_path / "copy.sqlite3"), "--store", str(path)]) == 1
+    assert "damaged: 1 row of audit, the first is row 2" in capsys.readouterr().out
+    assert (tmp_path / "copy.sqlite3").exists()
+
+
+def test_no_file_moves_the_terminal(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store.add_audit(8, NAME, "note", "n1", "nur\x1b[2Jse", "a\nb", "\x1b]0;title\x07", accepted=True)
+    assert history(store) == 0
+    said = capsys.readouterr().out
+    assert "\x1b" not in said
+    assert "nur\\x1b[2Jse" in said.replace("\n", "")
+    store.close()
+    with sqlite3.connect(store.path) as db:
+        db.execute('CREATE INDEX "i\x1b[2J" ON audit (who)')
+        db.execute("PRAGMA writable_schema = ON")
+        db.execute("UPDATE sqlite_master SET sql = 'CREATE INDEX' WHERE name LIKE 'i%J'")
+    db.close()
+    assert main(["store", "check", store.path]) == 1
+    assert "\x1b" not in capsys.readouterr().out
 
 
 def test_check_says_what_is_whole(store: Store, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,6 +101,26 @@ def test_the_file_is_read_again_when_it_changes_and_kept_when_it_is_broken(
     assert gate.admit([sent("b1", "wrist")], 2.0), "a file that is gone for a moment throws nobody out"
 
 
+def test_a_file_that_changes_while_it_is_read_is_read_again(
+    tmp_path: Path, counts: Tally, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "enrolled.txt"
+    file.write_text("chest\n")
+    enrolment = Enrolment(file=str(file))
+
+    def just_then(self: Enrolment) -> dict[str, str]:
+        found = read(self)
+        file.write_text("chest\nwrist\n")
+        return found
+
+    read = Enrolment.read
+    with monkeypatch.context() as patch:
+        patch.setattr(Enrolment, "read", just_then)
+        gate = Gate(enrolment, counts)
+    gate.look(1.0)
+    assert gate.words("wrist") == ""
+
+
 @pytest.fixture
 def status() -> Iterator[tuple[Notices, Gate, list[Status]]]:
     gate, bus = Gate(ENROLLED, Tally()), MemoryBus(MemoryBroker())

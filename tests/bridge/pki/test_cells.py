@@ -110,6 +110,24 @@ def test_nobody_invents_the_history_of_somebody_else(ward: GuardedWard) -> None:
             assert answering.handler.try_recv() is None
 
 
+def test_nobody_uses_up_the_numbers_of_somebody_else(ward: GuardedWard) -> None:
+    own, other = cells.KEYS["raw of b1"], keys.build(WARD, "raw", bridge="b2", device="d2")
+    with ward.bus("estimator:e1") as e1, ward.bus("bridge:b1") as b1, ward.bus("bridge:b2") as b2:
+        heard = e1.subscribe(keys.pattern(WARD, "raw"), history=True)
+        publisher = b1.publisher(own, cache=9)
+        whose = publisher._publisher.id
+        time.sleep(0.2)
+        publisher.put(b"0")
+        for number in range(1, 4):  # in its own name, as if its publisher were that of the other
+            b2._session.put(other, b"forged", source_info=zenoh.SourceInfo(whose, number))
+        b2._session.put(f"{other}/@adv/pub/{whose.zid}/{whose.eid}/_", b"\7\0\0\0")
+        time.sleep(0.2)
+        for number in range(1, 4):
+            publisher.put(b"%d" % number)
+        came = [heard.receive(2.0) for _ in range(4)]
+        assert [(m.key, m.payload) for m in came if m] == [(own, b"%d" % number) for number in range(4)]
+
+
 def test_what_is_too_large_stays_outside(ward: GuardedWard) -> None:
     with ward.bus("bridge:b1") as b1, ward.bus("estimator:e1") as e1:
         heard = e1.subscribe(keys.pattern(WARD, "raw"))

@@ -10,9 +10,9 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from bridge.pki.authority import Pair, hosts_of, issue, new_authority, new_issuer
+from bridge.pki.authority import Pair, issue, new_authority, new_issuer
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults, verified
+from bridge.pki.identity import Identity, certificates, common_name, faults, hosts_of, verified
 from bridge.pki.member import Member, Role
 from estimator.cli import main
 
@@ -131,12 +131,20 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
         (["issue", "bridge:b1"], "is there already"),
         (["issue", "router:r"], "say --host NAME"),
         (["issue", "nurse:n"], "is no role and name"),
-        (["issue", "bridge:b2", "--days", "0"], "1 or more is taken"),
+        (["issue", "bridge:b2", "--days", "0"], "1 to 36500 is taken"),
+        (["issue", "bridge:b2", "--days", "99999999999"], "1 to 36500 is taken"),
+        (["issue", "router:r", "--host", "10.0.0.5:7447"], "'10.0.0.5:7447' is no name and no address"),
+        (["issue", "router:r", "--host", "tls/10.0.0.5"], "is no name and no address"),
+        (["issue", "router:r", "--host", "localhost", "--host", ""], "is no name and no address"),
+        (["issue", "router:r", "--host", "10.0.0.256"], "is no name and no address"),
+        (["issue", "router:r", "--host", "[::1]"], "is no name and no address"),
         (["issue", "bridge:b2", "--days", "9999"], "the authority itself ends on"),
         (["renew", "bridge:b2"], "there is none to renew"),
         (["revoke", "bridge:b2"], "no certificate that could be revoked"),
         (["router", "viewer:hall", "--ward", "w", "--listen", "tls/127.0.0.1:1"], "is no router"),
         (["router", "router:r", "--ward", "w", "--listen", "here"], "is no endpoint"),
+        (["router", "router:r", "--ward", "w", "--listen", "tcp/127.0.0.1:1"], "goes by tls alone"),
+        (["router", "router:r", "--ward", "w", "--listen", "tls/a:1", "--join", "tcp/b:1"], "goes by tls alone"),
     ],
 )
 def test_what_cannot_be_is_said(
@@ -144,6 +152,56 @@ def test_what_cannot_be_is_said(
 ) -> None:
     assert run(pki, *arguments) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("host", ["10.0.0.5", "::1", "ward-3.example", "ROUTER_1", "*.ward.example", "3com.example"])
+def test_by_such_names_a_router_may_be_reached(host: str, pki: Path) -> None:
+    assert run(pki, "issue", "router:r", "--host", host) == 0
+    assert hosts_of(certificates(str(pki / "router.r.pem"))[0]) == [host]
+
+
+def test_an_authority_whose_key_is_kept_elsewhere_is_not_made_anew(pki: Path) -> None:
+    before = (pki / "ca.pem").read_bytes()
+    (pki / "ca.key").unlink()
+    assert run(pki, "init") == 2
+    assert (pki / "ca.pem").read_bytes() == before
+
+
+def test_an_authority_locked_with_a_password_says_so(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    key = serialization.load_pem_private_key((pki / "ca.key").read_bytes(), None)
+    form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    (pki / "ca.key").write_bytes(key.private_bytes(*form, serialization.BestAvailableEncryption(b"x")))
+    assert run(pki, "issue", "bridge:b2") == 2
+    assert "locked with a password" in capsys.readouterr().err
+
+
+def test_a_copy_in_the_folder_is_no_second_member(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(pki / "ca.pem", pki / "site.pem")
+    assert run(pki, "show") == 0
+    shutil.copy(pki / "bridge.b1.pem", pki / "bridge.b1-old.pem")
+    assert run(pki, "show") == 2
+    assert "bridge.b1-old.pem: it is for 'bridge:b1'; a copy?" in capsys.readouterr().err
+
+
+def test_a_ward_or_member_that_is_named_twice_is_there_once(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    router = ("router", "router:r", "--listen", "tls/127.0.0.1:7447", "--ward", "w")
+    for more in (("--ward", "w"), ("--member", "bridge:b1", "--member", "bridge:b1@w")):
+        assert run(pki, *router, *more) == 0
+        (pki / "router.json5").write_text(capsys.readouterr().out)
+        assert main(["config", "check", str(pki / "router.json5")]) == 0
+        capsys.readouterr()
+
+
+def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
+    (pki / "router.json5").write_text(capsys.readouterr().out)
+    (pki / "router.r.key").chmod(0o644)
+    assert main(["router", "--config", str(pki / "router.json5")]) == 1
+    assert "chmod 600" in capsys.readouterr().err
 
 
 def other_key(pki: Path) -> Identity:

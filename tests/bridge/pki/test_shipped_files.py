@@ -5,12 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from bridge.bus import router_check, router_file
+from bridge.bus import router_check, router_file, zenoh_settings
 from bridge.bus.contract import BusError
+from bridge.bus.router import Router
+from bridge.bus.zenoh_session import open_session
 from bridge.pki.folder import Folder
 from bridge.pki.identity import Identity
 from bridge.pki.member import Member
 from estimator.cli import main
+from tests.bridge.pki.guarded_ward import free_port
 
 FILES = Path(__file__).parents[3] / "configs" / "zenoh"
 AT = Folder(Path("/etc/truerate/pki"))
@@ -69,7 +72,7 @@ def test_nothing_is_wrong_with_it(name: str) -> None:
 
 
 BREAKS = [
-    ('"adminspace": {"enabled": false}', '"adminspace": {"enabled": true}', "adminspace.enabled must be false"),
+    ('"enabled": false,\n    "permissions"', '"enabled": true,\n    "permissions"', "adminspace.enabled must be false"),
     ('"gossip": {"enabled": false}', '"gossip": {"enabled": true}', "scouting.gossip.enabled must be false"),
     ('"mode": "router"', '"mode": "peer"', "mode is 'peer'"),
     ('"wait_before_close": 100000', '"wait_before_close": 5000000', "one frozen reader silences a ward"),
@@ -80,6 +83,29 @@ BREAKS = [
     ("tls/0.0.0.0:7447", "tcp/0.0.0.0:7447", "whoever reaches it reads and commands the ward"),
     ('"cert_common_names": ["viewer:hall"]', '"interfaces": ["lo"]', "each subject is one common name"),
     ('"permission": "allow"', '"permission": "deny"', "a rule that denies"),
+    ('"write": false', '"write": true', "adminspace.permissions.write must be false"),
+    (
+        '"shared_memory": {"enabled": false}',
+        '"shared_memory": {"enabled": true}',
+        "shared_memory.enabled must be false",
+    ),
+    ('"mode": "router"', '"mode": "router", "plugins": {"rest": {"http_port": 8000}}', "plugins: rest: zenohd loads"),
+    ("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false", "enable_mtls: goes before what the file says"),
+    ("tls/0.0.0.0:7447", "quic/0.0.0.0:7447", "transport.link.protocols has tls alone"),
+    ('"size_limit": 65536', '"size_limit": 65537', "low_pass_filter: messages of more than 65536 bytes pass"),
+    ('"truerate/@v1/**/@adv/**", "truerate/@v1/*/@w', '"truerate/@v1/*/@w', "low_pass_filter: messages of more than"),
+    ('"flows": ["egress"],', "", "is not that of its role"),
+    ('"id": "bridge:bridge-2 says', '"id": "bridge:bridge-1 says', "two rules have the same id"),
+]
+JOINED = [
+    ('"connect_certificate": "/etc/truerate/pki/router.hospital.pem",', "", "connect_certificate is missing"),
+    ('"verify_name_on_connect": true', '"verify_name_on_connect": false', "verify_name_on_connect must be true"),
+    ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "all of the ward would go there for everybody to read"),
+    (
+        '"tls/ward-3.example:7447"',
+        '"tls/ward-3.example:7447#root_ca_certificate_file=a"',
+        "_certificate_file: goes before",
+    ),
 ]
 
 
@@ -90,6 +116,40 @@ def test_what_was_changed_for_the_worse_is_named(good: str, bad: str, words: str
     changed = tmp_path / "router.json5"
     changed.write_text(text.replace(good, bad), "utf-8")
     assert any(words in fault for fault in router_check.read(changed).faults)
+
+
+@pytest.mark.parametrize(("good", "bad", "words"), JOINED)
+def test_so_it_is_of_a_router_that_joins_others(good: str, bad: str, words: str, tmp_path: Path) -> None:
+    text = (FILES / "hospital.json5").read_text("utf-8")
+    assert good in text
+    changed = tmp_path / "router.json5"
+    changed.write_text(text.replace(good, bad, 1), "utf-8")
+    assert any(words in fault for fault in router_check.read(changed).faults)
+
+
+def test_a_second_policy_gives_nobody_anothers_rights(tmp_path: Path) -> None:
+    settings = router_file.guarded(LISTEN, identity("router:r"), [("w", Member.parse(who)) for who in WARD])
+    policies = settings["access_control"]["policies"]
+    desk = next(policy for policy in policies if policy["subjects"] == ["commander:desk"])
+    policies.insert(0, {"rules": desk["rules"], "subjects": ["viewer:hall"]})
+    changed = tmp_path / "router.json5"
+    changed.write_text(json.dumps(settings), "utf-8")
+    assert any("each member has one policy" in fault for fault in router_check.read(changed).faults)
+
+
+def test_a_name_that_looks_like_the_loopback_is_none(tmp_path: Path) -> None:
+    changed = tmp_path / "router.json5"
+    for listen, there in (("tcp/127.0.0.1.example:7447", 1), ("tcp/[::1]:7447", 0), ("tcp/localhost:7447", 0)):
+        changed.write_text(json.dumps(router_file.plain([listen])), "utf-8")
+        assert sum("whoever reaches it" in fault for fault in router_check.read(changed).faults) == there
+
+
+def test_zenohd_which_always_has_an_adminspace_shows_nothing_of_it() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    settings = router_file.plain([endpoint])
+    settings["adminspace"]["enabled"] = True  # as zenohd does after it has read a file
+    with Router([endpoint], settings=settings), open_session(zenoh_settings.client([endpoint]), "", 3.0) as session:
+        assert [reply for reply in session.get("@/*/router/**", timeout=1.0) if reply.ok is not None] == []
 
 
 def test_a_key_zenoh_does_not_know_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

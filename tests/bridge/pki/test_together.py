@@ -91,6 +91,22 @@ def other_knobs(files: Files) -> None:
     files.one.write_text(files.one.read_text("utf-8") + text, "utf-8")
 
 
+def other_devices(files: Files) -> None:
+    other_knobs(files)
+    text = files.one.read_text("utf-8").replace("silence_s = 5.0\n", "")
+    files.one.write_text(text + '[devices]\nenrolled = ["b1/d1", "d2"]\n', "utf-8")
+    files.two.write_text(files.two.read_text("utf-8") + '[devices]\nenrolled = ["d1", "d2"]\n', "utf-8")
+
+
+def all_devices_there(files: Files) -> None:
+    other_devices(files)
+    files.two.write_text(files.two.read_text("utf-8").partition("[devices]")[0], "utf-8")
+
+
+def by_another_name(files: Files) -> None:
+    files.two.write_text(files.two.read_text().replace("tls/127.0.0.1", "tls/localhost"))
+
+
 def expired(files: Files) -> None:
     here = files.pki.path
     b1, key, day = Member.parse("bridge:b1"), (here / "bridge.b1.key").read_bytes(), timedelta(days=1)
@@ -120,6 +136,9 @@ def unknown(files: Files) -> None:
         (another_port, "no router listens at tls/127.0.0.1:7448; they do at tls/0.0.0.0:7447"),
         (one_device_twice, "device 'd1' of ward 'w' is in"),
         (other_knobs, "[estimator] silence_s is 2.0, in"),
+        (other_devices, "[devices] is not that of"),
+        (all_devices_there, "[devices] is not that of"),
+        (by_another_name, "the router's certificate is for 127.0.0.1 alone"),
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "no router knows bridge:b1"),

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -61,6 +62,17 @@ def patient(path: Path) -> tuple[Store, list[float]]:
     store.database._clock = lambda: clock[0]
     store.database._again_s = RETRY_S if store.database.trouble else store.database._again_s
     return store, clock
+
+
+def test_what_has_no_number_where_one_must_be_is_not_passed_over_in_silence(tmp_path: Path) -> None:
+    store = Store(tmp_path / "a.sqlite3")
+    nowhere = replace(info(7), gyro_range=float("nan"))
+    with pytest.raises(Unavailable, match="NOT NULL"):
+        store.add_boot(nowhere, 7)
+    store.add_boot(info(7), 7)
+    store.add_boot(info(7), 8)  # the same again
+    assert [row["time_ns"] for row in store.database.rows("boots")] == [7]
+    store.close()
 
 
 def test_a_disk_that_fills_up_and_is_emptied_again(tmp_path: Path) -> None:

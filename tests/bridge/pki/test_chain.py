@@ -1,0 +1,238 @@
+"""What `faults` says of files made elsewhere, and what a real router makes of the same files: they agree."""
+
+import ipaddress
+import json
+from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
+from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
+from cryptography.x509.oid import NameOID
+
+from bridge.bus import router_file, zenoh_settings
+from bridge.pki.folder import utc_now
+from bridge.pki.identity import Identity, faults
+from bridge.pki.member import Member, Role
+from tests.bridge.pki.guarded_ward import free_port, running_router
+
+pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: chain")]
+
+DAY = timedelta(days=1)
+ASK, SERVE, ANY = Usage.CLIENT_AUTH, Usage.SERVER_AUTH, Usage.ANY_EXTENDED_KEY_USAGE
+HERE = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
+
+
+class Made:
+    """A certificate and its key, signed by another or by itself."""
+
+    def __init__(
+        self,
+        name: str,
+        by: "Made | None" = None,
+        *,
+        key: Any = None,
+        ca: bool = False,
+        below: int | None = None,
+        days: tuple[int, int] = (-9, 9),
+        may: tuple[x509.ObjectIdentifier, ...] = (),
+        hosts: x509.SubjectAlternativeName | None = None,
+        with_: hashes.SHA256 | hashes.SHA512 | hashes.SHA384 | None = None,
+    ) -> None:
+        self.key = key or ec.generate_private_key(ec.SECP256R1())
+        subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+        signer = by.key if by else self.key
+        made = (
+            x509.CertificateBuilder()
+            .subject_name(subject)
+            .issuer_name(by.certificate.subject if by else subject)
+            .public_key(self.key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(utc_now() + days[0] * DAY)
+            .not_valid_after(utc_now() + days[1] * DAY)
+            .add_extension(x509.BasicConstraints(ca=ca, path_length=below), critical=True)
+        )
+        if may:
+            made = made.add_extension(x509.ExtendedKeyUsage(may), critical=False)
+        if hosts:
+            made = made.add_extension(hosts, critical=False)
+        edwards = isinstance(signer, ed25519.Ed25519PrivateKey | ed448.Ed448PrivateKey)
+        self.certificate: x509.Certificate = made.sign(signer, None if edwards else with_ or hashes.SHA256())
+
+    @property
+    def pem(self) -> bytes:
+        return self.certificate.public_bytes(serialization.Encoding.PEM)
+
+    @property
+    def secret(self) -> bytes:
+        form = serialization.PrivateFormat.PKCS8
+        return bytes(self.key.private_bytes(serialization.Encoding.PEM, form, serialization.NoEncryption()))
+
+
+ROOT = Made("a site", ca=True)
+OLD = Made("an old site", ca=True, days=(-99, -1))
+P521 = Made("a P-521 site", ca=True, key=ec.generate_private_key(ec.SECP521R1()))
+MARK = "\ufeff".encode()
+#: on a curve that is not known here
+SM2 = b"""-----BEGIN CERTIFICATE-----
+MIIBfzCCASWgAwIBAgIUEqQuquAeyRgGWQkbyjfVMfLjAgIwCgYIKoEcz1UBg3Uw
+FDESMBAGA1UEAwwJYnJpZGdlOmIxMCAXDTI2MTEyMjAxMjY0MVoYDzIxMDkwMTEx
+MDEyNjQxWjAUMRIwEAYDVQQDDAlicmlkZ2U6YjEwWTATBgcqhkjOPQIBBggqgRzP
+VQGCLQNCAAS5fNWOeRL+T1daN6lysQU//GDZghGXfQ49ecnxCoPq7H3JW8hD1y5h
+nafy1oXOcjQOiuHoZrI1BTG2sB8zZM0ao1MwUTAdBgNVHQ4EFgQUgmBKA19+MPXI
+22vihsH5sGVXju8wHwYDVR0jBBgwFoAUgmBKA19+MPXI22vihsH5sGVXju8wDwYD
+VR0TAQH/BAUwAwEB/zAKBggqgRzPVQGDdQNIADBFAiEAl3gLvHyMFLNnyEC+ynKW
+lfY0/MQdTi91c3eQOq7gI1ACIDL2ai+N4Db4SRqcHatgJ5tL9seQsAhwHoPn+Jic
+tpAD
+-----END CERTIFICATE-----
+"""
+
+
+class Site:
+    """A router of an authority that is not ours, and where its certificates lie."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.endpoint = path, f"tls/127.0.0.1:{free_port()}"
+        self.router = self.file("router", Made("router:r", ROOT, may=(ASK, SERVE), hosts=HERE))
+        (path / "all.pem").write_bytes(ROOT.pem + P521.pem)
+        places = [("w", Member.parse("bridge:b1"))]
+        everybody = Identity(str(path / "all.pem"), self.router.certificate, self.router.key)
+        settings = router_file.guarded([self.endpoint], everybody, places)
+        (path / "router.json5").write_text(router_file.rendered(settings, "for a test"), "utf-8")
+
+    def file(
+        self, name: str, made: Made, *above: Made, ca: bytes = ROOT.pem, pem: bytes = b"", key: bytes = b""
+    ) -> Identity:
+        here = self.path / name
+        (ca_file := Path(f"{here}.ca.pem")).write_bytes(ca)
+        Path(f"{here}.pem").write_bytes(pem or made.pem + b"".join(one.pem for one in above))
+        Path(f"{here}.key").write_bytes(key or made.secret)
+        Path(f"{here}.key").chmod(0o600)
+        return Identity(str(ca_file), f"{here}.pem", f"{here}.key")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    made = Site(tmp_path_factory.mktemp("site"))
+    with running_router(made.path / "router.json5", made.endpoint):
+        yield made
+
+
+def connects(endpoint: str, identity: Identity) -> bool:
+    try:
+        settings = zenoh_settings.client([endpoint], identity)
+        with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
+            return bool(opened.info.routers_zid())
+    except zenoh.ZError:
+        return False
+
+
+def b1(by: Made = ROOT, **more: Any) -> Made:
+    return Made("bridge:b1", by, **more)
+
+
+def over(site: Site, **more: Any) -> Identity:
+    """Signed by one in between."""
+    between = Made("between", ROOT, ca=True, **more)
+    return site.file("over", b1(between), between)
+
+
+def too_long(site: Site) -> Identity:
+    first = Made("first", ROOT, ca=True, below=0)
+    second = Made("second", first, ca=True)
+    return site.file("too long", b1(second), first, second)
+
+
+def dos(site: Site) -> Identity:
+    made = b1()
+    return site.file("dos", made, pem=made.pem.replace(b"\n", b"\r\n"), key=made.secret.replace(b"\n", b"\r\n"))
+
+
+RIGHT = b1()
+CASES: dict[str, tuple[Callable[[Site], Identity], str]] = {
+    "right": (lambda site: site.file("right", b1(may=(ASK,))), ""),
+    "from Windows": (dos, ""),
+    "for any use": (lambda site: site.file("no eku", b1()), ""),
+    "P-384": (lambda site: site.file("p384", b1(key=ec.generate_private_key(ec.SECP384R1()))), ""),
+    "RSA": (lambda site: site.file("rsa", b1(key=rsa.generate_private_key(65537, 2048))), ""),
+    "Ed25519": (lambda site: site.file("ed", b1(key=ed25519.Ed25519PrivateKey.generate())), ""),
+    "one in between": (over, ""),
+    "beside an old authority": (lambda site: site.file("rolled", b1(), ca=OLD.pem + ROOT.pem), ""),
+    "a mark before the certificate": (
+        lambda site: site.file("mark", RIGHT, pem=MARK + RIGHT.pem),
+        "something before -----BEGIN",
+    ),
+    "a mark before the key": (
+        lambda site: site.file("mark", RIGHT, key=MARK + RIGHT.secret),
+        "something before -----BEGIN",
+    ),
+    "a mark before the authority": (
+        lambda site: site.file("mark", RIGHT, ca=MARK + ROOT.pem),
+        "something before -----BEGIN",
+    ),
+    "any extended usage": (lambda site: site.file("any", b1(may=(ANY,))), "extended key usage does not let it ask"),
+    "P-521": (
+        lambda site: site.file("p521", b1(key=ec.generate_private_key(ec.SECP521R1()))),
+        "on the curve secp521r1",
+    ),
+    "secp256k1": (lambda site: site.file("k1", b1(key=ec.generate_private_key(ec.SECP256K1()))), "secp256k1"),
+    "RSA of 1024": (
+        lambda site: site.file("1024", b1(key=rsa.generate_private_key(65537, 1024))),
+        "RSA with 1024 bits",
+    ),
+    "Ed448": (lambda site: site.file("ed448", b1(key=ed448.Ed448PrivateKey.generate())), "a key of another kind"),
+    "SHA-512 on P-256": (lambda site: site.file("512", b1(with_=hashes.SHA512())), "signed otherwise than zenoh takes"),
+    "an authority on P-521": (
+        lambda site: site.file("a521", b1(P521, with_=hashes.SHA384()), ca=P521.pem),
+        "on the curve secp521r1",
+    ),
+    "one in between expired": (lambda site: over(site, days=(-9, -1)), "'between', in between: expired"),
+    "one in between too early": (lambda site: over(site, days=(1, 9)), "'between', in between: not valid before"),
+    "one in between for servers": (lambda site: over(site, may=(SERVE,)), "'between', in between: its extended key"),
+    "a chain too long": (too_long, "'first', in between: at most 0 others"),
+    "an authority's own": (lambda site: site.file("ca", b1(ca=True)), "it is an authority's"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_said_of_files_is_what_a_router_makes_of_them(case: str, site: Site) -> None:
+    make, words = CASES[case]
+    identity = make(site)
+    found = faults(identity, utc_now())
+    assert connects(site.endpoint, identity) is (not words)
+    assert bool(found) is bool(words), found
+    assert not words or any(words in said for said in found), found
+
+
+def test_a_router_that_names_no_host_is_said_of(site: Site) -> None:
+    wrong = site.file("nowhere", Made("router:r", ROOT, may=(ASK, SERVE)))
+    assert faults(site.router, utc_now(), (Role.ROUTER,)) == []
+    assert ["names no host" in words for words in faults(wrong, utc_now(), (Role.ROUTER,))] == [True]
+
+
+def test_an_authority_that_has_ended_is_said_of_where_no_other_has_signed(site: Site) -> None:
+    of_old = site.file("of old", b1(OLD), ca=ROOT.pem + OLD.pem)
+    assert ["expired" in words for words in faults(of_old, utc_now())] == [True]
+
+
+def test_keys_of_kinds_that_nobody_knows_are_said_of(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = b1()
+    assert any("of another kind" in words for words in faults(site.file("sm2", made, pem=SM2), utc_now()))
+
+    def unknown(*_: object) -> None:
+        raise UnsupportedAlgorithm("a curve")
+
+    monkeypatch.setattr("bridge.pki.identity.load_pem_private_key", unknown)
+    assert "of another kind" in faults(site.file("unknown", made), utc_now())[0]
+
+
+def test_a_date_is_judged_by_the_clock_that_is_given(site: Site) -> None:
+    later = datetime(2099, 1, 1, tzinfo=utc_now().tzinfo)
+    found = faults(site.file("later", b1()), later)
+    assert sum("expired" in words for words in found) == 2
