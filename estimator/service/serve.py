@@ -15,6 +15,7 @@ from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
 from estimator.database import Database
+from estimator.database.owner import owned
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -47,6 +48,7 @@ def run(ward: Ward) -> None:
             log.error("%s", words)
         others = set[str]()
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load, others.add)))
+        stack.enter_context(owned(database.path))
         from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
         from estimator.service.shell import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415

@@ -1,0 +1,45 @@
+"""Two estimators on one store: the second is told, and who was killed has nothing any more."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from estimator.database import StoreError
+from estimator.database.owner import owned
+
+_HAVE = """
+import sys
+from estimator.database.owner import owned
+with owned(sys.argv[1]):
+    print("mine", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_store_is_one_estimators_until_it_ends_however_it_ends(tmp_path: Path) -> None:
+    store = str(tmp_path / "a.sqlite3")
+    other = subprocess.Popen(
+        [sys.executable, "-c", _HAVE, store], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout is not None
+    assert other.stdout.readline() == "mine\n"
+    with (
+        pytest.raises(StoreError, match=rf"another estimator \(process {other.pid}\) has it; each needs one"),
+        owned(store),
+    ):
+        pass
+    other.send_signal(signal.SIGKILL)
+    other.communicate()
+    with owned(store):
+        assert (tmp_path / "a.sqlite3.lock").read_text() == str(os.getpid())
+    with owned(store):
+        pass
+
+
+def test_where_nothing_may_be_written_beside_it_nobody_can_tell(tmp_path: Path) -> None:
+    with owned(str(tmp_path / "gone" / "a.sqlite3")), owned(str(tmp_path / "gone" / "a.sqlite3")):
+        pass
