@@ -81,13 +81,18 @@ class Seconds:
         """The seconds that are known whole after the next window; noise_std (3,) rad/s of a reading."""
         if window.spikes:
             self.refused.add("spike", window.spikes)
-        # A movement begins and ends too gently for those windows to tell: they wait to see how it goes on.
+        # A movement begins and ends too gently for those windows to tell: what seems still waits to see how it goes on.
         if not window.still:
             self._coming = [(before, False) for before, _ in self._coming]
             self._moved = window.end_time
         self._coming.append((window, window.start_time - self._moved >= self.knobs.settle_s))
-        while window.end_time - self._coming[0][0].end_time >= self.knobs.settle_s:
+        while self._coming and self._settled(window.end_time):
             yield from self._take(self._coming.pop(0), noise_std)
+
+    def _settled(self, now: float) -> bool:
+        """Whether what comes next is judged for good: movement is at once."""
+        window, still = self._coming[0]
+        return not still or now - window.end_time >= self.knobs.settle_s
 
     def skip(self, window: Window) -> None:
         """Let the next window go by, and those that wait."""

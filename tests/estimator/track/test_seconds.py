@@ -83,6 +83,14 @@ def test_a_change_ends_a_second_early_and_what_is_next_to_it_is_not_still() -> N
     assert sum(not s.still for s in found) >= 2
 
 
+def test_a_second_of_movement_is_told_at_once_and_one_that_seems_still_waits_to_see_how_it_goes_on() -> None:
+    second, settle = 11, 5
+    assert len(cut(noise(second), [False] * second)[0]) == 1
+    assert cut(noise(second), [True] * second)[0] == []
+    quiet, _ = cut(noise(second + settle), [True] * (second + settle))
+    assert [s.still for s in quiet] == [True]
+
+
 @pytest.mark.parametrize("damage", [{"clipped": 150}, {"silent": (150, 0.3)}])
 def test_a_second_with_a_clipped_reading_or_a_hole_is_flawed_and_no_other(damage: dict[str, object]) -> None:
     found, _ = cut(noise(50), [True] * 50, **damage)  # type: ignore[arg-type]
