@@ -511,9 +511,11 @@ class DeviceSession:
         return None
 
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
-        """No samples come any more, or may come (UNREACHABLE); True when that is news."""
+        """No samples come any more, or may come (UNREACHABLE), for this reason as it is now; True when that is news."""
         was_away = self.life.away
         if not self.life.on(event):
+            if self.life.state is State.LOST and event is Event.SILENT:
+                self.reason = reason
             return False
         if not was_away:
             self._reason_before = self.reason

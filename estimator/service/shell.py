@@ -393,7 +393,7 @@ class Service:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             why = self._presence.words(*which)
-            reason = f"no samples for {silent_s:.1f} s{': ' if why else ''}{why}"
+            reason = f"{_silent_for(silent_s)}{': ' if why else ''}{why}"
             if device.session.silence(reason):
                 log.warning("%s: lost, %s", device.name, reason)
         device.say_status(self._now_ns())
@@ -447,6 +447,12 @@ class Service:
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
         message = refusals[0] or ("noted" if verb == "note" else device.session.goes_on)
         return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
+
+
+def _silent_for(seconds: float) -> str:
+    if seconds >= 7200:
+        return f"no samples for {seconds / 3600:.0f} hours"
+    return f"no samples for {seconds / 60:.0f} minutes" if seconds >= 120 else f"no samples for {seconds:.1f} s"
 
 
 def _obey(device: Device, verb: str, command: Command) -> str | None:

@@ -174,6 +174,7 @@ no full turn about x, y was seen (last movement: went back and forth: 400° of m
 no full turn about x was seen: the device was never still for 3 s
 gravity carried through 7 movements to 2.10° rms, 5.1 times worse than sensors err: hold it quite still between movements
 calibrated: full matrix (condition number 12): gravity carried through 9 movements to 0.12° rms, 2 that contradicted left out
+no samples for 20 minutes: bridge b hears it no more: is it switched on, plugged in, in reach?
 no samples for 4.0 s: bridge b hears it no more: is it switched on, plugged in, in reach?
 the router is gone: it was awaiting still when it was heard last
 devices a, b, c, d and 3 more are sent by 3 bridges, b, c and d: c's, d's samples are refused; stop all but one

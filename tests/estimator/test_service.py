@@ -321,6 +321,9 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     lost = ward.latest()
     assert (lost.state, lost.quality) == (State.LOST, Quality.DEGRADED)
     assert "no samples" in lost.reason
+    ward.service._devices[NAME].heard -= 1200.0
+    later = ward.latest()
+    assert (later.state, later.reason[:25]) == (State.LOST, "no samples for 20 minutes")
 
 
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:

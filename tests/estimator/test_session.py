@@ -354,7 +354,8 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
 def test_a_lost_device_is_not_good_and_comes_back(once: Stream) -> None:
     device = calibrated(once.part(0, once.at(40.0)))
     assert device.silence("no samples for 3 s")
-    assert not device.silence("no samples for 4 s"), "said once"
+    assert not device.silence("no samples for 4 s"), "no news"
+    assert device.status(1).reason == "no samples for 4 s"
     assert (device.status(1).state, device.status(1).quality) == (State.LOST, Quality.DEGRADED)
     assert device.recalibrate("nurse", "") is not None
     start = once.at(43.0)
