@@ -8,6 +8,7 @@ from estimator.client import Client
 """
 
 import logging
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -46,6 +47,8 @@ __all__ = ["BusError", "Client", "Corrected", "Miss", "Stream"]
 Devices = str | Iterable[str] | None
 #: unread messages kept for a slow program: half a minute of a hundred devices
 QUEUE = 65536
+#: a router that does not answer for so long is said to be looked for, s
+LOOKED_S = 1.0
 
 #: whose certificates let them hear what a ward says
 SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER)
@@ -65,7 +68,7 @@ class Client:
             endpoints = (endpoints,)
         self.ward = keys.check_id(ward, "ward")
         self._own = bus is None
-        self._bus: Bus = ZenohBus(endpoints) if bus is None else bus
+        self._bus: Bus = _found(endpoints) if bus is None else bus
         #: why nothing may come although a router is there; empty where nothing is known to be wrong
         self.denied = _denied(self._bus, Routers.of(endpoints), ward) if bus is None else ()
         for words in self.denied:
@@ -252,6 +255,17 @@ class Client:
             return found
         finally:
             subscription.close()
+
+
+def _found(endpoints: Sequence[str]) -> ZenohBus:
+    """A session with a router; who has to wait for one is told so."""
+    told = threading.Timer(LOOKED_S, log.warning, ("looking for a router at %s", ", ".join(endpoints)))
+    told.daemon = True
+    told.start()
+    try:
+        return ZenohBus(endpoints)
+    finally:
+        told.cancel()
 
 
 def _denied(bus: Bus, routers: Routers, ward: str) -> tuple[str, ...]:

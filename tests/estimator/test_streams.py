@@ -255,6 +255,9 @@ def test_a_loop_that_ends_while_something_waits_makes_no_noise(
     assert caplog.records == []
 
 
-def test_without_a_router_the_error_says_what_to_do() -> None:
+def test_without_a_router_it_is_said_that_one_is_looked_for_and_the_error_says_what_to_do(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     with pytest.raises(BusError, match=r"no router answered at tcp/127\.0\.0\.1:1 .*start one with `truerate router`"):
         Client(("tcp/127.0.0.1:1",), ward=WARD)
+    assert caplog.messages == ["looking for a router at tcp/127.0.0.1:1"]
