@@ -2,13 +2,21 @@
 
 import atexit
 import errno
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
 from bridge.bus.zenoh_session import close_session, open_session, read_settings
+
+#: zenoh passes a message on from the thread that received it, and closes a session there, too. With its own two threads a reader
+#: that is cut off stops all until the network gives its connection up, 8 s and more: both wait for room to tell it something, and
+#: nobody is left to close it (https://github.com/eclipse-zenoh/zenoh/issues/1876). More than senders at a router do no harm.
+THREADS = "(rx: (worker_threads: 32))"
+_RUNTIME = "ZENOH_RUNTIME"
 
 
 class Router:
@@ -26,9 +34,10 @@ class Router:
             raise BusError("a router must listen somewhere, for example on tcp/127.0.0.1:7447")
         self.listen = tuple(listen)
         try:
-            self._session = open_session(
-                settings or zenoh_settings.router(listen, shed), f"cannot listen on {', '.join(listen)}"
-            )
+            with _threads():
+                self._session = open_session(
+                    settings or zenoh_settings.router(listen, shed), f"cannot listen on {', '.join(listen)}"
+                )
         except BusError as error:
             raise BusError(f"{error}; {_advice(str(error))}") from error.__cause__
         self._closed = False
@@ -52,6 +61,19 @@ class Router:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def _threads() -> Iterator[None]:
+    """Zenoh looks for it once, when the first session of a process is opened; processes that we start have their own."""
+    ours = _RUNTIME not in os.environ
+    if ours:
+        os.environ[_RUNTIME] = THREADS
+    try:
+        yield
+    finally:
+        if ours:
+            os.environ.pop(_RUNTIME, None)
 
 
 def endpoints_of(said: Sequence[str] | dict[str, Sequence[str]]) -> tuple[str, ...]:
