@@ -89,28 +89,45 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
 
 
 class Life:
-    """Where one device is. One that was away goes on where it was."""
+    """Where one device is, and why, in words. One that was away goes on where it was."""
 
     def __init__(self) -> None:
         self.state = self._before = State.UNKNOWN
+        self.reason = self._reason_before = "never seen"
 
     @property
     def away(self) -> bool:
         """Whether nothing comes from it."""
         return self.state in AWAY
 
-    def on(self, event: Event) -> bool:
-        """Apply an event; False means it is not possible in this state and nothing changed."""
+    @property
+    def goes_on(self) -> str:
+        """The reason as it is, or will be when the device is heard again."""
+        return self._reason_before if self.away else self.reason
+
+    def say(self, reason: str) -> None:
+        """Why it is where it is; of one that is away, where it will go on."""
+        if self.away:
+            self._reason_before = reason
+        else:
+            self.reason = reason
+
+    def on(self, event: Event, reason: str = "") -> bool:
+        """Apply an event, for a reason; False means it is not possible in this state and nothing changed."""
         meanwhile = self.away and event in _MEANWHILE
         following = TABLE.get((self._before if meanwhile else self.state, event))
         if following is Back:
             following = None if self._before is State.UNKNOWN else self._before
+            reason = self._reason_before
         if not isinstance(following, State):
             return False
-        if meanwhile:
-            self._before = following
+        if following in AWAY:
+            self._reason_before, self.state = self.goes_on, following
+            self.reason = reason or self.reason
             return True
-        if following not in AWAY:
-            self._before = following
-        self.state = following
+        self._before = following
+        if not meanwhile:
+            self.state = following
+        if reason:
+            self.say(reason)
         return True

@@ -21,29 +21,28 @@ from bridge.wire.messages import (
     Verdict,
 )
 from bridge.wire.refusal import Reason
-from estimator.batch.capture import Floats, Rest, Samples
+from estimator.batch.capture import Floats, Rest
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
-from estimator.batch.session import CalibrationSession, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import BLOCK_S, Block, Part, joined, sample_time_ns, temperature_at
+from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.block import Part, joined, sample_time_ns, temperature_at
 from estimator.correction import Correction, Cut, believed, choose
+from estimator.course import Course
 from estimator.finite import runs
 from estimator.gyro import AXES, PriorKnobs, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.past import Past
+from estimator.remembered import Remembered, calibrated_bias, wider
 from estimator.sequence import Sequence
 from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BIAS, BiasState, Receipt, start
+from estimator.track.bias_filter import BiasState, Receipt
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
+from estimator.under_way import UnderWay
 from estimator.windowed import Second, Windowed
 
 #: counted under this: turns that did not come along when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
-#: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
-CLOCK_LOST_S = 1.0
-#: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
-CACHE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +55,6 @@ class SessionKnobs:
     prior: PriorKnobs = field(default_factory=PriorKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)
-
-
-@dataclass(frozen=True, slots=True)
-class Remembered:
-    """What the store knows of a device that boots: its last calibration, and, of this very boot, the bias since."""
-
-    calibration: Calibration | None
-    bias: BiasState | None
-    #: host seconds since the bias was kept, and whether it was in doubt then
-    age_s: float = 0.0
-    doubted: bool = False
-    #: who had asked for a recalibration that was under way then, and why
-    asked: tuple[str, str] | None = None
-    #: axes whose turns were taken then, by another estimator: they are to be taken again
-    turned: tuple[int, ...] = ()
 
 
 @dataclass(slots=True)
@@ -99,7 +83,6 @@ class DeviceSession:
         self.life = Life()
         self.sequence = Sequence()
         self.info: DeviceInfo | None = None
-        self.reason = self._reason_before = "never seen"
         self.calibration: Calibration | None = None  # of this boot
         self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
         self.last_heard_ns = 0
@@ -128,11 +111,8 @@ class DeviceSession:
         if not self._unused or device_time != self._began or law is not None:
             self._begin(device_time, law)
         self._unused = False
-        self.life.on(Event.BOOTED)
-        if not again:  # nothing was taken of it yet
-            self.reason = (
-                "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
-            )
+        why = "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
+        self.life.on(Event.BOOTED, "" if again else why)  # again: nothing was taken of it yet
         outcome.changed = True
         outcome.said.append(f"boot {boot:016x}" + ("" if first else ", recalibration needed"))
         calibration = None if remembered is None else remembered.calibration
@@ -141,8 +121,8 @@ class DeviceSession:
             outcome.said.append(f"calibration {self._calibration_id} of this boot restored")
         elif calibration is not None:
             self.believe(calibration)
-        if remembered is not None and remembered.bias is not None and self.calibration is None:
-            kept = self._resumed(remembered, remembered.bias)
+        kept = None if remembered is None else remembered.bias_at(self._now, self.knobs.track.bias_std)
+        if kept is not None and self.calibration is None:
             self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
             self._apply()
             outcome.said.append("bias of this boot restored")
@@ -157,15 +137,10 @@ class DeviceSession:
         self._stillness = Stillness(self.knobs.stillness)
         self._belief = believed(None, None, self.knobs.prior)
         self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
-        self._capture: CalibrationSession | None = CalibrationSession(self.knobs.method)
-        self._block, self._block_number = Block(), int(device_time // BLOCK_S)
-        #: device time of the last window that was judged, and of the last sample
-        self._now = self._latest = self._began = device_time
-        self._now_ns = 0  # host time of the last window
-        self._clock_shift = 0.0
-        self._who = self._why = ""
-        self._first_time: float | None = None
-        self._done_axes: tuple[int, ...] = ()
+        self._under_way: UnderWay | None = UnderWay(self.knobs.method)
+        self._course = Course(device_time)
+        self._now = self._began = device_time  # of the last window that was judged
+        self._now_ns = 0  # host time of that
         self._past = Past()
         #: what is applied now, and from the end of this block on
         self._applied = self._ready = self._correction()
@@ -173,7 +148,7 @@ class DeviceSession:
         self._lesson, self._lesson_applied = list[Part](), self._applied
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
-        if self._capture is None:
+        if self._under_way is None:
             return
         names = ", ".join(AXES[axis] for axis in axes)
         self.scratch = (
@@ -184,41 +159,30 @@ class DeviceSession:
 
     def start_over(self, why: str) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
-        self.life.on(Event.CHANGED)
-        shift, first_time = self._clock_shift, self._first_time
-        self._begin(self._latest)
-        self._clock_shift, self._first_time = shift, first_time
+        course = self._course.anew()
+        self._begin(course.latest)
+        self._course = course
         self.scratch = why
-        self.reason = self._reason_before = "hold the device still for 3 seconds"
+        self.life.on(Event.CHANGED, "hold the device still for 3 seconds")
         return Outcome(changed=True, said=[why])
 
     def _restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
         self.calibration = calibration
         self._belief = believed(calibration, None, self.knobs.prior)
-        kept = remembered.bias
-        kept = self._wider(self._bias_of(calibration)) if kept is None else self._resumed(remembered, kept)
+        knobs = self.knobs.track
+        kept = remembered.bias_at(self._now, knobs.bias_std)
+        if kept is None:  # nor is it known when it was switched on
+            kept = wider(calibrated_bias(calibration, self._now, self._began, knobs.bias), knobs.bias_std)
         self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
-        self._capture = None
-        self.life.on(Event.RESTORED)
-        self.reason = "calibrated; the calibration of this boot goes on"
+        self._under_way = None
+        self.life.on(Event.RESTORED, "calibrated; the calibration of this boot goes on")
         if remembered.doubted:
             self.tracker.doubted = True
-            self.life.on(Event.DOUBTED)
-            self.reason = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+            why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+            self.life.on(Event.DOUBTED, why)
         if remembered.asked is not None:
             self.recalibrate(*remembered.asked)
         self._apply()
-
-    def _resumed(self, remembered: Remembered, kept: BiasState) -> BiasState:
-        """The bias as it was kept; wider where it is not known how long ago it was so: a rest has to confirm it."""
-        passed = self._now - kept.time
-        unknown = passed < -CACHE_S or remembered.age_s - passed > CACHE_S
-        return self._wider(replace(kept, time=self._now)) if unknown else kept
-
-    def _wider(self, state: BiasState) -> BiasState:
-        wider = state.P.copy()
-        wider[BIAS, BIAS] += self.knobs.track.bias_std**2 * np.eye(3)
-        return replace(state, P=wider)
 
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot until this one is calibrated."""
@@ -232,7 +196,7 @@ class DeviceSession:
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
         self._restore(Remembered(calibration, None), calibration, self.tracker.temperature_c)
-        self.scratch, self._done_axes = "", ()
+        self.scratch = ""
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""
@@ -252,7 +216,7 @@ class DeviceSession:
     @property
     def near(self) -> bool:
         """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
-        return self._capture is not None and self._capture.near
+        return self._under_way is not None and self._under_way.near
 
     @property
     def applied(self) -> Correction:
@@ -268,14 +232,13 @@ class DeviceSession:
         return (
             boot == self.sequence.boot
             and sequence == self.sequence.next
-            and self._first_time is not None
-            and first_s + self._clock_shift > self._latest
+            and self._course.goes_on(first_s)
             and not self.life.away
         )
 
     def ends_block(self, last_s: float) -> bool:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""
-        return (last_s + self._clock_shift) // BLOCK_S != self._block_number
+        return self._course.ends_block(last_s)
 
     def keep(self, batch: SampleBatch, time: Floats) -> None:
         """Take a plain batch that ends no block, taken at time (n,) by the device's clock.
@@ -283,10 +246,7 @@ class DeviceSession:
         It is to be corrected by `applied`, which is all that `handle` would do.
         """
         self._went_on(batch)
-        if self._clock_shift:
-            time = time + self._clock_shift
-        self._block.add(time, batch, 0, len(time))
-        self._latest = float(time[-1])
+        self._course.keep(self._course.time(time), batch)
 
     def end_block(self, batch: SampleBatch) -> tuple[Outcome, list[Cut]]:
         """Take a plain batch that ends a block, as `take` would; what of it is to be corrected by what, besides the outcome."""
@@ -324,7 +284,6 @@ class DeviceSession:
         away_s = max(0.0, (batch.receive_time_ns - self.last_heard_ns) / 1e9 / batch.clock_rate)
         self.last_heard_ns = batch.receive_time_ns
         if self.life.on(Event.HEARD):
-            self.reason = self._reason_before
             self._apply()
             outcome.changed = True
             outcome.said.append("heard again")
@@ -336,33 +295,25 @@ class DeviceSession:
         return outcome
 
     def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> list[Cut]:
-        time = self._going_on(batch.device_time[first:last], away_s)
-        if self._first_time is None:
-            self._first_time = float(time[0])
-        blocks = time // BLOCK_S
-        edges = [] if blocks[0] == self._block_number else [0]
-        edges += ((blocks[1:] != blocks[:-1]).nonzero()[0] + 1).tolist()
-        self._block_number = int(blocks[-1])
+        course, clock_s = self._course, batch.device_time[first:last]
+        if course.went_back(float(clock_s[0]), away_s):
+            self.sequence.events.add("device clock went back")
+        time = course.time(clock_s)
         cuts, start, held = list[Cut](), 0, 0
-        for edge in edges:
-            self._hold(time, batch, first, held, edge)
+        for edge in course.edges(time):
+            course.hold(time[held:edge], batch, first + held, first + edge)
             held, before = edge, self._applied
             self._end_block(outcome)
             if edge > start and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
-        self._hold(time, batch, first, held, len(time))
-        self._latest = float(time[-1])
+        course.hold(time[held:], batch, first + held, last)
         return [*cuts, Cut(self._applied, first + start, last)]
-
-    def _hold(self, time: Floats, batch: SampleBatch, first: int, begin: int, end: int) -> None:
-        if end > begin:
-            self._block.add(time[begin:end], batch, first + begin, first + end)
 
     def _end_block(self, outcome: Outcome) -> None:
         """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson."""
         self._learn(outcome)
-        self._lesson, self._lesson_applied = self._block.take(), self._applied
+        self._lesson, self._lesson_applied = self._course.take(), self._applied
         self._applied = self._ready
 
     def _learn(self, outcome: Outcome) -> None:
@@ -373,7 +324,7 @@ class DeviceSession:
                 outcome.seconds += self.windowed.add(run, self._lesson_applied)
             for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
                 self._now = window.end_time
-                batch, index = self._block.where(window.end - 1)
+                batch, index = self._course.where(window.end - 1)
                 self._now_ns = sample_time_ns(batch, index)
                 if (celsius := temperature_at(batch, index)) is not None:
                     self.tracker.temperature(self._now, celsius)
@@ -394,20 +345,11 @@ class DeviceSession:
         self._learn(outcome)
         return outcome
 
-    def _going_on(self, time: Floats, away_s: float) -> Floats:
-        shifted = time + self._clock_shift
-        if self._first_time is not None and shifted[0] <= self._latest:
-            self.sequence.events.add("device clock went back")
-            # At least as long has passed as the host has seen.
-            self._clock_shift += self._latest + max(CLOCK_LOST_S, away_s) - float(shifted[0])
-            return time + self._clock_shift
-        return shifted
-
     # ---- windows: evidence and calibration ------------------------------------------------------------------------
 
     def _window(self, window: Window, outcome: Outcome) -> None:
-        if self._capture is not None:
-            self._capture.add(Samples.of([window]))
+        if self._under_way is not None:
+            self._under_way.add(window)
         if self.life.state is State.WARMING:
             if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
                 self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
@@ -417,9 +359,9 @@ class DeviceSession:
         receipts = self.tracker.window(window, self._stillness.noise_std)
         if self.tracker.time != tracked:
             self._second(receipts, outcome)
-        if self._capture is not None:
-            for progress in self._capture.window(window):
-                self._progress(progress, outcome)
+        if self._under_way is not None:
+            for progress in self._under_way.window(window):
+                self._progress(progress, self._under_way, outcome)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
         """What the tracker makes of a second, or of some."""
@@ -435,39 +377,35 @@ class DeviceSession:
         if (reason := self.tracker.doubt(self._now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
 
-    def _progress(self, progress: Progress, outcome: Outcome) -> None:
+    def _progress(self, progress: Progress, under_way: UnderWay, outcome: Outcome) -> None:
         match progress:
             case RestFound():
-                self._happens(Event.RESTED, f"still: now turn it once about {self._missing()}", outcome)
+                self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
             case TurnFound(turn):
-                before, self._done_axes = self._done_axes, self._capture.done() if self._capture is not None else ()
-                gone = ", ".join(AXES[axis] for axis in before if axis not in (*self._done_axes, turn.axis))
-                needed = f"; the turn about {gone} is too old, or the bias has moved since" if gone else ""
-                needed += f"; still needed: {self._missing()}" if len(self._done_axes) < 3 else ""
-                self._happens(Event.TURNED, f"turn about {AXES[turn.axis]} taken{needed}", outcome)
+                self._happens(Event.TURNED, under_way.took(turn), outcome)
             case Ignored(no_turn):
                 self.sequence.events.add("movement ignored")
-                self.reason = f"{no_turn.reason}; still needed: {self._missing()}"
+                needed = f"{no_turn.reason}; still needed: {under_way.missing}"
+                self.life.say(needed)
                 outcome.changed = True
-                outcome.said.append(self.reason)
+                outcome.said.append(needed)
             case Finished(result, rest):
-                self._finish(result, rest, outcome)
+                self._finish(result, rest, under_way, outcome)
 
-    def _finish(self, result: Result, rest: Rest, outcome: Outcome) -> None:
-        outcome.calibration = self._as_message(result)
+    def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
+        outcome.calibration = self._as_message(result, under_way.who)
         if result.verdict is not Verdict.ACCEPTED:
-            self._done_axes = tuple(axis for axis in self._done_axes if axis not in result.repeat)
+            under_way.repeat(result.repeat)
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self._capture, self.scratch = outcome.calibration, None, None, ""
+        self.calibration, self.prior, self._under_way, self.scratch = outcome.calibration, None, None, ""
         self._belief = believed(self.calibration, None, self.knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
 
     def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
         before = self.life.state
-        if self.life.on(event):
-            self.reason = reason
+        if self.life.on(event, reason):
             outcome.changed = True
             outcome.said.append(f"{before.name} -> {self.life.state.name}: {reason}")
 
@@ -482,10 +420,9 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self._who, self._why = who, reason
-        self._capture = CalibrationSession(self.knobs.method)
-        self._done_axes = ()
-        self.reason = f"recalibration asked for by {who}{': ' + reason if reason else ''}; hold it still for 3 seconds"
+        self._under_way = UnderWay(self.knobs.method, who, reason)
+        why = f": {reason}" if reason else ""
+        self.life.say(f"recalibration asked for by {who}{why}; hold it still for 3 seconds")
         return None
 
     def cancel(self, who: str) -> str | None:
@@ -495,31 +432,22 @@ class DeviceSession:
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
         if self.tracker.doubted:
             self.life.on(Event.DOUBTED)
-        self._done_axes, self._who = (), ""
         self.scratch = "" if self.calibration is not None else self.scratch
-        self._capture = None if self.calibration is not None else CalibrationSession(self.knobs.method)
+        self._under_way = None if self.calibration is not None else UnderWay(self.knobs.method)
         goes_on = (
             "the old one stays"
             if self.calibration is not None
             else "hold the device still for 3 seconds to begin again"
         )
-        said = f"calibration cancelled by {who}; {goes_on}"
-        if self.life.away:
-            self._reason_before = said
-        else:
-            self.reason = said
+        self.life.say(f"calibration cancelled by {who}; {goes_on}")
         return None
 
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
         """No samples come any more, or may come (UNREACHABLE), for this reason as it is now; True when that is news."""
-        was_away = self.life.away
-        if not self.life.on(event):
+        if not self.life.on(event, reason):
             if self.life.state is State.LOST and event is Event.SILENT:
-                self.reason = reason
+                self.life.reason = reason
             return False
-        if not was_away:
-            self._reason_before = self.reason
-        self.reason = reason
         self._apply()
         return True
 
@@ -529,14 +457,14 @@ class DeviceSession:
         """All of it, for the bus."""
         known = self._ready
         done = self.turned
-        share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._capture is not None else 1.0
+        share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._under_way is not None else 1.0
         return Status(
             device=self.device,
             boot=self.boot or 0,
             time_ns=time_ns,
             state=self.life.state,
             quality=known.quality,
-            reason=f"{self.reason} ({self.scratch})" if self.scratch else self.reason,
+            reason=f"{self.life.reason} ({self.scratch})" if self.scratch else self.life.reason,
             progress=min(share, 1.0),
             axes_done=done,
             bias=tuple(map(float, known.model.bias)),
@@ -563,19 +491,14 @@ class DeviceSession:
         return self.tracker.worth_keeping if known else None
 
     @property
-    def goes_on(self) -> str:
-        """The reason as it is, or will be when the device is heard again."""
-        return self._reason_before if self.life.away else self.reason
-
-    @property
     def asked(self) -> tuple[str, str] | None:
         """Who asked for the recalibration that is under way, and why; None while none is."""
-        return (self._who, self._why) if self._who and self._capture is not None else None
+        return None if self._under_way is None else self._under_way.asked
 
     @property
     def turned(self) -> tuple[int, ...]:
         """Axes whose turns are taken, of a calibration under way."""
-        return self._done_axes if self._capture is not None else ()
+        return () if self._under_way is None else self._under_way.turned
 
     @property
     def _calibration_id(self) -> str:
@@ -594,7 +517,7 @@ class DeviceSession:
         doubtful = self.life.away or track.doubted or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
-    def _as_message(self, result: Result) -> Calibration:
+    def _as_message(self, result: Result, who: str) -> Calibration:
         info = self.info
         boot = self.boot or 0
         # The wire takes no infinity: what was not estimated is not named.
@@ -618,22 +541,12 @@ class DeviceSession:
             gyro_range=info.gyro_range if info else 0.0,
             rate_hz=info.rate_hz if info else 0.0,
             temperature_c=self.tracker.temperature_c,
-            who=self._who,
+            who=who,
         )
 
-    def _bias_of(self, calibration: Calibration) -> BiasState:
-        bias, cov = calibration.bias, calibration.covariance[:3, :3]
-        knobs, celsius = self.knobs.track.bias, calibration.temperature_c
-        # When it was switched on is not known either.
-        return start(bias, cov, self._now, knobs, temperature_c=celsius, powered=self._began)
-
-    def _missing(self) -> str:
-        return ", ".join(AXES[axis] for axis in range(3) if axis not in self._done_axes)
-
     def _rate(self) -> float:
-        if self._first_time is None or self._latest <= self._first_time:
-            return 0.0
-        return (self.sequence.seen - 1) / (self._latest - self._first_time)
+        seconds = self._course.seconds
+        return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
 
 
 def _bias_in(rest: Rest) -> RestBias:

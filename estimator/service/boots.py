@@ -5,12 +5,13 @@ from dataclasses import replace
 
 from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from estimator.block import temperature_at
+from estimator.remembered import Remembered
 from estimator.restore import changed, restore_key
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.record import Record
 from estimator.service.roster import Roster
-from estimator.session import Outcome, Remembered
+from estimator.session import Outcome
 from estimator.track.temperature import TemperatureLaw
 
 log = logging.getLogger(__name__)

@@ -15,12 +15,13 @@ from dataclasses import replace
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.remembered import Remembered
 from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
 from estimator.service.device import UNSAVED, Device
 from estimator.service.replicas import Replicas
 from estimator.service.store import Store, StoreError
-from estimator.session import DeviceSession, Remembered
+from estimator.session import DeviceSession
 from estimator.track.learning import learn
 from estimator.track.temperature import TemperatureLaw
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
+from estimator.remembered import Remembered
 from estimator.restore import differing, restore_key
 from estimator.service.device import Device
-from estimator.session import Remembered
 from estimator.track.bias_filter import OWN, BiasState
 
 _NONE = np.zeros(0)

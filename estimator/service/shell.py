@@ -218,7 +218,7 @@ class Service:
 
         def adopted() -> None:
             session.adopt(calibration)
-            log.info("%s: %s", device.name, session.reason)
+            log.info("%s: %s", device.name, session.life.reason)
             self._record.keep(device, calibration)
             device.say_status(self._now_ns())
 
@@ -445,7 +445,7 @@ class Service:
             self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
         self._guarded(device, lambda: device.say_status(self._now_ns()))
         self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
-        message = refusals[0] or ("noted" if verb == "note" else device.session.goes_on)
+        message = refusals[0] or ("noted" if verb == "note" else device.session.life.goes_on)
         return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
 
 

@@ -19,9 +19,9 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError, Trim
+from estimator.remembered import Remembered
 from estimator.restore import differing, restore_key
 from estimator.service.retention import ALL_DAYS, DAY_NS, old_boots, superfluous
-from estimator.session import Remembered
 from estimator.track.bias_filter import OWN, BiasState
 from estimator.track.learning import Points
 

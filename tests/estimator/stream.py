@@ -12,7 +12,8 @@ from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
 from bridge.sim.motion import Motion, Piece, Still
 from bridge.sim.script import SessionPlan, TurnPlan, flat, session
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, SampleBatch
-from estimator.session import DeviceSession, Outcome, Remembered
+from estimator.remembered import Remembered
+from estimator.session import DeviceSession, Outcome
 
 Floats = NDArray[np.float64]
 NAME = "chest"

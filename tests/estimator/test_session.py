@@ -12,7 +12,8 @@ from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, State, Verdict
-from estimator.session import DeviceSession, Remembered, SessionKnobs
+from estimator.remembered import Remembered
+from estimator.session import DeviceSession, SessionKnobs
 from estimator.track.tracker import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates, stream
 
@@ -31,7 +32,7 @@ def once() -> Stream:
 def calibrated(of: Stream, boot: int = 1) -> DeviceSession:
     device = DeviceSession(NAME)
     feed(device, of.batches(boot=boot))
-    assert state(device) is State.TRACKING, device.reason
+    assert state(device) is State.TRACKING, device.life.reason
     return device
 
 
@@ -118,7 +119,7 @@ def test_the_words_say_what_is_missing() -> None:
     outcome = feed(device, of.batches())
     assert state(device) is State.TURNING
     assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
-    assert "still needed: x, z" in device.reason
+    assert "still needed: x, z" in device.life.reason
     assert device.status(1).axes_done == (1,)
 
 
@@ -272,7 +273,7 @@ def test_a_bias_that_jumps_is_doubted_then_learnt(once: Stream) -> None:
     outcome = feed(device, first.batches(first=n))
     assert outcome.corrected[-1].quality is Quality.DEGRADED
     assert state(device) is State.DEGRADED
-    (said,) = re.findall(r"at rest it reads (.*) °/s off", device.reason)
+    (said,) = re.findall(r"at rest it reads (.*) °/s off", device.life.reason)
     assert float(said) == pytest.approx(0.6, abs=0.05)
     more = off(first, 0.0, 130.0)
     more = replace(more, gyro=more.gyro + first.gyro.mean(axis=0) - more.gyro.mean(axis=0))
@@ -348,7 +349,7 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     assert np.sqrt(stds[-1] ** 2 - stds[0] ** 2) == pytest.approx(walk, rel=0.1)
     assert corrected[0].quality is Quality.GOOD
     assert corrected[-1].quality is Quality.DEGRADED
-    assert "no rest for" in device.reason
+    assert "no rest for" in device.life.reason
 
 
 def test_a_lost_device_is_not_good_and_comes_back(once: Stream) -> None:
@@ -380,7 +381,7 @@ def test_the_old_calibration_stays_in_use_until_the_new_one(once: Stream) -> Non
     old = device.calibration
     assert old is not None
     assert device.recalibrate("nurse", "new strap") is None
-    assert "nurse: new strap" in device.reason
+    assert "nurse: new strap" in device.life.reason
     more = again(once)
     outcome = feed(device, more.batches(first=len(once)))
     assert outcome.calibration is not None

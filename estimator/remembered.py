@@ -1,0 +1,47 @@
+"""What is known of a device that boots: by the store, or by another estimator; and how far it still holds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bridge.wire.messages import Calibration
+from estimator.track.bias_filter import BIAS, BiasKnobs, BiasState, start
+
+#: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
+CACHE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """Its last calibration, and, of this very boot, the bias since."""
+
+    calibration: Calibration | None
+    bias: BiasState | None
+    #: host seconds since the bias was kept, and whether it was in doubt then
+    age_s: float = 0.0
+    doubted: bool = False
+    #: who had asked for a recalibration that was under way then, and why
+    asked: tuple[str, str] | None = None
+    #: axes whose turns were taken then, by another estimator: they are to be taken again
+    turned: tuple[int, ...] = ()
+
+    def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
+        """The bias as it was kept; doubted by doubt_std, rad/s, where nobody knows how long ago: a rest has to confirm it."""
+        if self.bias is None:
+            return None
+        passed = now - self.bias.time
+        unknown = passed < -CACHE_S or self.age_s - passed > CACHE_S
+        return wider(replace(self.bias, time=now), doubt_std) if unknown else self.bias
+
+
+def calibrated_bias(calibration: Calibration, now: float, powered: float, knobs: BiasKnobs) -> BiasState:
+    """The bias as it was calibrated, at device time `now` of a device switched on at `powered`."""
+    bias, cov = calibration.bias, calibration.covariance[:3, :3]
+    return start(bias, cov, now, knobs, temperature_c=calibration.temperature_c, powered=powered)
+
+
+def wider(state: BiasState, doubt_std: float) -> BiasState:
+    """The same, its bias doubted by so much more, rad/s."""
+    P = state.P.copy()
+    P[BIAS, BIAS] += doubt_std**2 * np.eye(3)
+    return replace(state, P=P)
