@@ -18,7 +18,7 @@ from estimator.guide.compare import compared, differing, last_before
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Step, Told
 from estimator.gyro import AXES
-from estimator.session import SessionKnobs
+from estimator.session_knobs import SessionKnobs
 from estimator.texts import Texts
 
 #: how often it looks

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from estimator.noise_model import GENERIC, NoiseModel, load_model
-from estimator.session import SessionKnobs
+from estimator.session_knobs import SessionKnobs
 
 if TYPE_CHECKING:
     from estimator.config import Estimator

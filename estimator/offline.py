@@ -24,9 +24,11 @@ from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
+from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.same_rate import same_rate
-from estimator.session import DeviceSession, Outcome, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Stillness
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers

@@ -5,86 +5,47 @@ is handed in. What a half second of device time teaches (`block`) is used from t
 same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
 """
 
-from dataclasses import dataclass, field, replace
-
 import numpy as np
 
-from bridge.wire.messages import (
-    BiasRevision,
-    Calibration,
-    CorrectedBatch,
-    DeviceInfo,
-    Quality,
-    SampleBatch,
-    State,
-    Status,
-    Verdict,
-)
+from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
-from estimator.batch.capture import Floats, Rest
-from estimator.batch.names import DEFAULT
+from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Part, joined, sample_time_ns, temperature_at
-from estimator.correction import Correction, Cut, believed, choose
+from estimator.block import Part, joined
+from estimator.correction import Correction, Cut
 from estimator.course import Course
 from estimator.finite import runs
-from estimator.gyro import AXES, PriorKnobs, reading_std
+from estimator.gyro import AXES
+from estimator.learnt import Learnt
 from estimator.lifecycle import Event, Life
-from estimator.past import Past
-from estimator.remembered import Remembered, calibrated_bias, wider
+from estimator.outcome import Outcome
+from estimator.remembered import Remembered
 from estimator.sequence import Sequence
-from estimator.stillness import Stillness, StillnessKnobs, Window
-from estimator.track.bias_filter import BiasState, Receipt
+from estimator.session_knobs import SessionKnobs
+from estimator.track.bias_filter import BiasState
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.tracker import RestBias, Tracker, TrackKnobs
+from estimator.track.tracker import Tracker
 from estimator.under_way import UnderWay
-from estimator.windowed import Second, Windowed
+from estimator.windowed import Windowed
 
 #: counted under this: turns that did not come along when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
 
 
-@dataclass(frozen=True, slots=True)
-class SessionKnobs:
-    """How a device is treated. Seconds of device time."""
-
-    method: str = DEFAULT
-    #: after power-up, before anything is believed
-    warming_s: float = 1.0
-    prior: PriorKnobs = field(default_factory=PriorKnobs)
-    stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
-    track: TrackKnobs = field(default_factory=TrackKnobs)
-
-
-@dataclass(slots=True)
-class Outcome:
-    """What a batch led to. `said` are things to log, most important last."""
-
-    corrected: list[CorrectedBatch] = field(default_factory=list)
-    calibration: Calibration | None = None
-    revision: BiasRevision | None = None
-    seconds: list[Second] = field(default_factory=list)
-    changed: bool = False
-    said: list[str] = field(default_factory=list)
-
-    @property
-    def worded(self) -> bool:
-        """Whether anything but samples is to be published of it."""
-        return self.changed or self.calibration is not None or self.revision is not None
-
-
 class DeviceSession:
-    """The life of one device across its boots; `began`, device s, if it is known when the first of them begins."""
+    """The life of one device across its boots; `began`, device s, if it is known when the first of them begins.
 
-    def __init__(self, device: str, knobs: SessionKnobs | None = None, began: float = 0.0) -> None:
+    sequence: the counts it goes on with.
+    """
+
+    def __init__(
+        self, device: str, knobs: SessionKnobs | None = None, began: float = 0.0, sequence: Sequence | None = None
+    ) -> None:
         self.device = device
         self.knobs = knobs or SessionKnobs()
         self.life = Life()
-        self.sequence = Sequence()
+        self.sequence = sequence or Sequence()
         self.info: DeviceInfo | None = None
-        self.calibration: Calibration | None = None  # of this boot
-        self.prior: Calibration | None = None  # of an earlier boot, under the same restore key
         self.last_heard_ns = 0
         #: keeps what windows are made of, where somebody looks at them
         self.windowed: Windowed | None = None
@@ -108,7 +69,7 @@ class DeviceSession:
         outcome = self.learn()  # what came of the one before
         first, again = self.boot is None, boot == self.boot and self.sequence.next is None
         self.sequence.begin(boot)
-        if not self._unused or device_time != self._began or law is not None:
+        if not self._unused or device_time != self.learnt.began or law is not None:
             self._begin(device_time, law)
         self._unused = False
         why = "warming up" if first else "the device was restarted: hold it still, then turn it about x, y and z"
@@ -118,12 +79,10 @@ class DeviceSession:
         calibration = None if remembered is None else remembered.calibration
         if remembered is not None and calibration is not None and calibration.boot == boot:
             self._restore(remembered, calibration, temperature_c)
-            outcome.said.append(f"calibration {self._calibration_id} of this boot restored")
+            outcome.said.append(f"calibration {calibration.id} of this boot restored")
         elif calibration is not None:
             self.believe(calibration)
-        kept = None if remembered is None else remembered.bias_at(self._now, self.knobs.track.bias_std)
-        if kept is not None and self.calibration is None:
-            self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
+        if remembered is not None and self.learnt.resume(remembered, temperature_c):
             self._apply()
             outcome.said.append("bias of this boot restored")
         if remembered is not None and remembered.turned:
@@ -131,55 +90,33 @@ class DeviceSession:
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
-        self.calibration, self.prior, self._law = None, None, law
-        #: why nothing known of earlier holds, said until it is calibrated
-        self.scratch = ""
-        self._stillness = Stillness(self.knobs.stillness)
-        self._belief = believed(None, None, self.knobs.prior)
-        self.tracker = Tracker(self.knobs.track, device_time, self._belief.model, self._belief.bias_std, law)
-        self._under_way: UnderWay | None = UnderWay(self.knobs.method)
+        self.learnt = Learnt(self.knobs, device_time, law, self.life, self.sequence.events, self._as_message)
         self._course = Course(device_time)
-        self._now = self._began = device_time  # of the last window that was judged
-        self._now_ns = 0  # host time of that
-        self._past = Past()
         #: what is applied now, and from the end of this block on
-        self._applied = self._ready = self._correction()
+        self._applied = self._ready = self.learnt.correction()
         #: the last whole block, while nothing is learnt from it yet, and what was applied to it
         self._lesson, self._lesson_applied = list[Part](), self._applied
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
-        if self._under_way is None:
+        if self.learnt.under_way is None:
             return
         names = ", ".join(AXES[axis] for axis in axes)
-        self.scratch = (
-            f"the turns about {names} were taken by an estimator that does not have it now: turn it about all three"
-        )
+        lost = f"the turns about {names} were taken by an estimator that does not have it now: turn it about all three"
+        self.learnt.scratch = lost
         self.sequence.events.add(TURNS_LOST, len(axes))
-        outcome.said.append(self.scratch)
+        outcome.said.append(lost)
 
     def start_over(self, why: str) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
         course = self._course.anew()
         self._begin(course.latest)
         self._course = course
-        self.scratch = why
+        self.learnt.scratch = why
         self.life.on(Event.CHANGED, "hold the device still for 3 seconds")
         return Outcome(changed=True, said=[why])
 
     def _restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
-        self.calibration = calibration
-        self._belief = believed(calibration, None, self.knobs.prior)
-        knobs = self.knobs.track
-        kept = remembered.bias_at(self._now, knobs.bias_std)
-        if kept is None:  # nor is it known when it was switched on
-            kept = wider(calibrated_bias(calibration, self._now, self._began, knobs.bias), knobs.bias_std)
-        self.tracker.restored(self._belief.model, kept, self._now, temperature_c)
-        self._under_way = None
-        self.life.on(Event.RESTORED, "calibrated; the calibration of this boot goes on")
-        if remembered.doubted:
-            self.tracker.doubted = True
-            why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
-            self.life.on(Event.DOUBTED, why)
+        self.learnt.restore(remembered, calibration, temperature_c)
         if remembered.asked is not None:
             self.recalibrate(*remembered.asked)
         self._apply()
@@ -187,24 +124,13 @@ class DeviceSession:
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot until this one is calibrated."""
         if self.calibration is None:
-            self.prior = calibration
-            self._belief = believed(None, calibration, self.knobs.prior)
-            if not self.tracker.sure:
-                self.tracker.supposed(self._belief.model, self._belief.bias_std, self._now)
+            self.learnt.believe(calibration)
             self._apply()
 
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
         self._restore(Remembered(calibration, None), calibration, self.tracker.temperature_c)
-        self.scratch = ""
-
-    def expect(self, law: TemperatureLaw) -> None:
-        """Use what earlier boots taught of temperature, where it was not known when this one began."""
-        self._law = law
-        if self.calibration is None:
-            self.tracker.expect(law)
-        else:
-            self.tracker.follow(law)
+        self.learnt.scratch = ""
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
@@ -214,9 +140,19 @@ class DeviceSession:
         return self.sequence.boot
 
     @property
-    def near(self) -> bool:
-        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
-        return self._under_way is not None and self._under_way.near
+    def calibration(self) -> Calibration | None:
+        """Of this boot."""
+        return self.learnt.calibration
+
+    @property
+    def prior(self) -> Calibration | None:
+        """Of an earlier boot, under the same restore key."""
+        return self.learnt.prior
+
+    @property
+    def tracker(self) -> Tracker:
+        """Of this boot's bias."""
+        return self.learnt.tracker
 
     @property
     def applied(self) -> Correction:
@@ -225,7 +161,7 @@ class DeviceSession:
 
     def begins_earlier(self, batch: SampleBatch) -> bool:
         """Whether a batch is of the time before this boot was taken to begin, and nothing of it was taken yet."""
-        return self.sequence.next is None and float(batch.device_time[0]) < self._began
+        return self.sequence.next is None and float(batch.device_time[0]) < self.learnt.began
 
     def plain(self, boot: int, sequence: int, first_s: float) -> bool:
         """Whether a batch, all of it finite and from first_s of the device's clock on, only goes on where the stream is."""
@@ -318,25 +254,13 @@ class DeviceSession:
 
     def _learn(self, outcome: Outcome) -> None:
         parts, self._lesson = self._lesson, []
-        before = self.tracker.time, self._belief
+        news = False
         for run in joined(parts):
             if self.windowed is not None:
                 outcome.seconds += self.windowed.add(run, self._lesson_applied)
-            for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
-                self._now = window.end_time
-                batch, index = self._course.where(window.end - 1)
-                self._now_ns = sample_time_ns(batch, index)
-                if (celsius := temperature_at(batch, index)) is not None:
-                    self.tracker.temperature(self._now, celsius)
-                tracked = self.tracker.time
-                self._window(window, outcome)
-                self._past.note(self._now, batch.sequence + index, self._now_ns, self.tracker.time)
-                if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
-                    outcome.revision = self._past.revision(
-                        batch, self._belief.calibration, self._belief.model.matrix, *improved
-                    )
-        if (self.tracker.time, self._belief) != before:  # where nothing is learnt batches stay whole
-            self._ready = self._correction()
+            news |= self.learnt.learn(run, self._course, outcome)
+        if news:  # where nothing is learnt batches stay whole
+            self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
         """The stream is over: what its last blocks teach, without any more samples."""
@@ -344,70 +268,6 @@ class DeviceSession:
         self._end_block(outcome)
         self._learn(outcome)
         return outcome
-
-    # ---- windows: evidence and calibration ------------------------------------------------------------------------
-
-    def _window(self, window: Window, outcome: Outcome) -> None:
-        if self._under_way is not None:
-            self._under_way.add(window)
-        if self.life.state is State.WARMING:
-            if window.end_time - self._began >= self.knobs.warming_s or self._began > self.knobs.warming_s:
-                self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
-            self.tracker.skip(window)
-            return
-        tracked = self.tracker.time
-        receipts = self.tracker.window(window, self._stillness.noise_std)
-        if self.tracker.time != tracked:
-            self._second(receipts, outcome)
-        if self._under_way is not None:
-            for progress in self._under_way.window(window):
-                self._progress(progress, self._under_way, outcome)
-
-    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
-        """What the tracker makes of a second, or of some."""
-        for receipt in receipts:
-            if not receipt.accepted:
-                self.sequence.events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self.tracker.trust():
-                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
-        if self.tracker.law_refuted and self._law is not None:
-            self._law = None
-            self.sequence.events.add("temperature law disagrees")
-            outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
-        if (reason := self.tracker.doubt(self._now)) is not None:
-            self._happens(Event.DOUBTED, reason, outcome)
-
-    def _progress(self, progress: Progress, under_way: UnderWay, outcome: Outcome) -> None:
-        match progress:
-            case RestFound():
-                self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
-            case TurnFound(turn):
-                self._happens(Event.TURNED, under_way.took(turn), outcome)
-            case Ignored(no_turn):
-                self.sequence.events.add("movement ignored")
-                needed = f"{no_turn.reason}; still needed: {under_way.missing}"
-                self.life.say(needed)
-                outcome.changed = True
-                outcome.said.append(needed)
-            case Finished(result, rest):
-                self._finish(result, rest, under_way, outcome)
-
-    def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
-        outcome.calibration = self._as_message(result, under_way.who)
-        if result.verdict is not Verdict.ACCEPTED:
-            under_way.repeat(result.repeat)
-            self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
-            return
-        self.calibration, self.prior, self._under_way, self.scratch = outcome.calibration, None, None, ""
-        self._belief = believed(self.calibration, None, self.knobs.prior)
-        self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
-        self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
-
-    def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
-        before = self.life.state
-        if self.life.on(event, reason):
-            outcome.changed = True
-            outcome.said.append(f"{before.name} -> {self.life.state.name}: {reason}")
 
     # ---- people and time ------------------------------------------------------------------------------------------
 
@@ -420,7 +280,7 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self._under_way = UnderWay(self.knobs.method, who, reason)
+        self.learnt.under_way = UnderWay(self.knobs.method, who, reason)
         why = f": {reason}" if reason else ""
         self.life.say(f"recalibration asked for by {who}{why}; hold it still for 3 seconds")
         return None
@@ -432,13 +292,13 @@ class DeviceSession:
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
         if self.tracker.doubted:
             self.life.on(Event.DOUBTED)
-        self.scratch = "" if self.calibration is not None else self.scratch
-        self._under_way = None if self.calibration is not None else UnderWay(self.knobs.method)
-        goes_on = (
-            "the old one stays"
-            if self.calibration is not None
-            else "hold the device still for 3 seconds to begin again"
-        )
+        if self.calibration is not None:
+            goes_on, self.learnt.scratch, self.learnt.under_way = "the old one stays", "", None
+        else:
+            goes_on, self.learnt.under_way = (
+                "hold the device still for 3 seconds to begin again",
+                UnderWay(self.knobs.method),
+            )
         self.life.say(f"calibration cancelled by {who}; {goes_on}")
         return None
 
@@ -455,24 +315,22 @@ class DeviceSession:
 
     def status(self, time_ns: int) -> Status:
         """All of it, for the bus."""
-        known = self._ready
-        done = self.turned
-        share = (0.1 * self.tracker.sure + 0.3 * len(done)) if self._under_way is not None else 1.0
+        known, learnt, reason = self._ready, self.learnt, self.life.reason
         return Status(
             device=self.device,
             boot=self.boot or 0,
             time_ns=time_ns,
             state=self.life.state,
             quality=known.quality,
-            reason=f"{self.life.reason} ({self.scratch})" if self.scratch else self.life.reason,
-            progress=min(share, 1.0),
-            axes_done=done,
+            reason=f"{reason} ({learnt.scratch})" if learnt.scratch else reason,
+            progress=learnt.progress,
+            axes_done=learnt.turned,
             bias=tuple(map(float, known.model.bias)),
             bias_std=tuple(map(float, known.bias_std)),
             scale=tuple(map(float, np.diag(known.model.matrix))),
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
-            evidence_age_s=self.tracker.evidence_age(self._now),
+            evidence_age_s=self.tracker.evidence_age(learnt.now),
             temperature_c=self.tracker.temperature_c,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,
@@ -487,37 +345,13 @@ class DeviceSession:
 
     def checkpoint(self) -> BiasState | None:
         """The bias as it would be restored; of a calibrated boot, or one that is sure of it, of which anything came."""
-        known = self.sequence.next is not None and (self.calibration is not None or self.tracker.sure)
-        return self.tracker.worth_keeping if known else None
-
-    @property
-    def asked(self) -> tuple[str, str] | None:
-        """Who asked for the recalibration that is under way, and why; None while none is."""
-        return None if self._under_way is None else self._under_way.asked
-
-    @property
-    def turned(self) -> tuple[int, ...]:
-        """Axes whose turns are taken, of a calibration under way."""
-        return () if self._under_way is None else self._under_way.turned
-
-    @property
-    def _calibration_id(self) -> str:
-        return self.calibration.id if self.calibration else ""
+        return None if self.sequence.next is None else self.learnt.bias()
 
     def _apply(self) -> None:
         """Use all that is known at once: it does not come from samples."""
-        self._applied = self._ready = self._correction()
+        self._applied = self._ready = self.learnt.correction()
 
-    def _correction(self) -> Correction:
-        noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
-        track = self.tracker
-        std = track.std
-        sure = track.sure
-        best = choose(self._belief, track.bias, std, noise_std, sure=sure)
-        doubtful = self.life.away or track.doubted or not sure
-        return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
-
-    def _as_message(self, result: Result, who: str) -> Calibration:
+    def _as_message(self, result: Result, who: str, now_ns: int) -> Calibration:
         info = self.info
         boot = self.boot or 0
         # The wire takes no infinity: what was not estimated is not named.
@@ -525,8 +359,8 @@ class DeviceSession:
         return Calibration(
             device=self.device,
             boot=boot,
-            id=f"{self.device}-{boot:016x}-{self._now_ns // 1_000_000:x}",
-            time_ns=self._now_ns,
+            id=f"{self.device}-{boot:016x}-{now_ns // 1_000_000:x}",
+            time_ns=now_ns,
             method=result.method,
             verdict=result.verdict,
             reason=result.reason,
@@ -547,7 +381,3 @@ class DeviceSession:
     def _rate(self) -> float:
         seconds = self._course.seconds
         return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
-
-
-def _bias_in(rest: Rest) -> RestBias:
-    return RestBias(rest.bias, rest.bias_cov, rest.rounding_var, rest.middle, rest.end)

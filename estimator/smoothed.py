@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from bridge.recording import Recording, RecordingError
 from bridge.wire.messages import CorrectedBatch, Quality, rate_std
 from estimator.corrected import Floats, Rows
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 
 #: rows at a time, for the sake of memory
 _ROWS = 100_000

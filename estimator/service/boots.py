@@ -5,13 +5,13 @@ from dataclasses import replace
 
 from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from estimator.block import temperature_at
+from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.restore import changed, restore_key
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.record import Record
 from estimator.service.roster import Roster
-from estimator.session import Outcome
 from estimator.track.temperature import TemperatureLaw
 
 log = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ class Boots:
             outcome = session.start_over(scratch)
         if session.calibration is None:
             if (prior := self._record.prior(device, info)) is not None:
-                session.scratch = scratch = ""
+                session.learnt.scratch = scratch = ""
                 session.believe(prior)
             else:
                 scratch = scratch or self._record.scratch(session, info)
@@ -83,12 +83,12 @@ class Boots:
     def _learn_law(self, device: Device, info: DeviceInfo) -> None:
         def taught(law: TemperatureLaw) -> None:
             if self._devices.get(device.name) is device and device.session.boot == info.boot:
-                self._guarded(device, lambda: device.session.expect(law))
+                self._guarded(device, lambda: device.session.learnt.expect(law))
 
         self._record.law(device.session, info, taught)
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
-        device.session.scratch = why
+        device.session.learnt.scratch = why
         self._record.started_over(device.session, info, why)
         return [why]
 

@@ -18,7 +18,8 @@ from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.overload import OVERLOADED
 from estimator.service.sources import Source
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.windowed import Windowed
 
 #: messages kept for late and returning subscribers: as many corrected ones as a bridge keeps of 50 ms, and some more
@@ -189,8 +190,7 @@ class Device:
         """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
         self.overtaken = Overtaken(self.session.sequence.next)
         sequence = self.session.sequence.anew(lost, uncounted)
-        self.session = DeviceSession(self.name, self._knobs)
-        self.session.sequence = sequence
+        self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; its rates, and what they name, may still be asked for."""

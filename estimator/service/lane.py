@@ -22,10 +22,10 @@ from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.messages import VERSION, SampleBatch
 from estimator.correction import Cut
 from estimator.gyro import corrected
+from estimator.outcome import Outcome
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.roster import MAX_DEVICES
-from estimator.session import Outcome
 
 Floats = NDArray[np.float64]
 

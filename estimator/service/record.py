@@ -223,7 +223,7 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubted and session.calibration is not None
-        row, asked = (device.name, boot, self._now_ns(), state), session.asked
+        row, asked = (device.name, boot, self._now_ns(), state), session.learnt.asked
         self._keep(
             session,
             lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked),

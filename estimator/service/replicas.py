@@ -21,7 +21,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
     session = device.session
     if session.boot is None:
         return None
-    state, asked = session.checkpoint(), session.asked or ("", "")
+    state, asked = session.checkpoint(), session.learnt.asked or ("", "")
     used = session.calibration or session.prior
     known = state is not None and bool(np.isfinite(state.x).all() and np.isfinite(state.P).all())
     return Checkpoint(
@@ -39,7 +39,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         asked_why=asked[1],
         calibration=used,
         bridge=device.source.owner,
-        turned=session.turned,
+        turned=session.learnt.turned,
     )
 
 

@@ -19,6 +19,7 @@ from estimator.config import Estimator
 from estimator.device_knobs import treatment
 from estimator.door import Door
 from estimator.lifecycle import Event
+from estimator.outcome import Outcome
 from estimator.overtaken import Overtaken
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
@@ -41,7 +42,6 @@ from estimator.service.totals import Totals
 from estimator.service.turns import FLOODED, Turns
 from estimator.service.views import Views
 from estimator.service.vitals import Vitals
-from estimator.session import Outcome
 
 log = logging.getLogger(__name__)
 
@@ -343,11 +343,11 @@ class Service:
             device.say_revision(outcome.revision)
         if outcome.changed:
             device.say_status(self._now_ns())
-            if device.session.turned:
+            if device.session.learnt.turned:
                 self._peers.tell(device)  # or nobody could say that they are lost with us
-            self._turns.slow(device.key, now=device.session.near)
+            self._turns.slow(device.key, now=device.session.learnt.near)
         if device.session.to_learn:
-            kind = Kind.CALIBRATE if device.session.near else Kind.LEARN
+            kind = Kind.CALIBRATE if device.session.learnt.near else Kind.LEARN
             self._quiet.add(kind, device.name, partial(self._learn, device))
 
     def _every_second(self, now: float) -> None:

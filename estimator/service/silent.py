@@ -8,7 +8,8 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint
 from estimator.service import published
 from estimator.service.replicas import Replicas
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 
 SILENT = "no samples since another estimator had it: is it switched on, plugged in, in reach?"
 

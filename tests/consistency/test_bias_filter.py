@@ -8,7 +8,8 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from estimator.gyro import PriorKnobs
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, BiasState, Evidence, start
 from estimator.track.tracker import TrackKnobs
 from estimator.track.zaru import ZaruKnobs

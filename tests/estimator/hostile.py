@@ -85,10 +85,11 @@ def state(served: Served, device: str) -> str:
     session = served.service._devices[device].session
     sequence = session.sequence
     session.sequence = type(sequence)()  # its counters are to change
+    session.learnt._events = session.sequence.events
     try:
         what = pickle.dumps((session, sequence.boot, sequence._next, sequence._first, sorted(sequence._past.items())))
     finally:
-        session.sequence = sequence
+        session.sequence, session.learnt._events = sequence, sequence.events
     return hashlib.sha256(what).hexdigest()
 
 

@@ -12,8 +12,9 @@ from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
 from bridge.sim.motion import Motion, Piece, Still
 from bridge.sim.script import SessionPlan, TurnPlan, flat, session
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, SampleBatch
+from estimator.outcome import Outcome
 from estimator.remembered import Remembered
-from estimator.session import DeviceSession, Outcome
+from estimator.session import DeviceSession
 
 Floats = NDArray[np.float64]
 NAME = "chest"

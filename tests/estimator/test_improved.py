@@ -9,7 +9,8 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from estimator.revision import revised
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.tracker import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed

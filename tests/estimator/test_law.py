@@ -7,10 +7,11 @@ import pytest
 
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
+from estimator.outcome import Outcome
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
 from estimator.service.shell import Service
-from estimator.session import DeviceSession, Outcome
+from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, info
 from tests.estimator.test_service import Ward
 

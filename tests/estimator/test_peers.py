@@ -37,7 +37,8 @@ def test_devices_are_taken_over_in_portions_each_said_first(
     silent = Silent(MemoryBus(broker), WARD, peers.replicas, lambda _: None)  # type: ignore[arg-type, return-value]
     heard = MemoryBus(broker).subscribe(keys.pattern(WARD, "owned"))
     e3 = MemoryBus(broker).publisher(keys.build(WARD, "owned", estimator="e3"))
-    session = SimpleNamespace(turned=False, asked=False, boot=1, sequence=SimpleNamespace(next=1))
+    learnt = SimpleNamespace(turned=False, asked=False)
+    session = SimpleNamespace(learnt=learnt, boot=1, sequence=SimpleNamespace(next=1))
     raw = [Message(keys.build(WARD, "raw", bridge="b", device=f"d{n}"), b"x") for n in range(DEVICES)]
     devices: dict[str, SimpleNamespace] = {}
     said: set[str] = set()

@@ -9,7 +9,8 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Quality, SampleBatch, State
 from estimator.service.device import Device
 from estimator.service.replicas import Replicas, checkpoint_of
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from tests.estimator.served import Kept
 from tests.estimator.stream import NAME, calibration, feed, info
 

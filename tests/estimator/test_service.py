@@ -19,10 +19,11 @@ from estimator import history
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
 from estimator.database import Database
+from estimator.outcome import Outcome
 from estimator.service.clerk import Writes
 from estimator.service.shell import Service
 from estimator.service.store import Store, StoreError
-from estimator.session import DeviceSession, Outcome
+from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 from tests.estimator.test_revision import revision
 

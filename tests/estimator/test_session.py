@@ -13,7 +13,8 @@ from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, State, Verdict
 from estimator.remembered import Remembered
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.track.tracker import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates, stream
 

@@ -18,10 +18,11 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
+from estimator.outcome import Outcome
 from estimator.service import roster, serve, sources
 from estimator.service.overload import OVERLOADED
 from estimator.service.store import StoreError
-from estimator.session import DeviceSession, Outcome
+from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, Stream, calibration, info
 from tests.estimator.test_service import WARD, Ward
 
@@ -285,7 +286,7 @@ def test_a_recalibration_goes_on_when_the_estimator_is_restarted(ward: Ward, onc
         status = ward.latest()
         assert status.state in (State.AWAITING_STILL, State.BIAS_ONLY)
         assert (status.quality, status.calibration) == (Quality.GOOD, old.id)
-    assert ward.service._devices[NAME].session.asked == ("nurse", "it was dropped")
+    assert ward.service._devices[NAME].session.learnt.asked == ("nurse", "it was dropped")
     assert ward.command(lambda: ward.client.cancel(NAME, "nurse")).accepted
     ward.kill()
     ward.start()

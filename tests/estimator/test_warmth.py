@@ -18,7 +18,8 @@ from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.record import Record
 from estimator.service.store import BOOTS, POINTS, Store, _point
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BIAS, SLOPE, BiasKnobs, BiasState
 from estimator.track.learning import Points, learn
 from estimator.track.temperature import Floats, TemperatureLaw
@@ -153,7 +154,7 @@ def test_a_law_that_comes_late_is_used_too() -> None:
     device, of = DeviceSession(NAME), batches(day(0.01, 1), 1)
     feed(device, of[:5])
     bias = device.tracker.bias
-    device.expect(LAW)
+    device.learnt.expect(LAW)
     state = device.tracker.state
     np.testing.assert_array_equal(state.x[BIAS], bias)
     np.testing.assert_allclose(state.x[SLOPE], LAW.slope(state.temperature_c))

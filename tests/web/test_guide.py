@@ -9,7 +9,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from bridge.sim.motion import Piece, Still, Turn
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH
 from tests.estimator.stream import NAME, feed

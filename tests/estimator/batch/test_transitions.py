@@ -12,7 +12,8 @@ from estimator import offline
 from estimator.batch import transitions
 from estimator.batch.carry import MATRIX_PARAMETERS, PARAMETERS, Problem, TransitionKnobs, Transitions
 from estimator.batch.gravity import AccelKnobs
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses, movements, true_parameters
 from tests.estimator.stream import Stream, calibration, feed
 

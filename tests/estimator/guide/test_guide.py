@@ -10,7 +10,8 @@ from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Picture, Step, Told
-from estimator.session import DeviceSession, SessionKnobs
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
 from estimator.stillness import StillnessKnobs
 from tests.estimator.batch.sessions import in_poses
 from tests.estimator.guide.scripted import BATCH, batches, follow, steps, turned

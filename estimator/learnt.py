@@ -1,0 +1,218 @@
+"""What one boot teaches: its samples in, half a second at a time; a calibration, the bias, and what is to be applied, out."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from bridge.wire.messages import Calibration, Quality, State, Verdict
+from bridge.wire.refusal import Tally
+from estimator.batch.capture import Rest
+from estimator.batch.result import Result
+from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.block import Run, sample_time_ns, temperature_at
+from estimator.correction import Correction, believed, choose
+from estimator.course import Course
+from estimator.gyro import reading_std
+from estimator.lifecycle import Event, Life
+from estimator.outcome import Outcome
+from estimator.past import Past
+from estimator.remembered import Remembered, calibrated_bias, wider
+from estimator.session_knobs import SessionKnobs
+from estimator.stillness import Stillness, Window
+from estimator.track.bias_filter import BiasState, Receipt
+from estimator.track.temperature import TemperatureLaw
+from estimator.track.tracker import RestBias, Tracker
+from estimator.under_way import UnderWay
+
+#: makes of a result what is published and kept, with who asked for it, at a host time
+AsMessage = Callable[[Result, str, int], Calibration]
+
+
+class Learnt:
+    """Of a boot that began at a device time, s. What happens is told to `life`, and counted in `events`."""
+
+    def __init__(
+        self,
+        knobs: SessionKnobs,
+        began: float,
+        law: TemperatureLaw | None,
+        life: Life,
+        events: Tally,
+        as_message: AsMessage,
+    ) -> None:
+        self.began = began
+        #: of this boot, and of an earlier one under the same restore key
+        self.calibration: Calibration | None = None
+        self.prior: Calibration | None = None
+        #: why nothing known of earlier holds, said until it is calibrated
+        self.scratch = ""
+        self.under_way: UnderWay | None = UnderWay(knobs.method)
+        #: device time of the last window that was judged, and host time of that
+        self.now, self._now_ns = began, 0
+        self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
+        self._stillness = Stillness(knobs.stillness)
+        self._belief = believed(None, None, knobs.prior)
+        self.tracker = Tracker(knobs.track, began, self._belief.model, self._belief.bias_std, law)
+        self._past = Past()
+
+    # ---- what is known of earlier, or by others --------------------------------------------------------------------
+
+    def restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
+        """Go on with a calibration of this very boot, and with what is remembered of its bias since."""
+        self.calibration, self.under_way = calibration, None
+        self._belief = believed(calibration, None, self._knobs.prior)
+        knobs = self._knobs.track
+        kept = remembered.bias_at(self.now, knobs.bias_std)
+        if kept is None:  # nor is it known when it was switched on
+            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias), knobs.bias_std)
+        self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        self._life.on(Event.RESTORED, "calibrated; the calibration of this boot goes on")
+        if remembered.doubted:
+            self.tracker.doubted = True
+            why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+            self._life.on(Event.DOUBTED, why)
+
+    def resume(self, remembered: Remembered, temperature_c: float | None) -> bool:
+        """Go on with the bias of a boot that was not calibrated, if one is remembered."""
+        kept = remembered.bias_at(self.now, self._knobs.track.bias_std)
+        if kept is None or self.calibration is not None:
+            return False
+        self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        return True
+
+    def believe(self, calibration: Calibration) -> None:
+        """Use the scale factors of an earlier boot until this one is calibrated."""
+        self.prior = calibration
+        self._belief = believed(None, calibration, self._knobs.prior)
+        if not self.tracker.sure:
+            self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
+
+    def expect(self, law: TemperatureLaw) -> None:
+        """Use what earlier boots taught of temperature, where it was not known when this one began."""
+        self._law = law
+        if self.calibration is None:
+            self.tracker.expect(law)
+        else:
+            self.tracker.follow(law)
+
+    # ---- samples --------------------------------------------------------------------------------------------------
+
+    def learn(self, run: Run, course: Course, outcome: Outcome) -> bool:
+        """Take the samples of a half second; whether there is anything new to apply."""
+        before = self.tracker.time, self._belief
+        for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
+            self.now = window.end_time
+            batch, index = course.where(window.end - 1)
+            self._now_ns = sample_time_ns(batch, index)
+            if (celsius := temperature_at(batch, index)) is not None:
+                self.tracker.temperature(self.now, celsius)
+            tracked = self.tracker.time
+            self._window(window, outcome)
+            self._past.note(self.now, batch.sequence + index, self._now_ns, self.tracker.time)
+            if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
+                belief = self._belief
+                outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
+        return (self.tracker.time, self._belief) != before
+
+    def _window(self, window: Window, outcome: Outcome) -> None:
+        if self.under_way is not None:
+            self.under_way.add(window)
+        if self._life.state is State.WARMING:
+            if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
+                self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+            self.tracker.skip(window)
+            return
+        tracked = self.tracker.time
+        receipts = self.tracker.window(window, self._stillness.noise_std)
+        if self.tracker.time != tracked:
+            self._second(receipts, outcome)
+        if self.under_way is not None:
+            for progress in self.under_way.window(window):
+                self._progress(progress, self.under_way, outcome)
+
+    def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
+        """What the tracker makes of a second, or of some."""
+        for receipt in receipts:
+            if not receipt.accepted:
+                self._events.add(f"{receipt.kind}: {receipt.reason}")
+            elif self.tracker.trust():
+                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+        if self.tracker.law_refuted and self._law is not None:
+            self._law = None
+            self._events.add("temperature law disagrees")
+            outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
+        if (reason := self.tracker.doubt(self.now)) is not None:
+            self._happens(Event.DOUBTED, reason, outcome)
+
+    # ---- calibration ----------------------------------------------------------------------------------------------
+
+    def _progress(self, progress: Progress, under_way: UnderWay, outcome: Outcome) -> None:
+        match progress:
+            case RestFound():
+                self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
+            case TurnFound(turn):
+                self._happens(Event.TURNED, under_way.took(turn), outcome)
+            case Ignored(no_turn):
+                self._events.add("movement ignored")
+                needed = f"{no_turn.reason}; still needed: {under_way.missing}"
+                self._life.say(needed)
+                outcome.changed = True
+                outcome.said.append(needed)
+            case Finished(result, rest):
+                self._finish(result, rest, under_way, outcome)
+
+    def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
+        outcome.calibration = self._as_message(result, under_way.who, self._now_ns)
+        if result.verdict is not Verdict.ACCEPTED:
+            under_way.repeat(result.repeat)
+            self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
+            return
+        self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""
+        self._belief = believed(self.calibration, None, self._knobs.prior)
+        self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
+        self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
+
+    def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
+        before = self._life.state
+        if self._life.on(event, reason):
+            outcome.changed = True
+            outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+
+    # ---- what is known now ----------------------------------------------------------------------------------------
+
+    @property
+    def near(self) -> bool:
+        """Whether what comes next may end a calibration, which takes as long as hundreds of batches."""
+        return self.under_way is not None and self.under_way.near
+
+    @property
+    def asked(self) -> tuple[str, str] | None:
+        """Who asked for the recalibration that is under way, and why; None while none is."""
+        return None if self.under_way is None else self.under_way.asked
+
+    @property
+    def turned(self) -> tuple[int, ...]:
+        """Axes whose turns are taken, of a calibration under way."""
+        return () if self.under_way is None else self.under_way.turned
+
+    @property
+    def progress(self) -> float:
+        """How much of a calibration is done, 0 to 1."""
+        return 1.0 if self.under_way is None else min(0.1 * self.tracker.sure + 0.3 * len(self.turned), 1.0)
+
+    def bias(self) -> BiasState | None:
+        """As it would be restored; of a calibrated boot, or one that is sure of it."""
+        return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
+
+    def correction(self) -> Correction:
+        """What all of it says is to be applied."""
+        noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
+        track = self.tracker
+        std = track.std
+        sure = track.sure
+        best = choose(self._belief, track.bias, std, noise_std, sure=sure)
+        doubtful = self._life.away or track.doubted or not sure
+        return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
+
+
+def _bias_in(rest: Rest) -> RestBias:
+    return RestBias(rest.bias, rest.bias_cov, rest.rounding_var, rest.middle, rest.end)

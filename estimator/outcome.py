@@ -1,0 +1,23 @@
+"""What samples of a device led to."""
+
+from dataclasses import dataclass, field
+
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch
+from estimator.windowed import Second
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a batch led to. `said` are things to log, most important last."""
+
+    corrected: list[CorrectedBatch] = field(default_factory=list)
+    calibration: Calibration | None = None
+    revision: BiasRevision | None = None
+    seconds: list[Second] = field(default_factory=list)
+    changed: bool = False
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def worded(self) -> bool:
+        """Whether anything but samples is to be published of it."""
+        return self.changed or self.calibration is not None or self.revision is not None

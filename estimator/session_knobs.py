@@ -1,0 +1,20 @@
+"""How a device is treated, all of it."""
+
+from dataclasses import dataclass, field
+
+from estimator.batch.names import DEFAULT
+from estimator.gyro import PriorKnobs
+from estimator.stillness import StillnessKnobs
+from estimator.track.tracker import TrackKnobs
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKnobs:
+    """Seconds of device time."""
+
+    method: str = DEFAULT
+    #: after power-up, before anything is believed
+    warming_s: float = 1.0
+    prior: PriorKnobs = field(default_factory=PriorKnobs)
+    stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
+    track: TrackKnobs = field(default_factory=TrackKnobs)
