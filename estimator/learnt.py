@@ -67,7 +67,7 @@ class Learnt:
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, "calibrated; the calibration of this boot goes on")
         if remembered.doubted:
-            self.tracker.doubted = True
+            self.tracker.doubt.stands = True
             why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
             self._life.on(Event.DOUBTED, why)
 
@@ -104,7 +104,7 @@ class Learnt:
             batch, index = course.where(window.end - 1)
             self._now_ns = sample_time_ns(batch, index)
             if (celsius := temperature_at(batch, index)) is not None:
-                self.tracker.temperature(self.now, celsius)
+                self.tracker.thermometer.read(self.now, celsius)
             tracked = self.tracker.time
             self._window(window, outcome)
             self._past.note(self.now, batch.sequence + index, self._now_ns, self.tracker.time)
@@ -134,13 +134,13 @@ class Learnt:
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self.tracker.trust():
+            elif self.tracker.trusts():
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
             self._events.add("temperature law disagrees")
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
-        if (reason := self.tracker.doubt(self.now)) is not None:
+        if (reason := self.tracker.doubts(self.now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
 
     # ---- calibration ----------------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class Learnt:
         std = track.std
         sure = track.sure
         best = choose(self._belief, track.bias, std, noise_std, sure=sure)
-        doubtful = self._life.away or track.doubted or not sure
+        doubtful = self._life.away or track.doubt.stands or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 
 

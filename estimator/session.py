@@ -129,7 +129,7 @@ class DeviceSession:
 
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
-        self._restore(Remembered(calibration, None), calibration, self.tracker.temperature_c)
+        self._restore(Remembered(calibration, None), calibration, self.tracker.thermometer.now)
         self.learnt.scratch = ""
 
     # ---- samples --------------------------------------------------------------------------------------------------
@@ -290,7 +290,7 @@ class DeviceSession:
         event = Event.CANCEL_TO_START if self.calibration is None else Event.CANCEL_TO_TRACKING
         if not self.life.on(event):
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
-        if self.tracker.doubted:
+        if self.tracker.doubt.stands:
             self.life.on(Event.DOUBTED)
         if self.calibration is not None:
             goes_on, self.learnt.scratch, self.learnt.under_way = "the old one stays", "", None
@@ -331,7 +331,7 @@ class DeviceSession:
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
             evidence_age_s=self.tracker.evidence_age(learnt.now),
-            temperature_c=self.tracker.temperature_c,
+            temperature_c=self.tracker.thermometer.now,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,
             samples_out=self.sequence.samples_out,
@@ -374,7 +374,7 @@ class DeviceSession:
             firmware=info.firmware if info else "",
             gyro_range=info.gyro_range if info else 0.0,
             rate_hz=info.rate_hz if info else 0.0,
-            temperature_c=self.tracker.temperature_c,
+            temperature_c=self.tracker.thermometer.now,
             who=who,
         )
 

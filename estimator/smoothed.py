@@ -49,7 +49,7 @@ def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
     unsure = np.any(rows.bias_std >= session.knobs.track.bias_std, axis=1)
     if session.calibration is None:
         return np.where(unsure, Quality.PRIOR if session.prior else Quality.NONE, Quality.BIAS_ONLY)
-    if session.tracker.doubted:
+    if session.tracker.doubt.stands:
         trusted = np.flatnonzero(rows.quality != Quality.DEGRADED)
         unsure[trusted[-1] + 1 if len(trusted) else 0 :] = True
     return np.where(unsure, Quality.DEGRADED, Quality.GOOD)

@@ -222,7 +222,7 @@ class Record:
         if device.name in self._noting and not force:
             return
         self._noting.add(device.name)
-        doubted = session.tracker.doubted and session.calibration is not None
+        doubted = session.tracker.doubt.stands and session.calibration is not None
         row, asked = (device.name, boot, self._now_ns(), state), session.learnt.asked
         self._keep(
             session,

@@ -34,7 +34,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         device_time_s=state.time if state is not None and known else 0.0,
         temperature_c=state.temperature_c if state is not None and known else np.nan,
         powered_s=state.powered if state is not None and known and abs(state.powered) < _ENDLESS_S else -np.inf,
-        doubted=session.tracker.doubted and session.calibration is not None,
+        doubted=session.tracker.doubt.stands and session.calibration is not None,
         asked_by=asked[0],
         asked_why=asked[1],
         calibration=used,

@@ -52,7 +52,7 @@ class Stock:
         devices = {
             name: DeviceVitals(
                 device.latest,
-                device.session.tracker.consistency.nis,
+                device.session.tracker.doubt.consistency.nis,
                 device.delay(),
                 self._law.violations.get(name, 0),
             )

@@ -1,8 +1,7 @@
 """The bias of one boot, from its first sample on: the filter, the evidence that feeds it, and whether it is to be doubted."""
 
-from collections import deque
 from dataclasses import dataclass, field, replace
-from math import degrees, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,37 +23,28 @@ from estimator.track.bias_filter import (
     start,
 )
 from estimator.track.bounded import Bounded, BoundedKnobs
-from estimator.track.consistency import Consistency
+from estimator.track.doubt import Doubt, DoubtKnobs
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.zaru import INSISTED, JUMPED, UNPROVEN, Zaru, ZaruKnobs
+from estimator.track.thermometer import Thermometer, ThermometerKnobs
+from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
 
 Floats = NDArray[np.float64]
 
-#: temperatures kept, for bringing a rest's bias from then to now
-_TEMPERATURES = 1000
 #: seconds begin and end at the same moments of the device, whoever counts them
 _SAME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class TrackKnobs:
-    """How a bias is tracked, and when it is doubted. Device seconds, rad/s, m/s²."""
+    """How a bias is tracked. Device seconds, rad/s, m/s²."""
 
-    #: without accepted evidence of rest for this long, or with a bias less certain than this
-    evidence_age_s: float = 1800.0
+    #: a bias less certain than this is not known
     bias_std: float = np.radians(0.2)
-    #: or after so many seconds of rest in a row that contradict it
-    contradictions: int = 5
     #: a slope by temperature so many standard deviations from what earlier boots taught refutes them
     refuted_sigmas: float = 4.0
-    #: a temperature that leaps by so many kelvin from one reading to the next must stay for so long
-    leap_k: float = 2.0
-    leap_s: float = 10.0
-    #: or when innovations are so many times larger than they may be
-    inflation: float = 3.0
     #: a device that moves no more than this is quiet: asleep, say
     quiet_gyro: float = np.radians(5.0)
     quiet_accel: float = 1.0
@@ -69,6 +59,8 @@ class TrackKnobs:
     gravity: GravityKnobs = field(default_factory=GravityKnobs)
     bounded: BoundedKnobs = field(default_factory=BoundedKnobs)
     accelerometer: AccelerometerKnobs = field(default_factory=AccelerometerKnobs)
+    thermometer: ThermometerKnobs = field(default_factory=ThermometerKnobs)
+    doubt: DoubtKnobs = field(default_factory=DoubtKnobs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,17 +88,12 @@ class Tracker:
         self, knobs: TrackKnobs, began: float, model: GyroModel, bias_std: Floats, law: TemperatureLaw | None = None
     ) -> None:
         self.knobs = knobs
-        #: kept beside the state of life: a device that is being recalibrated is no better than it was before
-        self.doubted = False
-        self.last_receipt: Receipt | None = None
         self.seconds = Seconds(knobs.seconds)
-        self._temperatures: deque[tuple[float, float]] = deque(maxlen=_TEMPERATURES)
+        self.thermometer = Thermometer(knobs.thermometer)
+        self.doubt = Doubt(knobs.doubt)
         self._history = History(knobs.history)
         self._accelerometer = Accelerometer(knobs.accelerometer)
-        self._leapt: float | None = None  # since when temperatures are beyond a leap
         self._evidenced = False  # whether the bias has ever been measured in this boot
-        self._consistency = Consistency()
-        self._contradictions = 0
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
         self._law = law
@@ -148,23 +135,13 @@ class Tracker:
     @property
     def std(self) -> Floats:
         """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
-        return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self._consistency.inflation)
+        return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
     @property
     def sure(self) -> bool:
         """Whether anything worth telling is known of this boot's bias."""
-        most = self.knobs.bias_std / self._consistency.inflation
+        most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
-
-    @property
-    def consistency(self) -> Consistency:
-        """How well innovations agree with what the filter says of them."""
-        return self._consistency
-
-    @property
-    def temperature_c(self) -> float:
-        """The latest temperature, NaN when unknown."""
-        return self._temperatures[-1][1] if self._temperatures else float("nan")
 
     def evidence_age(self, now: float) -> float:
         """Seconds since a rest was last accepted, or since the boot."""
@@ -179,7 +156,7 @@ class Tracker:
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
         """The bias of each second after `since` by all that is known now; no surer than innovations allow."""
         found = self._history.smoothed(since)
-        return None if found is None else replace(found, std=found.std * self._consistency.inflation)
+        return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
         """Once after each gap, when evidence has come back: how long it was, s, and the bias of each second since its begin."""
@@ -191,15 +168,6 @@ class Tracker:
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def temperature(self, time: float, celsius: float) -> None:
-        """Note a temperature; one that leaps is not believed until it stays."""
-        if self._temperatures and abs(celsius - self.temperature_c) > self.knobs.leap_k:
-            self._leapt = time if self._leapt is None else self._leapt
-            if time - self._leapt < self.knobs.leap_s:
-                return
-        self._leapt = None
-        self._temperatures.append((time, celsius))
-
     def supposed(self, model: GyroModel, bias_std: Floats, time: float) -> None:
         """Begin anew from what is believed of the gyro at a time before anything of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
@@ -208,7 +176,7 @@ class Tracker:
         """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""
         before = self._filter.state
         begun = start(
-            model.bias, cov, time, self.knobs.bias, temperature_c=self._temperature_at(time), powered=before.powered
+            model.bias, cov, time, self.knobs.bias, temperature_c=self.thermometer.at(time), powered=before.powered
         )
         self._believe(model, begun)
         self._accelerometer.anew()
@@ -216,13 +184,14 @@ class Tracker:
             self._filter.expect(self._law)
         if time < rest.middle:
             # That rest is newer than the one the bias came from.
-            self._filter.predict(rest.middle, self._temperature_at(rest.middle))
+            self._filter.predict(rest.middle, self.thermometer.at(rest.middle))
             H = np.eye(3, OWN)
             R = rest.cov + self.knobs.zaru.quasi_static**2 * np.eye(3)
             self._filter.update(Evidence("zaru", rest.bias, H, R, GATES[3], rest.common_var))
-        self._filter.predict(max(rest.end, before.time), self._temperature_at(rest.end))
+        self._filter.predict(max(rest.end, before.time), self.thermometer.at(rest.end))
         self._evidence_time = rest.end
-        self._contradictions, self.doubted, self._gap, self._evidenced = 0, False, None, True
+        self._gap, self._evidenced = None, True
+        self.doubt.anew()
 
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
@@ -254,24 +223,14 @@ class Tracker:
         receipts = []
         for second in self.seconds.window(window, noise_std):
             receipts += self._second(second, noise_std)
-        for receipt in (*self._zaru.surprises(), *receipts):
-            self._consistency.take(receipt)
-        for receipt in receipts:
-            self.last_receipt = receipt
-            if receipt.reason in {INSISTED, JUMPED}:
-                self._consistency.forget()  # what was against the old bias speaks for the new
-            if not receipt.accepted:
-                # A stretch is as good as many seconds.
-                self._contradictions += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
-        if receipts and all(r.accepted for r in receipts):
-            self._contradictions = 0
+        self.doubt.take(receipts, self._zaru.surprises())
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
         if self._kept is not None:
             if second.start <= self._kept.time - _SAME_S:
                 # Its evidence is in what was kept: none may count twice, not even for a while.
-                self._filter.look_back(self._kept, second.end, self.temperature_c)
+                self._filter.look_back(self._kept, second.end, self.thermometer.now)
                 return []
             self._filter.restart(self._kept)
             self._kept = None
@@ -283,7 +242,7 @@ class Tracker:
             # Before time goes on: what waits to be judged was measured before the gap.
             self._zaru.moved(self._filter)
             self._bounded.broken()
-        steps = self._filter.predict(second.end, self.temperature_c)
+        steps = self._filter.predict(second.end, self.thermometer.now)
         receipts = [] if second.flaw else self._evidence(second, span)
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
@@ -349,42 +308,10 @@ class Tracker:
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 
-    def doubt(self, now: float) -> str | None:
+    def doubts(self, now: float) -> str | None:
         """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
-        reason = None
-        age = self.evidence_age(now)
-        if self.last_receipt is not None and self._contradictions >= self.knobs.contradictions:
-            by = degrees(float(np.max(np.abs(self.last_receipt.innovation))))
-            reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
-        elif self._accelerometer.contradicts:
-            reason = "gravity disagrees: the bias jumped, or the accelerometer is wrong"
-        elif self._consistency.inflation > self.knobs.inflation:
-            reason = f"rests disagree with each other by {self._consistency.inflation:.1f} times what they may"
-        elif age > self.knobs.evidence_age_s:
-            reason = f"no rest for {age / 60:.0f} minutes"
-        if reason is None or self.doubted:
-            return None
-        self.doubted = True
-        return reason
+        return self.doubt.news(self.evidence_age(now), gravity=self._accelerometer.contradicts)
 
-    def trust(self) -> bool:
+    def trusts(self) -> bool:
         """Whether the last rest has made the bias certain again."""
-        receipt = self.last_receipt
-        if (
-            receipt is None
-            or not receipt.accepted
-            or receipt.reason == INSISTED
-            or self._contradictions
-            or not self.sure
-        ):
-            return False
-        if self._accelerometer.contradicts or self._consistency.inflation > self.knobs.inflation:
-            return False
-        self.doubted = False
-        return True
-
-    def _temperature_at(self, time: float) -> float:
-        if not self._temperatures:
-            return float("nan")
-        times, values = zip(*self._temperatures, strict=True)
-        return float(np.interp(time, times, values))
+        return self.doubt.settled(sure=self.sure, gravity=self._accelerometer.contradicts)

@@ -108,7 +108,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> tuple[list[f
     nees, squared = [], []
     for window in stillness.feed(day.time_s, day.gyro.astype(float), day.accel.astype(float) if accel else None):
         if scene.step_k:
-            tracker.temperature(window.end_time, float(day.temperature_c[window.end - 1]))
+            tracker.thermometer.read(window.end_time, float(day.temperature_c[window.end - 1]))
         tracker.window(window, stillness.noise_std)
         if tracker.time == last:
             continue

@@ -64,7 +64,7 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
             alone.predict(now, celsius)
             yield alone.state
         else:
-            tracker.temperature(now, celsius)
+            tracker.thermometer.read(now, celsius)
             tracker.window(window, stillness.noise_std)
             yield tracker.state
 

@@ -133,7 +133,7 @@ def ours(
         force = None if accel is None else accel[here]
         for window in stillness.feed(time[here], gyro[here], force):
             if temperature_c is not None:
-                tracker.temperature(window.end_time, float(temperature_c[window.end - 1]))
+                tracker.thermometer.read(window.end_time, float(temperature_c[window.end - 1]))
             tracker.window(window, stillness.noise_std)
             if window.end_time - steps[-1] > 0.5:
                 found.append(tracker.bias)

@@ -17,6 +17,8 @@ ZH = texts("zh").sayings or Sayings({}, {}, "{words}")
 #: whose sentences reach a page: reasons, verdicts, replies, notices, troubles, refusals
 SPEAKERS = (
     "estimator/session.py",
+    "estimator/learnt.py",
+    "estimator/under_way.py",
     "estimator/glance.py",
     "estimator/restore.py",
     "estimator/ward_view.py",
@@ -33,7 +35,7 @@ SPEAKERS = (
     "estimator/service/presence.py",
     "estimator/service/shell.py",
     "estimator/service/silent.py",
-    "estimator/track/tracker.py",
+    "estimator/track/doubt.py",
     "estimator/web/app.py",
     "estimator/web/desk.py",
     "estimator/web/form.py",

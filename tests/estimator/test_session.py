@@ -15,6 +15,7 @@ from bridge.wire.messages import Quality, State, Verdict
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
+from estimator.track.doubt import DoubtKnobs
 from estimator.track.tracker import TrackKnobs
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates, stream
 
@@ -248,10 +249,10 @@ def test_a_clock_that_goes_back_goes_on(once: Stream) -> None:
     feed(device, late.part(0, half).batches())
     assert state(device) is State.TRACKING
     after = late.part(half, len(late))
-    before = device.tracker.last_receipt
+    before = device.tracker.doubt.last_receipt
     outcome = feed(device, replace(after, ticks=after.ticks - wrapped).batches(first=half))
     assert device.status(1).events["device clock went back"] == 1
-    assert device.tracker.last_receipt is not before, "rests are recognised as before"
+    assert device.tracker.doubt.last_receipt is not before, "rests are recognised as before"
     assert all(b.quality is Quality.GOOD for b in outcome.corrected)
     np.testing.assert_array_equal(outcome.corrected[0].ticks, after.ticks[: len(outcome.corrected[0])] - wrapped)
 
@@ -333,7 +334,7 @@ def test_a_new_calibration_ends_a_doubt_at_once(once: Stream) -> None:
 
 def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream) -> None:
     """As far as the bias walks by itself: at an even temperature, what is not known of warmth would hide it."""
-    knobs = SessionKnobs(track=TrackKnobs(evidence_age_s=60.0))
+    knobs = SessionKnobs(track=TrackKnobs(doubt=DoubtKnobs(evidence_age_s=60.0)))
     device = DeviceSession(NAME, knobs)
     feed(device, replace(once, temperature_c=np.full(len(once), 30.0)).batches())
     rng = np.random.default_rng(0)

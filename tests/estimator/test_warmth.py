@@ -199,7 +199,7 @@ def test_the_service_hands_the_law_on(tmp_path: Path, info_first: bool) -> None:
     ward.send(of[2:], None if info_first else info(3))
     tracker = ward.service._devices[NAME].session.tracker
     law = learnt(ward.store.points(info(3)))
-    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.temperature_c), atol=np.radians(0.003))
+    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.thermometer.now), atol=np.radians(0.003))
     ward.kill()
 
 
@@ -234,7 +234,7 @@ def test_no_sample_waits_for_what_earlier_boots_teach(tmp_path: Path, monkeypatc
     while not taught() and time.monotonic() < deadline:
         ward.settle()
     law = learnt(ward.store.points(info(3)))
-    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.temperature_c), atol=np.radians(0.003))
+    np.testing.assert_allclose(tracker.state.x[SLOPE], law.slope(tracker.thermometer.now), atol=np.radians(0.003))
     clerks[0].close()
     ward.kill()
 

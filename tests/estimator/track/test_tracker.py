@@ -155,7 +155,7 @@ def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration(
     assert one._accelerometer.contradicts
     rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
     one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
-    assert one.doubt(2.0) is None
+    assert one.doubts(2.0) is None
 
 
 # ---- restored -----------------------------------------------------------------------------------------------------

@@ -70,7 +70,7 @@ class Worn:
             for window in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]):
                 if temperature:
                     celsius = of.temperature_c[max(0, window.end - fed - 1)]
-                    self.tracker.temperature(window.end_time, float(celsius))
+                    self.tracker.thermometer.read(window.end_time, float(celsius))
                 self.receipts += self.tracker.window(window, self.stillness.noise_std)
                 self.time.append(window.end_time)
                 self.bias.append(self.tracker.bias)

@@ -1,0 +1,47 @@
+"""The temperatures of a device: those that leap are believed only when they stay."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+#: temperatures kept, for bringing a rest's bias from then to now
+_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class ThermometerKnobs:
+    """A temperature that leaps by so many kelvin from one reading to the next must stay for so long, s."""
+
+    leap_k: float = 2.0
+    leap_s: float = 10.0
+
+
+class Thermometer:
+    """Readings in; what they say of now, and of a while ago, out. °C, device s; NaN when unknown."""
+
+    def __init__(self, knobs: ThermometerKnobs | None = None) -> None:
+        self.knobs = knobs or ThermometerKnobs()
+        self._read: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        self._leapt: float | None = None  # since when they are beyond a leap
+
+    @property
+    def now(self) -> float:
+        """The latest."""
+        return self._read[-1][1] if self._read else float("nan")
+
+    def read(self, time: float, celsius: float) -> None:
+        """Note a reading."""
+        if self._read and abs(celsius - self.now) > self.knobs.leap_k:
+            self._leapt = time if self._leapt is None else self._leapt
+            if time - self._leapt < self.knobs.leap_s:
+                return
+        self._leapt = None
+        self._read.append((time, celsius))
+
+    def at(self, time: float) -> float:
+        """As it was at a time."""
+        if not self._read:
+            return float("nan")
+        times, values = zip(*self._read, strict=True)
+        return float(np.interp(time, times, values))
