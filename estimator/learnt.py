@@ -18,7 +18,8 @@ from estimator.past import Past
 from estimator.remembered import Remembered, calibrated_bias, wider
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Stillness, Window
-from estimator.track.bias_filter import BiasState, Receipt
+from estimator.track.bias_filter import BiasState
+from estimator.track.evidence import Receipt
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker
 from estimator.under_way import UnderWay

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.track.bias_filter import Receipt
+from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
 
 

@@ -6,13 +6,14 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import exp, expm1, isfinite, radians
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from estimator.track.evidence import Evidence, Receipt
 from estimator.track.since import Since
 from estimator.track.temperature import TemperatureLaw
 
@@ -22,8 +23,6 @@ BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
 _ONE = np.eye(3)
-#: the largest believable NIS by degrees of freedom: false alarm 1e-6
-GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,39 +80,6 @@ def start(
     P = np.zeros((OWN, OWN))
     P[BIAS, BIAS], P[SLOPE, SLOPE] = cov, knobs.per_kelvin**2 * np.eye(3)
     return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
-
-    common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
-    since: when it was measured, where that was not now.
-    gate: the largest NIS believed. soft: beyond it R grows instead of the measurement being refused.
-    """
-
-    kind: str
-    z: Floats
-    H: Floats
-    R: Floats
-    gate: float
-    common_var: Floats | None = None
-    soft: bool = False
-    since: Since | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Receipt:
-    """What one piece of evidence did: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
-
-    time: float
-    kind: str
-    innovation: Floats
-    innovation_cov: Floats
-    test_ratio: float
-    accepted: bool
-    reason: str = ""
-    nis: float = field(default=np.nan)
 
 
 class BiasFilter:

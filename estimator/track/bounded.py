@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var
-from estimator.track.bias_filter import BIAS, GATES, SLOPE, BiasFilter, Evidence, Receipt
+from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
+from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
 from estimator.track.zaru import INSISTED, across
 

@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 from scipy.stats import chi2
 
-from estimator.track.bias_filter import Receipt
+from estimator.track.evidence import Receipt
 
 #: receipts that are looked at together
 WINDOW = 40

@@ -6,8 +6,8 @@ from math import degrees
 
 import numpy as np
 
-from estimator.track.bias_filter import Receipt
 from estimator.track.consistency import Consistency
+from estimator.track.evidence import Receipt
 from estimator.track.zaru import INSISTED, JUMPED
 
 

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from estimator.rotation import cross_matrix
 from estimator.strapdown import Span
-from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasState, Evidence
+from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasState
+from estimator.track.evidence import Evidence
 
 Floats = NDArray[np.float64]
 

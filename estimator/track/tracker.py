@@ -10,20 +10,10 @@ from estimator.gyro import GyroModel
 from estimator.stillness import Window
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import (
-    BIAS,
-    GATES,
-    OWN,
-    SLOPE,
-    BiasFilter,
-    BiasKnobs,
-    BiasState,
-    Evidence,
-    Receipt,
-    start,
-)
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
 from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.doubt import Doubt, DoubtKnobs
+from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed

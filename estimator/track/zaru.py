@@ -6,7 +6,7 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, radians, sqrt
 from operator import itemgetter
 
@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import mean_var, rounding_var, spread
-from estimator.rotation import angle_between
-from estimator.track.bias_filter import BIAS, GATES, BiasFilter, Evidence, Receipt
+from estimator.track.bias_filter import BIAS, BiasFilter
+from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
 from estimator.track.since import Since
+from estimator.track.tilt import Tilt, TiltKnobs
 
 Floats = NDArray[np.float64]
 
 #: seconds whose means are compared
 _RECENT = 8
-G = 9.80665
 #: an NIS, by degrees of freedom, that one measurement in a thousand has
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
 REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
@@ -52,20 +52,14 @@ class ZaruKnobs:
     vertical_gate: float = 16.0
     #: a contradiction that stays the same for this long is believed
     insist_s: float = 120.0
-    #: tilting is judged over this long, and noticed beyond so many standard deviations
-    tilt_s: float = 10.0
-    tilt_sigmas: float = 4.0
-    #: m/s², what moves a resting accelerometer's mean without any tilt
-    accel_floor: float = 0.01
     #: in a gap between rests the bias may have walked so many times faster than the knobs of the filter say
     hurry: float = 5.0
     #: a gap is at least this long, s
     gap_s: float = 5.0
-    #: after a tilt nothing is believed until gravity has stayed for this long
-    settled_s: float = 5.0
     #: what is gated waits, and is judged together with what follows, until their mean is this good, rad/s; s at most
     certain: float = radians(0.006)
     longest_wait_s: int = 8
+    tilt: TiltKnobs = field(default_factory=TiltKnobs)
 
 
 class Zaru:
@@ -76,7 +70,6 @@ class Zaru:
         self.knobs = knobs or ZaruKnobs()
         self._means = np.zeros((_RECENT, 2, 3))  # of the latest quiet seconds, with their variance
         self._quiet = 0  # how many there have been in a row
-        self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
         self._quiet_until = np.inf
         self._rests = 0  # seconds in a row
         self._in_question = 0.0  # variance of what was believed for its insistence alone
@@ -85,15 +78,14 @@ class Zaru:
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._proven = False  # whether the latest second of rest is one
         self._ever_proven = known
-        self._tilted = False
+        self._tilt = Tilt(self.knobs.tilt)
         self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
 
     def moved(self, bias: BiasFilter) -> None:
         """What was seen of a rest is over."""
         self._quiet = 0
-        self._held.clear()
-        self._tilted = False
+        self._tilt.over()
         self._rests, self._in_question = 0, 0.0
         self.interrupted(bias)
 
@@ -122,7 +114,8 @@ class Zaru:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
         self._means[self._quiet % _RECENT] = second.mean, mean_var(second.std, second.step, len(second))
         self._quiet += 1
-        self._watch_tilt(second)
+        if self._tilt.watch(second):
+            self._waiting.clear()
         if second.start - self._quiet_until >= self.knobs.gap_s:
             self._gap_s, self._surprised = second.start - self._quiet_until, set()
         self._quiet_until = second.end
@@ -150,7 +143,7 @@ class Zaru:
             evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
             receipts = self._gated(evidence, second, bias)
             return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
-        if self._tilted:
+        if self._tilt.seen:
             bias.forget()
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
@@ -249,9 +242,7 @@ class Zaru:
         """Whether a turn at such a rate would by now have been seen to tilt gravity."""
         if self._rests < self.knobs.sure_rests:
             return False
-        seen_s = (second.start + second.end) / 2 - self._held[0][0]
-        least = (self.knobs.tilt_sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
-        return bool(seen_s >= min(least / float(np.linalg.norm(innovation)), self.knobs.tilt_s - 1.5))
+        return self._tilt.would_show(float(np.linalg.norm(innovation)), second)
 
     def _insisted(self, now: float, start: float, z: Floats, R: Floats, bias: BiasFilter) -> bool:
         if self._contradiction is None or not self._same(*self._contradiction, now, z, R, bias):
@@ -264,27 +255,6 @@ class Zaru:
         walk = bias.knobs.rate_random_walk**2 * (now - since) * np.eye(len(z))
         apart = z - z0
         return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
-
-    def _watch_tilt(self, second: Second) -> None:
-        """Notice whether gravity has turned since the device became quiet, or within tilt_s."""
-        knobs = self.knobs
-        mean, std = second.accel_mean, second.accel_std
-        if mean is None or std is None:
-            return
-        var = float(std @ std) / (3 * len(second)) + knobs.accel_floor**2
-        now = (second.start + second.end) / 2
-        while self._held and now - self._held[0][0] > knobs.tilt_s:
-            self._held.popleft()
-        if self._held:
-            since, first, first_var = self._held[0]
-            error = sqrt((var + first_var) / float(mean @ mean))
-            if angle_between(first, mean) > knobs.tilt_sigmas * error:
-                self._tilted = True
-                self._held.clear()
-                self._waiting.clear()
-            elif now - since >= knobs.settled_s:
-                self._tilted = False
-        self._held.append((now, mean, var))
 
 
 def _mean(evidence: list[Evidence]) -> Evidence:

@@ -10,7 +10,8 @@ from bridge.sim.script import swing
 from estimator.gyro import PriorKnobs
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, BiasState, Evidence, start
+from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.evidence import GATES, Evidence
 from estimator.track.tracker import TrackKnobs
 from estimator.track.zaru import ZaruKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream

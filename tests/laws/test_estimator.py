@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from estimator import rotation
 from estimator.stillness import Stillness, Window
-from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, Evidence, start
+from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.track.evidence import GATES, Evidence
 
 Floats = NDArray[np.float64]
 RATES = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-20, 20))

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from estimator.track.bias_filter import BIAS, GATES, OWN, SLOPE, BiasFilter, BiasKnobs, Evidence
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs
 from estimator.track.bias_filter import start as begin
+from estimator.track.evidence import GATES, Evidence
 from estimator.track.temperature import TemperatureLaw
 
 Floats = NDArray[np.float64]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.track.bias_filter import SLOPE, BiasFilter, BiasKnobs, Receipt, start
+from estimator.track.bias_filter import SLOPE, BiasFilter, BiasKnobs, start
 from estimator.track.bounded import Bounded, BoundedKnobs
+from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
 
 Floats = NDArray[np.float64]

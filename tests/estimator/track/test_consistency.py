@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.track.bias_filter import Receipt
 from estimator.track.consistency import WINDOW, Consistency
+from estimator.track.evidence import Receipt
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasKnobs, Evidence, start
+from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasKnobs, start
+from estimator.track.evidence import Evidence
 from estimator.track.smoother import History
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, Evidence, start
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.evidence import Evidence
 from estimator.track.learning import Points, learn
 from estimator.track.smoother import History
 from estimator.track.temperature import Floats, TemperatureLaw

@@ -12,7 +12,8 @@ from bridge.sim.motion import Piece, Still
 from bridge.sim.script import swing
 from estimator.gyro import PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, Receipt
+from estimator.track.bias_filter import BIAS, OWN, SLOPE
+from estimator.track.evidence import Receipt
 from estimator.track.tracker import RestBias, Tracker, TrackKnobs
 from tests.estimator.stream import Stream, stream
 from tests.estimator.track.worn import LEVEL, PLAIN, Worn, model, rest

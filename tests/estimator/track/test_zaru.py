@@ -6,7 +6,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.sim.motion import Piece, Spin, Still
-from estimator.track.bias_filter import GATES, OWN, BiasFilter, BiasKnobs, Evidence, Receipt, start
+from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, start
+from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
 from estimator.track.zaru import REFUSED_TILT, UNPROVEN, Zaru, ZaruKnobs
 from tests.estimator.stream import Stream, stream
@@ -309,4 +310,4 @@ def test_while_gravity_turns_no_rest_is_believed() -> None:
     assert {r.reason for r in receipts[6:] if r.kind == "zaru"} == {REFUSED_TILT}
     assert np.degrees(np.abs(rest.filter.state.bias - before)).max() < 0.01
     # And when gravity stays, it is a rest again.
-    assert rest.lives(ZaruKnobs().settled_s + ZaruKnobs().tilt_s + 10.0)[-1].accepted
+    assert rest.lives(ZaruKnobs().tilt.settled_s + ZaruKnobs().tilt.over_s + 10.0)[-1].accepted

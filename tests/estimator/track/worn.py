@@ -11,7 +11,8 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from estimator.gyro import GyroModel
 from estimator.stillness import Stillness
-from estimator.track.bias_filter import BiasKnobs, Receipt
+from estimator.track.bias_filter import BiasKnobs
+from estimator.track.evidence import Receipt
 from estimator.track.tracker import Tracker, TrackKnobs
 from tests.estimator.stream import Stream, stream
 
