@@ -15,8 +15,8 @@ from estimator.service import clerk as rules
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS
+from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, calibration, info
-from tests.estimator.test_service import Ward
 
 
 @pytest.fixture

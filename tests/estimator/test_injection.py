@@ -1,7 +1,6 @@
 """Texts that are SQL, paths, markup or a terminal's commands: kept as texts where they may be any, refused where they are ids."""
 
 import io
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,8 @@ from estimator import history, report_history
 from estimator.cli import main
 from estimator.service.store import Store
 from tests.bridge.test_keys import HOSTILE
-from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import Ward
+from tests.estimator.memory_ward import Ward
+from tests.estimator.stream import NAME, Stream, info
 
 SQL = ["'; DROP TABLE audit; --", '" OR "1"="1', "a' UNION SELECT payload FROM calibrations --", "?1", ":x", "%", "\\"]
 MARKUP = [
@@ -31,18 +30,6 @@ MARKUP = [
     "../../x",
 ]
 UNSEEN = ["a\nb", "\x1b[2J", "\x1b]0;x\x07", "a\rb", "a\x00b", "\u2028", "\u202e", "\x9b31m"]
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
-
-
-@pytest.fixture(scope="module")
-def once() -> Stream:
-    return calibration(seed=1)
 
 
 def test_what_people_write_is_kept_and_shown_as_they_wrote_it(ward: Ward, once: Stream) -> None:

@@ -1,8 +1,6 @@
 """A fault in one device's session, wherever it strikes: every sample at stake is counted, and the others go on."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,8 +12,8 @@ from estimator.service.law import EVENT
 from estimator.service.record import Record
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
-from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import Ward
+from tests.estimator.memory_ward import Ward
+from tests.estimator.stream import NAME, Stream, info
 
 PLACES: list[tuple[type[Any], str]] = [
     (Source, "judge"),
@@ -34,18 +32,6 @@ PLACES: list[tuple[type[Any], str]] = [
     (DeviceSession, "_learn"),
     (Device, "say_rates"),
 ]
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
-
-
-@pytest.fixture(scope="module")
-def once() -> Stream:
-    return calibration(seed=1)
 
 
 @pytest.mark.parametrize("at", [0, 3], ids=["at once", "later"])

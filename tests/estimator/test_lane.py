@@ -18,6 +18,7 @@ from estimator.config import Estimator
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from estimator.session import DeviceSession
+from tests.estimator.served import Kept
 from tests.estimator.stream import calibration
 
 WARD = "w"
@@ -37,31 +38,6 @@ def lives() -> dict[str, list[SampleBatch]]:
     }
 
 
-class Heard(MemoryBus):
-    """A bus that keeps what is published of rates."""
-
-    def __init__(self) -> None:
-        super().__init__(MemoryBroker())
-        self.said: list[tuple[str, bytes]] = []
-
-    def publisher(self, key: str, *, cache: int = 0) -> "Pen":  # type: ignore[override]
-        return Pen(key, self.said)
-
-
-class Pen:
-    wanted = False
-
-    def __init__(self, key: str, said: list[tuple[str, bytes]]) -> None:
-        self._key, self._said = key, said
-
-    def put(self, payload: bytes) -> None:
-        if "/corrected/" in self._key:
-            self._said.append((self._key, payload))
-
-    def close(self) -> None:
-        pass
-
-
 class Fed:
     """A subscription with these messages in rounds."""
 
@@ -79,7 +55,7 @@ class Fed:
 
 def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[bytes]], list[dict[str, int]], int]:
     """What was published under each key, in order; the counts of each device; how many batches went the fast way."""
-    bus = Heard()
+    bus = Kept()
     store = Store(folder / "store.sqlite3")
     settings, now_ns = Estimator(id="e", store=str(folder / "s")), 1_700_000_000_000_000_000
     service = Service(WARD, settings, bus, MemoryBus(MemoryBroker()), store, lambda: now_ns)

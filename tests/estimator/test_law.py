@@ -1,8 +1,5 @@
 """The conservation law, by itself and in a service whose accounts are wrong."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
 from bridge.wire.messages import SampleBatch
@@ -12,22 +9,10 @@ from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
 from estimator.service.shell import Service
 from estimator.session import DeviceSession
-from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import Ward
+from tests.estimator.memory_ward import Ward
+from tests.estimator.stream import NAME, Stream, info
 
 GOOD = Account(came=100, out=90, dropped=10, said=90)
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
-
-
-@pytest.fixture(scope="module")
-def once() -> Stream:
-    return calibration(seed=1)
 
 
 def test_it_holds() -> None:

@@ -1,9 +1,7 @@
 """What outlives a restart: of the estimator, of the device, and of a device that is not what it was."""
 
 import logging
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +13,8 @@ from estimator import history
 from estimator.restore import changed
 from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
+from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
-from tests.estimator.test_service import Ward
 
 OTHERS: list[tuple[dict[str, Any], str]] = [
     ({"firmware": "2.0"}, "its firmware is 2.0, was 1.0"),
@@ -24,13 +22,6 @@ OTHERS: list[tuple[dict[str, Any], str]] = [
     ({"gyro_range": 4.36}, "its range is 4.36 rad/s, was 8.7 rad/s"),
     ({"rate_hz": 208.0, "has_clock": False}, "its rate is 208 Hz, was 104 Hz"),
 ]
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, RECEN
 from estimator.service.store import BOOTS, POINTS, STRETCH, Store, _point
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasState
+from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, calibration, feed, info, stream
-from tests.estimator.test_service import Ward
 
 MINUTE_NS, HALF_NS = 60 * 10**9, HOUR_NS // 2
 NOW_NS = 1_700_000_000 * 10**9

@@ -1,106 +1,25 @@
 """The service over the bus in memory, fed with a simulated device; its rounds are made by the test itself."""
 
-import math
 import threading
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bridge.bus.contract import Subscription
-from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply, DeviceInfo, Note, Quality, SampleBatch, State, Status, Verdict
+from bridge.wire.messages import Note, Quality, SampleBatch, State, Verdict
 from estimator import history
-from estimator.client import Client, Corrected
-from estimator.config import Estimator
-from estimator.database import Database
 from estimator.outcome import Outcome
-from estimator.service.clerk import Writes
-from estimator.service.shell import Service
-from estimator.service.store import Store, StoreError
+from estimator.service.store import StoreError
 from estimator.session import DeviceSession
+from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 from tests.estimator.test_revision import revision
 
 REVISION = revision()
-WARD = "w"
-SETTINGS = Estimator(id="e1", silence_s=1.0)
-
-
-class Ward:
-    """A broker with one estimator, which may be restarted, and a bridge's publishers."""
-
-    def __init__(self, folder: Path) -> None:
-        self.broker = MemoryBroker()
-        self.path = folder / "store.sqlite3"
-        self._bridge = MemoryBus(self.broker)
-        self._raw = self._bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=64)
-        self._info = self._bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
-        self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
-        self.subscriber: Corrected = self.client.corrected(idle_s=0.05)
-        self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
-        self.start()
-
-    def start(self, clerk: Callable[[Database], Writes | None] = lambda _: None) -> None:
-        self.store = Store(self.path)
-        self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
-        now_ns = 1_700_000_000_000_000_000
-        writes = clerk(self.store.database)
-        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: now_ns, clerk=writes)
-
-    def kill(self) -> None:
-        """Nothing is said or written any more; what was written is there."""
-        for bus in self._buses:
-            bus.close()
-        self.store.close()
-
-    def send(self, batches: list[SampleBatch], of: DeviceInfo | None = None) -> None:
-        if of is not None:
-            self._info.put(codec.encode_info(of))
-        for start in range(0, len(batches), 100):
-            for batch in batches[start : start + 100]:
-                self._raw.put(codec.encode_samples(batch))
-            self.service.step(0.0)
-        self.settle()
-
-    def settle(self) -> None:
-        """Until nothing waits any more, and nothing is waited for."""
-        while self.service.step(0.0):
-            pass
-        self.service._give_up(math.inf)
-
-    def put(self, payload: bytes, **ids: str) -> None:
-        MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)
-        self.settle()
-
-    def latest(self) -> Status:
-        """The status, published anew."""
-        self.service._every_second(time.monotonic())
-        self.service._quiet.finish()
-        message = self.status.drain(100_000, 0.5)[-1]
-        return codec.decode_status(message.key, message.payload)
-
-    def command(self, ask: Callable[[], CommandReply]) -> CommandReply:
-        """Ask from another thread while the service makes its rounds."""
-        replies: list[CommandReply] = []
-        thread = threading.Thread(target=lambda: replies.append(ask()))
-        thread.start()
-        while thread.is_alive():
-            self.service.step(0.005)
-        thread.join()
-        return replies[0]
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import logging
 import socket
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,15 +22,8 @@ from estimator.service import roster, serve, sources
 from estimator.service.overload import OVERLOADED
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession
+from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import WARD, Ward
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,20 +11,8 @@ from estimator.cli import main
 from estimator.service.vitals import STUCK_S, Note, Vitals
 from tests.bridge.asking import get
 from tests.estimator.database.test_disk import full_disk
-from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import Ward
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
-
-
-@pytest.fixture(scope="module")
-def once() -> Stream:
-    return calibration(seed=1)
+from tests.estimator.memory_ward import Ward
+from tests.estimator.stream import NAME, Stream, info
 
 
 def watched(ward: Ward, *, expects: bool = True) -> Vitals:

@@ -23,8 +23,8 @@ from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BIAS, SLOPE, BiasKnobs, BiasState
 from estimator.track.learning import Points, learn
 from estimator.track.temperature import Floats, TemperatureLaw
+from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, feed, info
-from tests.estimator.test_service import Ward
 from tests.estimator.track.test_temperature import KNOBS, LAW, boot, learnt
 
 HOUR_NS = 3_600_000_000_000

@@ -1,9 +1,7 @@
 """Windows of samples say of them what a plain loop finds, however the samples came."""
 
 import asyncio
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +12,8 @@ from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFla
 from estimator.service import published
 from estimator.session import DeviceSession
 from estimator.windowed import Second, Windowed, windows
+from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
-from tests.estimator.test_service import WARD, Ward
 
 KEY = keys.build(WARD, "@windowed", device=NAME)
 STATISTICS = [f"{of}_{what}" for of in ("reading", "rate") for what in ("mean", "std", "min", "max")]
@@ -98,13 +96,6 @@ def test_a_gap_a_boot_and_a_new_quality_each_begin_anew(once: Stream) -> None:
     # A message tells of one calibration only.
     qualities = [batch.quality for batch in windows(seconds_of(once.batches())[0])]
     assert len(set(qualities)) >= 3
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Iterator[Ward]:
-    made = Ward(tmp_path)
-    yield made
-    made.kill()
 
 
 def test_they_are_made_only_while_somebody_asks_and_read_both_ways(ward: Ward, once: Stream) -> None:
