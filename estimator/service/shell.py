@@ -13,7 +13,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, SampleBatch
+from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -28,13 +28,14 @@ from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.orders import Orders
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
 from estimator.service.roster import Roster
-from estimator.service.silent import SILENT, Silent
+from estimator.service.silent import Silent
 from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
@@ -54,10 +55,6 @@ DRAIN_S = 2.0
 LINGER_S = 40.0
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
-#: names told to who asks for a device that is not there
-SHOWN = 20
-#: commands that were done before, and are not done again, under this
-REPEATED = "commands repeated"
 #: no device's name: what is done after all devices were looked after
 _WARD = ""
 
@@ -101,6 +98,7 @@ class Service:
         self._notices = Notices(data, ward, self._gate)
         self._turns = Turns(self._lane.take, self._flooded)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
+        self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S)
@@ -157,7 +155,7 @@ class Service:
             if info is not None:
                 self._on_info(info)
         self._turns.round(self._ours(messages, began))
-        self._commands.work(self._do)
+        self._commands.work(self._orders.do)
         self._record.collect()
         now = time.monotonic()
         self._give_up(now)
@@ -409,56 +407,8 @@ class Service:
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
         return refused | self._peers.refused() | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
 
-    # ---- commands -------------------------------------------------------------------------------------------------
-
-    def _do(self, key: keys.Key, command: Command) -> CommandReply:
-        if (before := self._record.answered(key, command)) is not None:
-            self.counts.add(REPEATED)
-            return before
-        if key.device not in self._devices:
-            return self._unknown(key, command)
-        reply = self._done(key, command)
-        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
-        self._record.audit(key, command, reply)
-        return reply
-
-    def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
-        """Anybody can make names up: such a command is counted and not kept."""
-        names = sorted(self._devices)
-        known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        message = SILENT if key.device in self._silent else self._gate.words(key.device)
-        message = (
-            f"{key.device}: {message}"
-            if message
-            else (f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}")
-        )
-        if self.counts.add("commands to unknown devices") == 1:
-            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
-        return CommandReply(command.request_id, accepted=False, message=message)
-
-    def _done(self, key: keys.Key, command: Command) -> CommandReply:
-        verb, device = key.ids["verb"], self._devices[key.device]
-        refusals: list[str | None] = []
-        if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
-            return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")
-        if verb == "note" and refusals[0] is None:
-            self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
-        self._guarded(device, lambda: device.say_status(self._now_ns()))
-        self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
-        message = refusals[0] or ("noted" if verb == "note" else device.session.life.goes_on)
-        return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
-
 
 def _silent_for(seconds: float) -> str:
     if seconds >= 7200:
         return f"no samples for {seconds / 3600:.0f} hours"
     return f"no samples for {seconds / 60:.0f} minutes" if seconds >= 120 else f"no samples for {seconds:.1f} s"
-
-
-def _obey(device: Device, verb: str, command: Command) -> str | None:
-    """None, or why not."""
-    if verb == "recalibrate":
-        return device.session.recalibrate(command.who, command.reason)
-    if verb == "cancel":
-        return device.session.cancel(command.who)
-    return None if command.reason.strip() else "a note needs words"

@@ -33,6 +33,7 @@ SPEAKERS = (
     "estimator/service/commands.py",
     "estimator/service/gate.py",
     "estimator/service/presence.py",
+    "estimator/service/orders.py",
     "estimator/service/shell.py",
     "estimator/service/silent.py",
     "estimator/track/doubt.py",

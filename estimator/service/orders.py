@@ -1,0 +1,85 @@
+"""What a command does to a device, and what is answered."""
+
+import logging
+import time
+from collections.abc import Callable
+
+from bridge.wire import keys
+from bridge.wire.messages import Command, CommandReply
+from bridge.wire.refusal import Tally
+from estimator.service.device import Device
+from estimator.service.gate import Gate
+from estimator.service.isolation import Isolation
+from estimator.service.record import Record
+from estimator.service.roster import Roster
+from estimator.service.silent import SILENT, Silent
+
+log = logging.getLogger(__name__)
+
+#: names told to who asks for a device that is not there
+SHOWN = 20
+#: commands that were done before, and are not done again, under this
+REPEATED = "commands repeated"
+
+
+class Orders:
+    """On the service's own thread: `do` is what Commands.work calls."""
+
+    def __init__(
+        self,
+        devices: Roster,
+        record: Record,
+        gate: Gate,
+        silent: Silent,
+        guarded: Isolation,
+        counts: Tally,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._devices, self._record, self._gate, self._silent = devices, record, gate, silent
+        self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
+
+    def do(self, key: keys.Key, command: Command) -> CommandReply:
+        """Do it, unless it was done before."""
+        if (before := self._record.answered(key, command)) is not None:
+            self._counts.add(REPEATED)
+            return before
+        if key.device not in self._devices:
+            return self._unknown(key, command)
+        reply = self._done(self._devices[key.device], key.ids["verb"], command)
+        log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
+        self._record.audit(key, command, reply)
+        return reply
+
+    def _unknown(self, key: keys.Key, command: Command) -> CommandReply:
+        """Anybody can make names up: such a command is counted and not kept."""
+        names = sorted(self._devices)
+        known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
+        message = SILENT if key.device in self._silent else self._gate.words(key.device)
+        message = (
+            f"{key.device}: {message}"
+            if message
+            else (f"device {key.device} is unknown: nothing was heard of it; known are {known or 'none yet'}")
+        )
+        if self._counts.add("commands to unknown devices") == 1:
+            log.warning("%s by %s: %s (more are only counted)", key.ids["verb"], command.who, message)
+        return CommandReply(command.request_id, accepted=False, message=message)
+
+    def _done(self, device: Device, verb: str, command: Command) -> CommandReply:
+        refusals: list[str | None] = []
+        if not self._guarded(device, lambda: refusals.append(_obey(device, verb, command))):
+            return CommandReply(command.request_id, accepted=False, message="it failed; see the estimator's log")
+        if verb == "note" and refusals[0] is None:
+            self._guarded(device, lambda: device.say_note(self._now_ns(), command.who, command.reason))
+        self._guarded(device, lambda: device.say_status(self._now_ns()))
+        self._guarded(device, lambda: self._record.checkpoint(device, time.monotonic(), force=True))
+        message = refusals[0] or ("noted" if verb == "note" else device.session.life.goes_on)
+        return CommandReply(command.request_id, accepted=refusals[0] is None, message=message)
+
+
+def _obey(device: Device, verb: str, command: Command) -> str | None:
+    """None, or why not."""
+    if verb == "recalibrate":
+        return device.session.recalibrate(command.who, command.reason)
+    if verb == "cancel":
+        return device.session.cancel(command.who)
+    return None if command.reason.strip() else "a note needs words"
