@@ -18,6 +18,7 @@ from estimator.stillness import Stillness
 from estimator.track.bias_filter import OWN
 from estimator.track.gravity import SIZE
 from estimator.track.tracker import Tracker, TrackKnobs
+from tests.bench.side_by_side import arithmetic
 
 DEVICES, SECONDS, RATE_HZ, BATCH = 100, 120.0, 104.0, 10
 _GOAL_US, _GOAL_BYTES = 1.0, 500_000
@@ -76,6 +77,18 @@ def filter_alone(states: int, seconds: int = 2000) -> float:
     return (process_time() - begun) / seconds
 
 
+def alone(days: list[Day]) -> float:
+    """CPU seconds a sample for the arithmetic alone, of all devices side by side."""
+    n, seconds = round(RATE_HZ), round(SECONDS)
+
+    def cut(columns: list[NDArray[np.float32]]) -> NDArray[np.float64]:
+        each = [column[: seconds * n].astype(float).reshape(seconds, n, 3) for column in columns]
+        return np.stack(each * (DEVICES // len(days)), axis=1)
+
+    gyro, accel = cut([day.gyro for day in days]), cut([day.accel for day in days])
+    return arithmetic(gyro, accel, RATE_HZ) / gyro[..., 0].size
+
+
 def _batches(day: Day) -> Iterator[SampleBatch]:
     ticks = np.round(day.time_s * 1e6).astype(np.uint64)
     for start in range(0, len(ticks), BATCH):
@@ -95,11 +108,16 @@ def main() -> int:
     for name, aided in (("with accelerometer", True), ("gyro only", False)):
         spent, _ = run(days, One, aided=aided)
         console.print(f"{name}: {1e6 * spent / samples:.2f} µs a sample for {DEVICES} devices (goal {_GOAL_US:g})")
+    steps = {states: 1e6 * filter_alone(states) / RATE_HZ for states in (SIZE, OWN)}
     for name, states in (("with accelerometer", SIZE), ("gyro only", OWN)):
-        alone = 1e6 * filter_alone(states) / RATE_HZ
         console.print(
-            f"limit, {name}: {alone:.2f} µs a sample are filterpy's own steps of {states} states once a second"
+            f"limit, {name}: {steps[states]:.2f} µs a sample are filterpy's own steps of {states} states once a second"
         )
+    least = 1e6 * alone(days)
+    console.print(
+        f"limit, with accelerometer: {least:.2f} µs more are the arithmetic of {DEVICES} devices side by side in arrays, "
+        f"with nothing judged; {least + steps[SIZE]:.2f} in all"
+    )
     console.print(f"whole sessions, with accelerometer: {1e6 * sessions(days) / samples:.2f} µs a sample")
     tracemalloc.start()
     day = simulate_day(0, 0.5, RATE_HZ)
