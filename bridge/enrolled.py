@@ -5,6 +5,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from bridge import os_words
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
@@ -40,7 +41,9 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             lines = (line.partition("#")[0].strip() for line in text.decode().splitlines())
             return places((*self.enrolled, *filter(None, lines)))
         except (OSError, ValueError) as error:
-            raise ValueError(f"file {self.file!r}: {error.strerror if isinstance(error, OSError) else error}") from None
+            raise ValueError(
+                f"file {self.file!r}: {os_words.why(error) if isinstance(error, OSError) else error}"
+            ) from None
 
 
 def places(entries: Iterable[str]) -> dict[str, str]:

@@ -274,11 +274,15 @@ def _config_check(given: argparse.Namespace) -> None:
     wards, routers, wrong = {}, [], list[str]()
     for file in given.files:
         if file.suffix in (".json5", ".json"):
-            routers.append(router_check.read(file))
+            try:
+                routers.append(router_check.read(file))
+            except BusError as error:
+                wrong.append(str(error))
         else:
             wards[file] = ward = load(file, Ward)
             wrong += [f"{file}: {words}" for words in captures.unreadable(ward.bridge.devices if ward.bridge else ())]
-    wrong += together.faults(wards, routers, datetime.now(UTC))
+    # Of a router that cannot be read it is not known what the others would lack.
+    wrong += together.faults(wards, routers if len(routers) + len(wards) == len(given.files) else [], datetime.now(UTC))
     if wrong:
         raise ConfigError("\n".join(wrong))
     for file, ward in wards.items():
