@@ -254,7 +254,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
             bus,
             closing(alone(bus, ward, "bridge", bridge.id)),
             Ward(ward, bridge, bus) as running,
-            _health(bridge, running, bus),
+            _health(bridge, running, bus, connect),
         ):
             _log.info(
                 "bridge %s: %s of ward %s to %s",
@@ -263,16 +263,16 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
                 ward,
                 ", ".join(connect),
             )
-            watched = RouterWatch(_log, _LOOK_S)
+            watched = RouterWatch(_log, _LOOK_S, connect)
             while not stop.wait(_LOOK_S) and not running.over:
                 watched.look(time.monotonic(), connected=bus.connected)
     return _DONE
 
 
-def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[object]:
+def _health(bridge: Bridge, running: Ward, bus: Bus, routers: Routers) -> AbstractContextManager[object]:
     if not bridge.health:
         return nullcontext()
-    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected)
+    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected, routers)
     return Health(listening(bridge.health), vitals.asked)
 
 

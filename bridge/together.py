@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus.router_check import RouterFile
-from bridge.bus.routers import secured
+from bridge.bus.routers import Routers, secured
 from bridge.config import Root, Router
 from bridge.pki.identity import by_authority, member_of
 from bridge.pki.identity import faults as identity_faults
@@ -29,6 +29,14 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
         *_otherwise(wards),
         *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
     ]
+
+
+def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
+    """What is right and will not be so within days, each a sentence that begins with the file."""
+    for path, root in wards.items():
+        yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
+    for router in routers:
+        yield from (f"{router.path}: {words}" for words in Routers(router.listen, router.identity).soon())
 
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:

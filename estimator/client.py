@@ -73,6 +73,8 @@ class Client:
         self.denied = _denied(self._bus, Routers.of(endpoints), ward) if bus is None else ()
         for words in self.denied:
             log.error("%s", words)
+        for words in Routers.of(endpoints).soon():
+            log.warning("%s", words)
 
     @property
     def connected(self) -> bool:

@@ -27,6 +27,7 @@ __all__ = [
     "hosts_of",
     "member_of",
     "signer",
+    "until",
     "verified",
 ]
 
@@ -85,6 +86,13 @@ def member_of(identity: Identity) -> Member:
 def verified(certificate: str, ca: str) -> bool:
     """Whether a certificate is good to who goes by this file of authorities, dates aside; ValueError where one is no PEM."""
     return bool(Chain.of(certificates(certificate), certificates(ca)).ends)
+
+
+def until(identity: Identity) -> datetime:
+    """When it ends: the first end of its own certificate and of all above; ValueError where one cannot be read."""
+    chain = Chain.of(certificates(identity.certificate), certificates(identity.ca))
+    tops = [max(one.not_valid_after_utc for one in chain.ends)] if chain.ends else []
+    return min([chain.own.not_valid_after_utc, *(one.not_valid_after_utc for one in chain.between), *tops])
 
 
 def by_authority(identity: Identity) -> bool:

@@ -103,7 +103,7 @@ class Service:
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
-        self._router = RouterWatch(log, STATUS_S)
+        self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
