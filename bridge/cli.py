@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from bridge import cli_profiles, cli_scan, os_words
+from bridge import cli_profiles, cli_scan
 from bridge.bus import router_check
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
@@ -35,7 +34,7 @@ from bridge.ward import Ward
 from bridge.wire import keys
 from bridge.wording import count
 
-_DONE, _FAILED, _WRONG = 0, 1, 2
+_DONE = 0
 _LOOK_S = 0.2
 _log = logging.getLogger(__name__)
 
@@ -144,17 +143,13 @@ def _add_ward(verb: argparse.ArgumentParser) -> None:
 
 
 def _guarded(run: Run) -> Run:
-    """Errors as one line on stderr and an exit code."""
+    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
 
     def guarded(args: argparse.Namespace) -> int:
         try:
             return run(args)
-        except (ConfigError, ValueError) as error:
-            print(f"truerate: {error}", file=sys.stderr)
-            return _WRONG
-        except (BusError, RecordingError, OSError) as error:
-            print(f"truerate: {os_words.said(error)}", file=sys.stderr)
-            return _FAILED
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
 
     return guarded
 

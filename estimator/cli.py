@@ -18,6 +18,7 @@ from bridge import captures, cli_pki, logs, os_words, together
 from bridge import cli as bridge_cli
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
+from bridge.cli_parser import Parser
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
@@ -106,7 +107,7 @@ def _expected() -> tuple[type[Exception], ...]:
 
 def build() -> argparse.ArgumentParser:
     """The parser with every verb."""
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="truerate",
         description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",
         epilog=EPILOG,

@@ -73,8 +73,6 @@ class Client:
         self.denied = _denied(self._bus, Routers.of(endpoints), ward) if bus is None else ()
         for words in self.denied:
             log.error("%s", words)
-        for words in Routers.of(endpoints).soon():
-            log.warning("%s", words)
 
     @property
     def connected(self) -> bool:
@@ -273,6 +271,8 @@ def _found(endpoints: Sequence[str]) -> ZenohBus:
 def _denied(bus: Bus, routers: Routers, ward: str) -> tuple[str, ...]:
     if routers.identity is None:
         return ()
+    for words in routers.soon():
+        log.warning("%s", words)
     member = member_of(routers.identity)
     if member.role not in SUBSCRIBERS:
         fit = ", ".join(role.value for role in SUBSCRIBERS)

@@ -107,7 +107,11 @@ def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: 
 def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "revoke", "bridge:b1", "--reason", "left\non a bus") == 0
     assert run(pki, "renew", "bridge:b1") == 2
+    capsys.readouterr()
     assert run(pki, "issue", "bridge:b1") == 0
+    assert (
+        "bridge:b1:2: of another name than before: [bus] of its ward file names these files" in capsys.readouterr().out
+    )
     assert run(pki, "revoke", "bridge:b1", "--reason", "again") == 0
     assert run(pki, "issue", "bridge:b1") == 0
     capsys.readouterr()
@@ -145,6 +149,8 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
         (["router", "router:r", "--ward", "w", "--listen", "here"], "is no endpoint"),
         (["router", "router:r", "--ward", "w", "--listen", "tcp/127.0.0.1:1"], "goes by tls alone"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1", "--join", "tcp/b:1"], "goes by tls alone"),
+        (["router", "router:r", "--ward", "w", "--listen", "tls/a:1"], "`truerate pki issue router:r --host"),
+        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host is for routers"),
     ],
 )
 def test_what_cannot_be_is_said(
