@@ -33,12 +33,14 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """The bridge of every enrolled device, "" for any; ValueError says what is wrong with the file."""
         if not self.file:
             return places(self.enrolled)
+        if words := os_words.unreadable(Path(self.file)):
+            raise ValueError(f"file {self.file!r}: {words}")
         try:
             with Path(self.file).open("rb") as file:
                 text = file.read(MOST_BYTES + 1)
             if len(text) > MOST_BYTES:
                 raise ValueError(f"more than {MOST_BYTES} bytes")
-            lines = (line.partition("#")[0].strip() for line in text.decode().splitlines())
+            lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
             return places((*self.enrolled, *filter(None, lines)))
         except (OSError, ValueError) as error:
             raise ValueError(

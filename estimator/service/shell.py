@@ -392,7 +392,7 @@ class Service:
     def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
-            why = self._presence.words(*which)
+            why = self._gate.words(device.name, device.source.owner) or self._presence.words(*which)
             reason = f"{_silent_for(silent_s)}{': ' if why else ''}{why}"
             if device.session.silence(reason):
                 log.warning("%s: lost, %s", device.name, reason)
