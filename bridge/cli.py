@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ from bridge import cli_profiles, cli_scan
 from bridge.bus import router_check
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
+from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.columns import Column, Columns
@@ -21,7 +23,7 @@ from bridge.config import Bus as BusTable
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
-from bridge.pki.identity import exposed
+from bridge.pki.identity import SOON, faults
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
@@ -36,6 +38,9 @@ from bridge.wording import count
 
 _DONE = 0
 _LOOK_S = 0.2
+#: how often a router says that its certificate ends soon
+_SELDOM_S = 12 * 3600.0
+_ENDS = "the certificate that this router began with ends on %s: renew it, and start the router again"
 _log = logging.getLogger(__name__)
 
 # Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
@@ -286,19 +291,38 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _router(args: argparse.Namespace) -> int:
-    with stopped_by_signal() as stop, _listening_router(args) as router:
+    written = args.config and args.config.suffix in (".json5", ".json")
+    file = _looked_through(args.config) if written else None
+    ends = Routers(file.listen, file.identity).until() if file else None
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as router:
         _log.info("router: listening on %s", ", ".join(router.listen))
-        stop.wait()
-    return _DONE
+        while True:  # of the certificate that it began with: of a new one it knows nothing
+            if ends and ends < datetime.now(UTC) + SOON:
+                _log.warning(_ENDS, f"{ends:%Y-%m-%d %H:%M} UTC")
+            if stop.wait(_SELDOM_S):
+                return _DONE
 
 
-def _listening_router(args: argparse.Namespace) -> Router:
-    if args.config and args.config.suffix in (".json5", ".json"):
+def _looked_through(path: Path) -> RouterFile:
+    """A router's own file; BusError where by its certificate it would be of no use."""
+    file = router_check.read(path)
+    if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
+        raise BusError("\n".join(wrong))
+    for words in file.faults:
+        _log.warning("%s: %s", path, words)
+    return file
+
+
+def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
+    if written:
         if args.listen:
             raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
-        identity = router_check.read(args.config).identity
-        if identity is not None and (wrong := exposed(identity.key)):
-            raise BusError(wrong)
         return Router.of_file(args.config)
-    listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
+    root = load(args.config, Root) if args.config else None
+    if root is not None and root.bus.identity is not None and not args.listen:
+        raise ConfigError(
+            f"{args.config}: by its [bus] a router asks for certificates, which this one would not: `truerate pki router` writes"
+            " a file for one that does, `truerate router --config router.json5`"
+        )
+    listen = root.router.listen if root else (LOCAL,)
     return Router(check_endpoints(args.listen, "--listen") if args.listen else listen, shed=keys.VIEWED)

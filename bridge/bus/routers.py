@@ -44,7 +44,7 @@ class Routers(Sequence[str]):
         ends, now = self.until(), datetime.now(UTC)
         if self.identity is None or ends is None or not now < ends < now + SOON:
             return []
-        ending = f"ends on {ends:%Y-%m-%d %H:%M} UTC, and no router lets it in from then on"
+        ending = f"ends on {ends:%Y-%m-%d %H:%M} UTC, and is of no use from then on"
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:
