@@ -277,7 +277,7 @@ class Service:
             self._silent.drop(batch.device)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
-            device.heard, device.key = now, message.key
+            device.key = message.key
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
@@ -288,6 +288,8 @@ class Service:
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session, overtaken = device.session, device.overtaken
         ruling = device.source.judge(batch, session.sequence, now)
+        if ruling is not Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
+            device.heard = now
         if ruling is Ruling.RANGE:
             session.sequence.refuse(batch, Reason.RANGE)
             if session.count_event("refused leap") == 1:
