@@ -101,13 +101,18 @@ bench-hostile: setup-dev
 # Regenerates the pins for deployment, each with its hashes: of every platform, and of what builds the package.
 pins: setup-dev
 	$(BIN)/uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command 'make pins' --all-extras -o requirements/deploy.txt pyproject.toml
-	echo 'hatchling>=1.27' | $(BIN)/uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command 'make pins' -o requirements/build.txt -
+	printf 'hatchling>=1.27\nsetuptools>=80\n' | $(BIN)/uv pip compile -q --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate --custom-compile-command 'make pins' -o requirements/build.txt -
 
-# The supply chain: what is pinned can be installed by its hashes alone, and the SBOM (CycloneDX) of it, out/sbom.cdx.json.
+# The supply chain: in an empty environment, what is pinned is installed by its hashes alone, and truerate with it; and the SBOM (CycloneDX)
+# of it, out/sbom.cdx.json. Without a network: PIP_NO_INDEX=1 PIP_FIND_LINKS=wheels make supply.
 supply: setup-dev
-	$(BIN)/python -m pip install --quiet --dry-run --ignore-installed --require-hashes --prefer-binary -r requirements/deploy.txt -r requirements/build.txt
-	mkdir -p out
+	rm -rf out/supply && $(PYTHON) -m venv out/supply
+	out/supply/bin/python -m pip install --quiet --require-hashes -r requirements/build.txt
+	out/supply/bin/python -m pip install --quiet --require-hashes --no-build-isolation --prefer-binary -r requirements/deploy.txt
+	out/supply/bin/python -m pip install --quiet --no-deps --no-build-isolation .
+	out/supply/bin/python -m pip check && out/supply/bin/truerate --version && rm -rf out/supply
 	PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements requirements/deploy.txt --pyproject pyproject.toml --output-reproducible --validate --of JSON -o out/sbom.cdx.json
+	$(BIN)/python -m tests.bill out/sbom.cdx.json
 
 # Ten million executions of every decoder; ARGS='native --runs 1e6' for a short look.
 fuzz: setup-dev

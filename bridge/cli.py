@@ -2,18 +2,19 @@
 
 import argparse
 import logging
-import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
 
 from msgspec.structs import replace
 
-from bridge import cli_profiles, cli_scan, os_words
+from bridge import cli_profiles, cli_scan
 from bridge.bus import router_check
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.router import Router
+from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.columns import Column, Columns
@@ -22,7 +23,7 @@ from bridge.config import Bus as BusTable
 from bridge.console import plain_console
 from bridge.drivers import registry, replayed
 from bridge.health import Health
-from bridge.pki.identity import exposed
+from bridge.pki.identity import SOON, faults
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording import RecordingError
@@ -35,8 +36,11 @@ from bridge.ward import Ward
 from bridge.wire import keys
 from bridge.wording import count
 
-_DONE, _FAILED, _WRONG = 0, 1, 2
+_DONE = 0
 _LOOK_S = 0.2
+#: how often a router says that its certificate ends soon
+_SELDOM_S = 12 * 3600.0
+_ENDS = "the certificate that this router began with ends on %s: renew it, and start the router again"
 _log = logging.getLogger(__name__)
 
 # Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
@@ -144,17 +148,13 @@ def _add_ward(verb: argparse.ArgumentParser) -> None:
 
 
 def _guarded(run: Run) -> Run:
-    """Errors as one line on stderr and an exit code."""
+    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
 
     def guarded(args: argparse.Namespace) -> int:
         try:
             return run(args)
-        except (ConfigError, ValueError) as error:
-            print(f"truerate: {error}", file=sys.stderr)
-            return _WRONG
-        except (BusError, RecordingError, OSError) as error:
-            print(f"truerate: {os_words.said(error)}", file=sys.stderr)
-            return _FAILED
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
 
     return guarded
 
@@ -254,7 +254,7 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
             bus,
             closing(alone(bus, ward, "bridge", bridge.id)),
             Ward(ward, bridge, bus) as running,
-            _health(bridge, running, bus),
+            _health(bridge, running, bus, connect),
         ):
             _log.info(
                 "bridge %s: %s of ward %s to %s",
@@ -263,16 +263,16 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
                 ward,
                 ", ".join(connect),
             )
-            watched = RouterWatch(_log, _LOOK_S)
+            watched = RouterWatch(_log, _LOOK_S, connect)
             while not stop.wait(_LOOK_S) and not running.over:
                 watched.look(time.monotonic(), connected=bus.connected)
     return _DONE
 
 
-def _health(bridge: Bridge, running: Ward, bus: Bus) -> AbstractContextManager[object]:
+def _health(bridge: Bridge, running: Ward, bus: Bus, routers: Routers) -> AbstractContextManager[object]:
     if not bridge.health:
         return nullcontext()
-    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected)
+    vitals = Vitals(lambda: running.infos, lambda: running.turned_s, lambda: bus.connected, routers)
     return Health(listening(bridge.health), vitals.asked)
 
 
@@ -291,19 +291,38 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _router(args: argparse.Namespace) -> int:
-    with stopped_by_signal() as stop, _listening_router(args) as router:
+    written = args.config and args.config.suffix in (".json5", ".json")
+    file = _looked_through(args.config) if written else None
+    ends = Routers(file.listen, file.identity).until() if file else None
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as router:
         _log.info("router: listening on %s", ", ".join(router.listen))
-        stop.wait()
-    return _DONE
+        while True:  # of the certificate that it began with: of a new one it knows nothing
+            if ends and ends < datetime.now(UTC) + SOON:
+                _log.warning(_ENDS, f"{ends:%Y-%m-%d %H:%M} UTC")
+            if stop.wait(_SELDOM_S):
+                return _DONE
 
 
-def _listening_router(args: argparse.Namespace) -> Router:
-    if args.config and args.config.suffix in (".json5", ".json"):
+def _looked_through(path: Path) -> RouterFile:
+    """A router's own file; BusError where by its certificate it would be of no use."""
+    file = router_check.read(path)
+    if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
+        raise BusError("\n".join(wrong))
+    for words in file.faults:
+        _log.warning("%s: %s", path, words)
+    return file
+
+
+def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
+    if written:
         if args.listen:
             raise ValueError(f"{args.config} says where to listen, and what is safe there: change it in the file")
-        identity = router_check.read(args.config).identity
-        if identity is not None and (wrong := exposed(identity.key)):
-            raise BusError(wrong)
         return Router.of_file(args.config)
-    listen = load(args.config, Root).router.listen if args.config else (LOCAL,)
+    root = load(args.config, Root) if args.config else None
+    if root is not None and root.bus.identity is not None and not args.listen:
+        raise ConfigError(
+            f"{args.config}: by its [bus] a router asks for certificates, which this one would not: `truerate pki router` writes"
+            " a file for one that does, `truerate router --config router.json5`"
+        )
+    listen = root.router.listen if root else (LOCAL,)
     return Router(check_endpoints(args.listen, "--listen") if args.listen else listen, shed=keys.VIEWED)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bridge.bus import router_file
 from bridge.columns import Column, Columns
-from bridge.config import check, check_endpoints
+from bridge.config import ConfigError, check, check_endpoints
 from bridge.console import plain_console
 from bridge.pki.authority import DAYS
 from bridge.pki.folder import Folder, utc_now
@@ -107,8 +107,7 @@ def _guarded(given: argparse.Namespace) -> int:
             raise ValueError(f"--days is {given.days}; 1 to {_MOST_DAYS} is taken")
         return int(given.verb(given))
     except ValueError as error:
-        print(f"truerate: {error}", file=sys.stderr)
-        return 2
+        raise ConfigError(str(error)) from None
 
 
 def _members(given: argparse.Namespace) -> list[Member]:
@@ -128,10 +127,15 @@ def _init(given: argparse.Namespace) -> int:
 
 
 def _issue(given: argparse.Namespace) -> int:
-    folder = Folder(given.folder)
-    for member in _members(given):
+    folder, members = Folder(given.folder), _members(given)
+    if given.host and not any(member.role is Role.ROUTER for member in members):
+        raise ValueError("--host is for routers: nobody goes to another, and its certificate names no host")
+    for member in members:
         hosts = tuple(given.host) if member.role is Role.ROUTER else ()
         _made(folder.issue(member, utc_now(), given.days, hosts))
+    if again := [member for member in map(folder.current, members) if member.generation > 1]:
+        names = ", ".join(member.common_name for member in again)
+        print(f"{names}: of another name than before: [bus] of its ward file names these files from now on.")
     print("Routers do not know new names by themselves: write their files anew (truerate pki router).")
     return 0
 
@@ -215,6 +219,10 @@ def _router(given: argparse.Namespace) -> int:
         check_endpoints(join, "--join")
     if others := [endpoint for endpoint in (*listen, *join) if not endpoint.startswith("tls/")]:
         raise ValueError(f"{others[0]!r}: a router with certificates goes by tls alone, such as 'tls/10.0.0.5:7447'")
+    if router not in (known for known, _ in folder.members()):
+        raise ValueError(
+            f"{router.label}: no certificate in {folder.path}; `truerate pki issue {router.label} --host …` makes one"
+        )
     known = [member for member, _ in folder.members() if member != router]
     places = list(dict.fromkeys(place for text in given.member for place in _places(folder, text, wards)))
     places = places or [(ward, member) for member in known for ward in wards]

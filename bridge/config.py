@@ -39,6 +39,8 @@ def check_endpoints(endpoints: Sequence[str], key: str) -> tuple[str, ...]:
     """Endpoints as zenoh takes them; ValueError begins with `key`, be it of a file or of a command line."""
     if not endpoints:
         raise ValueError(f"{key} needs at least one endpoint, such as {LOCAL!r}")
+    if twice := [endpoint for endpoint in dict.fromkeys(endpoints) if endpoints.count(endpoint) > 1]:
+        raise ValueError(f"{key}: {twice[0]!r} is there twice; another router's endpoint, or one alone")
     for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
         if not (protocol and address and endpoint.isprintable()):

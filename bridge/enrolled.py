@@ -5,6 +5,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from bridge import os_words
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
 
@@ -32,15 +33,19 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """The bridge of every enrolled device, "" for any; ValueError says what is wrong with the file."""
         if not self.file:
             return places(self.enrolled)
+        if words := os_words.unreadable(Path(self.file)):
+            raise ValueError(f"file {self.file!r}: {words}")
         try:
             with Path(self.file).open("rb") as file:
                 text = file.read(MOST_BYTES + 1)
             if len(text) > MOST_BYTES:
                 raise ValueError(f"more than {MOST_BYTES} bytes")
-            lines = (line.partition("#")[0].strip() for line in text.decode().splitlines())
+            lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
             return places((*self.enrolled, *filter(None, lines)))
         except (OSError, ValueError) as error:
-            raise ValueError(f"file {self.file!r}: {error.strerror if isinstance(error, OSError) else error}") from None
+            raise ValueError(
+                f"file {self.file!r}: {os_words.why(error) if isinstance(error, OSError) else error}"
+            ) from None
 
 
 def places(entries: Iterable[str]) -> dict[str, str]:

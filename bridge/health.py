@@ -16,6 +16,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 
 from bridge import os_words
+from bridge.bus.routers import Routers
 
 _log = logging.getLogger(__name__)
 
@@ -32,6 +33,14 @@ class Family:
     labels: Sequence[str] = ()
     values: Mapping[Any, float] = field(default_factory=dict)
     counter: bool = False
+
+
+def certificate(routers: Routers) -> Iterator[Family]:
+    """When that of a program ends, where it has one: read anew, for it may have been renewed."""
+    ends = routers.until()
+    if ends is not None:
+        help_ = "When this program's certificate ends, or one above it."
+        yield Family("certificate_ends_timestamp_seconds", help_, (), {(): ends.timestamp()})
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,33 +1,53 @@
-"""Whether a router is there: said when it changes, and whether this program itself was held up, which may be why. Pure."""
+"""Whether a router is there: said when it changes, and why: this program was held up, or its certificate is of no use."""
 
 import logging
+from collections.abc import Iterable
+
+from bridge.bus.routers import Routers
 
 _HELD_UP_S = 0.5
 _LATELY_S = 5.0
+#: who is away for so long does not just start again
+_LONG_S = 10.0
+#: so often it is looked whether the certificate ends soon
+_SELDOM_S = 12 * 3600.0
 
 
 class RouterWatch:
-    """To be looked at every_s seconds; times are of a steady clock."""
+    """To be looked at every_s seconds; times are of a steady clock. routers: where we go, and by which certificate."""
 
-    def __init__(self, log: logging.Logger, every_s: float) -> None:
+    def __init__(self, log: logging.Logger, every_s: float, routers: Routers | None = None) -> None:
         self._log, self._every_s = log, every_s
         self._there = True
         self._looked_s: float | None = None
         self._held_s, self._held_at_s = 0.0, float("-inf")
+        self._routers = routers or Routers(())
+        self._ask_s, self._explain_s = float("-inf"), float("inf")
 
     def look(self, now: float, *, connected: bool) -> bool:
         """Say what is new; whether it was, or is, away since the last look."""
         if self._looked_s is not None and (held_s := now - self._looked_s - self._every_s) > _HELD_UP_S:
             self._held_s, self._held_at_s = held_s, now
         self._looked_s = now
+        if now >= self._ask_s:
+            self._ask_s = now + _SELDOM_S
+            self._warn(self._routers.soon())
         away = not (connected and self._there)
         if connected != self._there:
             self._there = connected
+            self._explain_s = float("inf") if connected else now + _LONG_S
             if connected:
                 self._log.info("the router is back")
             else:
                 self._log.warning("the router is gone%s; going on, and waiting for it", self._or_not(now))
+        if now >= self._explain_s:
+            self._explain_s = float("inf")
+            self._warn(f"no router for {_LONG_S:.0f} s: {words}" for words in self._routers.why_away())
         return away
+
+    def _warn(self, said: Iterable[str]) -> None:
+        for words in said:
+            self._log.warning("%s", words)
 
     def _or_not(self, now: float) -> str:
         if now - self._held_at_s > _LATELY_S:

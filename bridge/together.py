@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from bridge.bus.router_check import RouterFile
-from bridge.bus.routers import secured
-from bridge.config import Root
-from bridge.pki.identity import certificates, hosts_of, member_of, verified
+from bridge.bus.routers import Routers, secured
+from bridge.config import Root, Router
+from bridge.pki.identity import by_authority, member_of
 from bridge.pki.identity import faults as identity_faults
 from bridge.pki.member import Member, Role
+from bridge.routers_together import faults as router_faults
+from bridge.routers_together import host_of, hosts_at, is_for, port_of, reaches, trusts
 
 #: what all estimators of a ward are told alike
 _NAMED = 5
@@ -22,16 +24,32 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
+        *router_faults(routers),
         *_twice(wards),
         *_otherwise(wards),
         *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
     ]
 
 
+def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[str]:
+    """What is right and will not be so within days, each a sentence that begins with the file."""
+    for path, root in wards.items():
+        yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
+    for router in routers:
+        yield from (f"{router.path}: {words}" for words in Routers(router.listen, router.identity).soon())
+
+
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
     yield from router.faults
     if router.identity is not None:
         yield from identity_faults(router.identity, now, (Role.ROUTER,))
+        if by_authority(router.identity):
+            yield (
+                f"root_ca_certificate: {router.identity.ca} is the authority's own: whose certificate was revoked would still"
+                " get a session; the file that `truerate pki router` writes beside the certificates ends in .members.pem"
+            )
+    if router.join and router.joins_as not in (None, router.identity):
+        yield from identity_faults(router.joins_as, now, (Role.ROUTER,))
 
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
@@ -42,6 +60,10 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
                 yield f"[devices]: {device.id!r} is enrolled by {places[device.id]!r}, and listed by {root.bridge.id!r}"
             elif device.id not in places:
                 yield f"[devices]: {device.id!r} of [[bridge.devices]] is not enrolled: the estimator would not use it"
+    ports = {port_of(endpoint) for endpoint in root.router.listen}
+    if root.router != Router() and not ports & {port_of(endpoint) for endpoint in root.bus.connect}:
+        there, here = ", ".join(root.router.listen), ", ".join(root.bus.connect)
+        yield f"[router] listens at {there}, and [bus] connects to {here}: is one of the ports mistaken?"
     if root.bus.identity is None:
         return
     wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
@@ -102,39 +124,52 @@ def _names(root: Root) -> Iterator[tuple[str, str]]:
 
 
 def _between(root: Root, routers: Sequence[RouterFile]) -> Iterator[str]:
-    ports = {_port(endpoint) for router in routers for endpoint in router.listen}
+    ports = {port_of(endpoint) for router in routers for endpoint in router.listen}
     for endpoint in root.bus.connect:
-        if _port(endpoint) not in ports:
+        if port_of(endpoint) not in ports:
             yield f"[bus]: connect: no router listens at {endpoint}; they do at {', '.join(e for r in routers for e in r.listen)}"
     for endpoint in filter(secured, root.bus.connect):
-        there = [router for router in routers if _port(endpoint) in map(_port, router.listen)]
-        hosts = [host for router in there for host in _hosts(router)]
-        if hosts and not any(_is_for(host, _host(endpoint)) for host in hosts):
+        there = [router for router in routers if port_of(endpoint) in map(port_of, router.listen)]
+        hosts = [host for router in there for host in hosts_at(router)]
+        if hosts and not any(is_for(host, host_of(endpoint)) for host in hosts):
             yield (
                 f"[bus]: connect: {endpoint}: the router's certificate is for {', '.join(hosts)} alone, and we would not talk to"
                 " it by another name: truerate pki issue router:NAME --host names all of them"
             )
     member = _member(root)
-    if member is None:
+    if member is None or root.bus.identity is None:
         return
-    knowing = [router for router in routers if member.common_name in router.members]
-    if not knowing:
-        yield f"[bus]: no router knows {member.common_name}: what it says and asks would be dropped silently"
-    for router in knowing:
-        if not _let_in(root, router):
+    used = [one for one in routers if any(reaches(endpoint, one) for endpoint in root.bus.connect)] or list(routers)
+    yield from (f"[bus]: {words}" for words in _known(root.ward, member, used))
+    for router in used:
+        if router.identity is None:
+            continue
+        if member.common_name in router.members and not trusts(router.identity.ca, root.bus.identity.certificate):
             yield (
                 f"[bus]: {router.path} has rules for {member.common_name} and does not let in its certificate:"
                 " `truerate pki router` writes both files of a router anew"
             )
+        if not trusts(root.bus.identity.ca, router.identity.certificate):
+            yield (
+                f"[bus]: ca: by {root.bus.identity.ca} the certificate of {router.path} is nobody's: we would not talk to that"
+                " router; it is the authority's file that belongs there, ca.pem"
+            )
 
 
-def _let_in(root: Root, router: RouterFile) -> bool:
-    try:
-        return not (root.bus.identity and router.identity) or verified(
-            root.bus.identity.certificate, router.identity.ca
+def _known(ward: str, member: Member, routers: Sequence[RouterFile]) -> Iterator[str]:
+    """Whether each of the routers that a program goes to has rules for it, in its ward."""
+    name = member.common_name
+    without = [router for router in routers if (ward, name) not in router.places]
+    if elsewhere := sorted({place for router in without for place, who in router.places if who == name} - {ward}):
+        places = ", ".join(elsewhere)
+        yield f"ward is {ward!r}, and routers have rules for {name} in {places} alone: all would be dropped silently"
+    elif len(without) == len(routers):
+        yield f"no router knows {name}: what it says and asks would be dropped silently"
+    else:
+        yield from (
+            f"{router.path} does not know {name}: what it says and asks would be dropped silently, once it goes there"
+            for router in without
         )
-    except ValueError:
-        return True  # a file that is not there, or is none, is said of already
 
 
 def _member(root: Root) -> Member | None:
@@ -142,29 +177,3 @@ def _member(root: Root) -> Member | None:
         return member_of(root.bus.identity) if root.bus.identity is not None else None
     except ValueError:
         return None  # said already
-
-
-def _hosts(router: RouterFile) -> list[str]:
-    """What a router's certificate is for; nothing where it is not at hand."""
-    try:
-        return hosts_of(certificates(router.identity.certificate)[0]) if router.identity else []
-    except ValueError:
-        return []
-
-
-def _host(endpoint: str) -> str:
-    address = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
-    return address.rpartition(":")[0].strip("[]").lower()
-
-
-def _is_for(certified: str, host: str) -> bool:
-    """Whether a name of a certificate is that of a host; a `*` stands for one part."""
-    name = certified.lower()
-    return name == host or (name.startswith("*.") and name[2:] == host.partition(".")[2])
-
-
-def _port(endpoint: str) -> tuple[str, str]:
-    """Protocol and port: by which name or address a machine is reached is not in its own file."""
-    protocol, _, address = endpoint.partition("/")
-    bare = address.partition("#")[0].partition("?")[0]
-    return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]

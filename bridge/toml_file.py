@@ -41,7 +41,7 @@ def load(path: Path | str, kind: type[T]) -> T:
     """Read a TOML file as `kind`; raises ConfigError, one line for a person."""
     try:
         with Path(path).open("rb") as file:
-            tables = tomllib.load(file)
+            tables = tomllib.loads(file.read().decode("utf-8-sig"))  # some editors put a mark before the text
     except FileNotFoundError:
         raise ConfigError(f"{path}: there is no such file") from None
     except OSError as error:

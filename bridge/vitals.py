@@ -3,7 +3,8 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from bridge.health import Asked, Family
+from bridge.bus.routers import Routers
+from bridge.health import Asked, Family, certificate
 from bridge.wire.messages import DeviceInfo
 
 #: a pump that has not turned for so long is stuck
@@ -11,12 +12,17 @@ STUCK_S = 5.0
 
 
 class Vitals:
-    """infos: what was said last of each device; turned_s: when the pump turned last, monotonic; connected: to a router."""
+    """infos: what was said last of each device; turned_s: when the pump turned last, monotonic; connected: to one of routers."""
 
     def __init__(
-        self, infos: Callable[[], Sequence[DeviceInfo]], turned_s: Callable[[], float], connected: Callable[[], bool]
+        self,
+        infos: Callable[[], Sequence[DeviceInfo]],
+        turned_s: Callable[[], float],
+        connected: Callable[[], bool],
+        routers: Routers | None = None,
     ) -> None:
         self._infos, self._turned_s, self._connected = infos, turned_s, connected
+        self._routers = routers or Routers(())
 
     @property
     def asked(self) -> Asked:
@@ -32,7 +38,7 @@ class Vitals:
         """Why it cannot do its work now."""
         why = self.sick()
         if not self._connected():
-            why.append("the router is gone")
+            why += ["the router is gone", *self._routers.faults()]
         infos = self._infos()
         if infos and not any(info.boot and not info.trouble for info in infos):
             why.append("no device is heard")
@@ -41,6 +47,7 @@ class Vitals:
     def families(self) -> Iterator[Family]:
         """All metrics; a label a device of the configuration, and the reasons of drops."""
         infos = self._infos()
+        yield from certificate(self._routers)
         yield Family("bridge_connected", "Whether there is a router.", (), {(): float(self._connected())})
         heard = {(i.device,): float(bool(i.boot) and not i.trouble) for i in infos}
         yield Family("bridge_heard", "Whether a device is heard.", ("device",), heard)

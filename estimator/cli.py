@@ -18,6 +18,7 @@ from bridge import captures, cli_pki, logs, os_words, together
 from bridge import cli as bridge_cli
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
+from bridge.cli_parser import Parser
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
@@ -106,7 +107,7 @@ def _expected() -> tuple[type[Exception], ...]:
 
 def build() -> argparse.ArgumentParser:
     """The parser with every verb."""
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="truerate",
         description="Corrected angular rates, with an honest uncertainty, for every wearable IMU on a ward.",
         epilog=EPILOG,
@@ -274,11 +275,15 @@ def _config_check(given: argparse.Namespace) -> None:
     wards, routers, wrong = {}, [], list[str]()
     for file in given.files:
         if file.suffix in (".json5", ".json"):
-            routers.append(router_check.read(file))
+            try:
+                routers.append(router_check.read(file))
+            except BusError as error:
+                wrong.append(str(error))
         else:
             wards[file] = ward = load(file, Ward)
             wrong += [f"{file}: {words}" for words in captures.unreadable(ward.bridge.devices if ward.bridge else ())]
-    wrong += together.faults(wards, routers, datetime.now(UTC))
+    # Of a router that cannot be read it is not known what the others would lack.
+    wrong += together.faults(wards, routers if len(routers) + len(wards) == len(given.files) else [], datetime.now(UTC))
     if wrong:
         raise ConfigError("\n".join(wrong))
     for file, ward in wards.items():
@@ -287,6 +292,8 @@ def _config_check(given: argparse.Namespace) -> None:
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
         print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
+    for words in together.soon(wards, routers):
+        print(words)
     for router in routers:
         print(f"{router.path}: right. A router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")
 

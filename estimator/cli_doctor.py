@@ -8,11 +8,12 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge import captures, rivals
+from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import ConfigError, load
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble
-from bridge.doctor.router import router
+from bridge.doctor.router import answers, certificate, router
 from bridge.scan.ports import find
 from bridge.transport import serial_state
 from estimator.cli_offline import Verbs, add_verb
@@ -75,16 +76,24 @@ def _look(path: Path | None) -> Iterable[Finding]:
             yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
+        shown = list(certificate(ward.bus.routers))
+        yield from shown
+        if any(finding.level is Level.TROUBLE for finding in shown):
+            return
         reached = router(ward.bus.routers)
         yield from reached
-        if all(finding.level is Level.OK for finding in reached):
+        if answers(reached):
             yield from _running(ward)
 
 
 def _running(ward: Ward) -> Iterable[Finding]:
     """What the ward itself says, where it runs."""
     with ZenohBus(ward.bus.routers) as bus:  # by the certificate of whose file it is, who need not hear any
+        denied = self_test(bus, ward.bus.routers, ward.ward)
         statuses = Client(ward=ward.ward, bus=bus).statuses(0.5)
+    for words in denied:
+        said, _, do = words.partition("; ")
+        yield trouble("rights", said, do)
     clashes = rivals.found(statuses.values())
     for words in clashes:
         yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")

@@ -271,6 +271,8 @@ def _found(endpoints: Sequence[str]) -> ZenohBus:
 def _denied(bus: Bus, routers: Routers, ward: str) -> tuple[str, ...]:
     if routers.identity is None:
         return ()
+    for words in routers.soon():
+        log.warning("%s", words)
     member = member_of(routers.identity)
     if member.role not in SUBSCRIBERS:
         fit = ", ".join(role.value for role in SUBSCRIBERS)

@@ -64,3 +64,7 @@ class Ward(config.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
         here = self.estimator.health if self.estimator else ""
         if here and self.bridge and here == self.bridge.health:
             raise ValueError(f"health is {here!r} of both bridge and estimator: each needs a port of its own")
+        if self.dashboard.listen in filter(None, (here, self.bridge.health if self.bridge else "")):
+            raise ValueError(
+                f"health is {self.dashboard.listen!r}, as is the dashboard's listen: each needs a port of its own"
+            )

@@ -28,12 +28,14 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
     return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None}
 
 
-_HEADINGS = {"axis": 0, "scale k": 0, "±": 0, "bias °/s": 0, "± °/s": 0, "turn °": 1, "closed to °": 2, "s": 3}
+_HEADINGS = {"axis": 0, "scale k": 0, "±": 0, "bias °/s": 0, "± °/s": 0}
+_OF_TURNS = {"turn °": 1, "closed to °": 2, "s": 3}
 
 
 def as_table(result: Result | Calibration) -> Columns:
-    """Scale, bias and turn of each axis, with standard deviations."""
-    table = Columns([Column(heading, number=True, spare=spare) for heading, spare in _HEADINGS.items()])
+    """Scale and bias of each axis, with standard deviations, and its turn, where the method has turns."""
+    headings = _HEADINGS | (_OF_TURNS if result.turns else {})
+    table = Columns([Column(heading, number=True, spare=spare) for heading, spare in headings.items()])
     std = np.sqrt(np.diag(result.covariance))
     turns = {turn.axis: turn for turn in result.turns}
     for axis, name in enumerate(AXES):

@@ -1,5 +1,6 @@
 """What is deployed is pinned by version and hash, all of it, and the bill of materials lists the same."""
 
+import hashlib
 import json
 import re
 import subprocess
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from tests import bill
 
 ROOT = Path(__file__).parent.parent
 DEPLOY, BUILD = ROOT / "requirements/deploy.txt", ROOT / "requirements/build.txt"
@@ -55,6 +58,7 @@ def test_the_pins_are_what_the_package_asks_for() -> None:
         version = versions.get(canonicalize_name(requirement.name))
         assert version is not None, f"{text} is not pinned; run `make pins`"
         assert requirement.specifier.contains(version), f"{text} is pinned to {version}; run `make pins`"
+    assert "setuptools" in pinned(BUILD), "what comes as source alone is built by it"
     (build,) = project["build-system"]["requires"]
     assert Requirement(build).specifier.contains(pinned(BUILD)["hatchling"])
 
@@ -77,12 +81,33 @@ def test_the_bill_of_materials_lists_what_is_pinned(tmp_path: Path) -> None:
     subprocess.run(
         [*words, str(ROOT / "pyproject.toml"), "--of", "JSON", "-o", str(out)], check=True, capture_output=True
     )
-    bill = json.loads(out.read_text(encoding="utf-8"))
-    assert bill["bomFormat"] == "CycloneDX"
-    assert bill["metadata"]["component"]["name"] == "truerate"
-    listed = {(canonicalize_name(c["name"]), c["version"]) for c in bill["components"]}
+    said = json.loads(out.read_text(encoding="utf-8"))
+    assert said["bomFormat"] == "CycloneDX"
+    assert said["metadata"]["component"]["name"] == "truerate"
+    listed = {(canonicalize_name(c["name"]), c["version"]) for c in said["components"]}
     assert listed == {
         (canonicalize_name(requirement.name), next(iter(requirement.specifier)).version)
         for requirement in entries(DEPLOY)
     }
-    assert all(reference["hashes"] for c in bill["components"] for reference in c["externalReferences"])
+    assert all(reference["hashes"] for c in said["components"] for reference in c["externalReferences"])
+
+
+def test_what_lies_in_the_package_is_in_the_bill_too(tmp_path: Path) -> None:
+    out = tmp_path / "sbom.json"
+    out.write_text('{"components": []}', "utf-8")
+    for _ in range(2):
+        bill.main(out)
+    (uplot,) = json.loads(out.read_text("utf-8"))["components"]
+    content = (bill.VENDOR / "uPlot.iife.min.js").read_bytes()
+    assert (uplot["name"], uplot["hashes"][0]["content"]) == ("uPlot", hashlib.sha256(content).hexdigest())
+    assert uplot["version"].encode() in content[:100]
+
+
+def test_what_is_deployed_is_installed_as_the_document_says() -> None:
+    """SECURITY.md's lines are those that `make supply` tries, and nothing is built by what has no hash."""
+    commands = re.findall(r"(?m)^pip (install .*)$", (ROOT / "SECURITY.md").read_text(encoding="utf-8"))
+    tried = (ROOT / "Makefile").read_text(encoding="utf-8").replace("install --quiet ", "install ")
+    assert len(commands) == 3
+    for command in commands:
+        assert f"pip {command}\n" in tried
+    assert [("--no-build-isolation" in command) for command in commands] == [False, True, True]

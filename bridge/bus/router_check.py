@@ -20,19 +20,26 @@ from bridge.wire.refusal import Refusal
 _OURS_US = round(zenoh_settings.CUT_OFF_S * 1e6)
 #: so many times as long is not complained of: files of earlier truerates say so
 _BEARABLE = 2
+#: nor is what is so many times as short
+_HASTY = 10
+#: so many may be about to connect at once, at least
+_PENDING = 100
 #: what an endpoint may say behind its `#`
 _ITS_OWN = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
 
 
 @dataclass(frozen=True, slots=True)
 class RouterFile:
-    """What one says: where it listens, whom it joins, who it is, whom it lets in."""
+    """What one says: where it listens, whom it joins, who it is, and who to those; whom it lets in, and into which ward."""
 
     path: Path
+    id: str
     listen: tuple[str, ...]
     join: tuple[str, ...]
     identity: Identity | None
+    joins_as: Identity | None
     members: frozenset[str]
+    places: frozenset[tuple[str, str]]
     faults: tuple[str, ...]
 
 
@@ -40,14 +47,20 @@ def read(path: Path) -> RouterFile:
     """Read and look through a file; BusError where zenoh itself does not take it."""
     said = read_settings(str(path))
     tls = said["transport"]["link"]["tls"]
-    files = [tls[name] for name in ("root_ca_certificate", "listen_certificate", "listen_private_key")]
-    subjects = said["access_control"]["subjects"] or ()
+    files, others = (
+        [tls[name] for name in ("root_ca_certificate", f"{way}_certificate", f"{way}_private_key")]
+        for way in ("listen", "connect")
+    )
+    access = said["access_control"]
     return RouterFile(
         path,
+        said["id"] or "",
         endpoints_of(said["listen"]["endpoints"]),
         endpoints_of(said["connect"]["endpoints"]),
         Identity(*files) if all(files) else None,
-        frozenset(name for subject in subjects for name in subject.get("cert_common_names") or ()),
+        Identity(*others) if all(others) else None,
+        frozenset(name for subject in access["subjects"] or () for name in subject.get("cert_common_names") or ()),
+        _who_where(access),
         tuple(_faults(said)),
     )
 
@@ -69,10 +82,54 @@ def _faults(said: dict[str, Any]) -> Iterator[str]:
         yield "transport.shared_memory.enabled must be false: what lies in there passes by every limit of size"
     if said["timestamping"]["enabled"] is not False:
         yield "timestamping.enabled must be false: else subscribers with history drop messages"
-    wait_us = said["transport"]["link"]["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"]
+    yield from _of_limits(said["transport"])
+    yield from _of_what_is_lost(said)
+    yield from _of_endpoints(said)
+
+
+def _of_what_is_lost(said: dict[str, Any]) -> Iterator[str]:
+    if said["namespace"]:
+        yield f"namespace is {said['namespace']!r}: all would go under keys that nobody reads: leave it out"
+    if said["downsampling"]:
+        yield "downsampling: samples would be lost, silently: leave it out"
+    small = [one["size_limit"] for one in said["low_pass_filter"] if one["size_limit"] < MAX_PAYLOAD]
+    if small:
+        yield f"low_pass_filter: size_limit is {small[0]}: what is larger is lost, silently; ours is {MAX_PAYLOAD}"
+    dropped = {
+        key
+        for one in said["qos"]["network"]
+        if one["overwrite"]["congestion_control"] == "drop" and "egress" in (one["flows"] or ("egress",))
+        for key in one["key_exprs"]
+    }
+    if kept := [key for key in keys.VIEWED if key not in dropped]:
+        yield f"qos.network: on {', '.join(kept)} a slow viewer holds up all others; `truerate pki router` writes it"
+
+
+def _of_limits(transport: dict[str, Any]) -> Iterator[str]:
+    unicast, link = transport["unicast"], transport["link"]
+    wait_us = link["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"]
     if wait_us > _BEARABLE * _OURS_US:
         yield f"wait_before_close is {wait_us} µs: one frozen reader silences a ward for so long; {_OURS_US} is ours"
-    yield from _of_endpoints(said)
+    if wait_us < _OURS_US // _HASTY:
+        yield f"wait_before_close is {wait_us} µs: who is busy for a moment is cut off; {_OURS_US} is ours"
+    longest_ms = round(_BEARABLE * zenoh_settings.ACCEPT_S * 1000)
+    if unicast["accept_timeout"] > longest_ms or unicast["accept_pending"] < _PENDING:
+        yield (
+            f"accept_timeout is {unicast['accept_timeout']} ms, accept_pending {unicast['accept_pending']}: connections that say"
+            f" nothing lock others out; at most {longest_ms} and at least {_PENDING}"
+        )
+    shortest_ms, longest_ms = (
+        round(1000 * s) for s in (zenoh_settings.ROUTER_LEASE_S, _BEARABLE * zenoh_settings.NETWORK_LEASE_S)
+    )
+    if not shortest_ms <= (lease_ms := link["tx"]["lease"]) <= longest_ms:
+        yield (
+            f"lease is {lease_ms} ms: who says nothing for so long is taken for gone, whoever hangs is not before;"
+            f" {shortest_ms} to {longest_ms} is sensible"
+        )
+    if (most := unicast["max_sessions"]) < _PENDING:
+        yield f"max_sessions is {most}: who comes after so many is not let in; {_PENDING} at least"
+    if (most := link["rx"]["max_message_size"]) < MAX_PAYLOAD:
+        yield f"max_message_size is {most}: what is larger would be lost; messages have up to {MAX_PAYLOAD} bytes"
 
 
 def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
@@ -176,6 +233,14 @@ def _places(access: dict[str, Any]) -> list[tuple[str, Member]]:
     names = [subject["id"] for subject in access["subjects"] or ()]
     known = [place for place in found if place[0] in order and place[1].common_name in names]
     return sorted(known, key=lambda place: (names.index(place[1].common_name), order.index(place[0])))
+
+
+def _who_where(access: dict[str, Any]) -> frozenset[tuple[str, str]]:
+    """The same by ward and common name; nothing where a name is none, which is said of already."""
+    try:
+        return frozenset((ward, member.common_name) for ward, member in _places(access))
+    except (ValueError, Refusal):
+        return frozenset()
 
 
 def _ward(rule: dict[str, Any]) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import overload
 
-from bridge.pki.identity import Identity, faults
+from bridge.pki.identity import SOON, Identity, faults, until
 
 #: protocols of zenoh endpoints that are encrypted, and know who is at the other end
 SECURED = ("tls", "quic")
@@ -31,6 +31,29 @@ class Routers(Sequence[str]):
     def faults(self) -> list[str]:
         """What of the identity would make every router refuse us, or us every router, now."""
         return faults(self.identity, datetime.now(UTC)) if self.identity else []
+
+    def until(self) -> datetime | None:
+        """When the certificate, or one above it, ends; None where none is asked for, or none can be read."""
+        try:
+            return until(self.identity) if self.identity else None
+        except ValueError:
+            return None
+
+    def soon(self) -> list[str]:
+        """That the certificate ends within days, while there is time to renew it."""
+        ends, now = self.until(), datetime.now(UTC)
+        if self.identity is None or ends is None or not now < ends < now + SOON:
+            return []
+        ending = f"ends on {ends:%Y-%m-%d %H:%M} UTC, and is of no use from then on"
+        return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
+
+    def why_away(self) -> list[str]:
+        """Why no router may let us in, for whom it was there before."""
+        if self.identity is None:
+            return []
+        return self.faults() or [
+            f"it does not run, is not reached, or does not let in {self.identity.certificate}, which may have been revoked"
+        ]
 
     @overload
     def __getitem__(self, index: int) -> str: ...

@@ -16,6 +16,7 @@ from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
 from bridge.bus.keyexpr import check_key, check_pattern, matches
+from bridge.bus.knock import knock
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_session import Declared, as_bus_error, close_session, each, is_zenohs, open_session, said
 from bridge.bus.zenoh_subscription import Repaired, Subscription
@@ -48,14 +49,12 @@ class ZenohBus:
             raise BusError("no router to connect to; name one, for example tcp/127.0.0.1:7447")
         if wrong := routers.faults():
             raise BusError("; ".join(wrong))
-        complaint = f"no router answered at {self._where} within {open_timeout_s:g} s; start one with `truerate router`"
-        if routers.identity is not None:
-            # zenoh does not say why; the router's own log does.
-            complaint += (
-                ", or see its log: it may not let in our certificate (`truerate pki router` writes its files anew), or its own"
-                " may be for another name than this"
-            )
-        self._session = open_session(zenoh_settings.client(endpoints, routers.identity), complaint, open_timeout_s)
+        try:
+            self._session = open_session(zenoh_settings.client(endpoints, routers.identity), "", open_timeout_s)
+        except BusError as error:
+            raise BusError(
+                f"no router answered at {self._where} within {open_timeout_s:g} s{_why(routers)}{error}"
+            ) from error.__cause__
         self._known: set[str] = set()
         self._plain: set[str] = set()
         self.declared: set[Declared] = set()  # zenoh takes back what nobody holds
@@ -245,6 +244,25 @@ class ZenohBus:
     def _doing(self, what: str) -> Iterator[None]:
         with as_bus_error(f"could not {what} at {self._where}"):
             yield
+
+
+def _why(routers: Routers) -> str:
+    """What a person can do about it, where nobody answers."""
+    silent = {endpoint: words for endpoint in routers if (words := knock(endpoint))}
+    said = [f"{endpoint}: {words}" if len(routers) > 1 else words for endpoint, words in silent.items()]
+    if len(silent) == len(routers):
+        return f": {'; '.join(said)}; start one with `truerate router`"
+    there = ", ".join(endpoint for endpoint in routers if endpoint not in silent)
+    if routers.identity is None:
+        said.append(
+            f"what is at {there} may ask for a certificate (tls/...), or be no router: start one with `truerate router`"
+        )
+    else:
+        said.append(
+            f"if there is one at {there}, see its log: it may not let in our certificate (`truerate pki router` writes its files"
+            " anew), or its own may be for another name than this"
+        )
+    return f": {'; '.join(said)}"
 
 
 class _Publisher(Declared):

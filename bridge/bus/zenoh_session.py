@@ -11,23 +11,30 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import zenoh
 from zenoh import handlers
 
+from bridge import os_words
 from bridge.bus import zenoh_settings
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import HandlerError
+from bridge.toml_file import nearest
 
 _T_co = TypeVar("_T_co", covariant=True)
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 _RETRY_S = 0.1
+#: how zenoh says what is wrong with a file
+_MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
+_UNKNOWN = re.compile(r"unknown field `(.*?)`, expected (.*)", re.DOTALL)
+_NAMES = re.compile(r"`(.*?)`")
 _PARTS = (
     *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
-    *("access_control", "plugins"),
+    *("access_control", "plugins", "id", "namespace", "downsampling"),
 )
 
 
@@ -47,6 +54,8 @@ def open_session(settings: zenoh_settings.Settings, complaint: str, timeout_s: f
 
 def read_settings(path: str) -> zenoh_settings.Settings:
     """A file of zenoh's own, JSON5, as zenoh understands it: with every default; BusError says what is wrong with it."""
+    if words := os_words.unreadable(Path(path)):
+        raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
         config = zenoh.Config.from_file(path)
         return {part: json.loads(config.get_json(part)) for part in _PARTS}
@@ -133,7 +142,19 @@ def as_bus_error(complaint: str) -> Iterator[None]:
     except BaseException as error:
         if not is_zenohs(error):
             raise
-        raise BusError(f"{complaint} ({said(error)})") from error
+        raise BusError(_complaint(complaint, said(error))) from error
+
+
+def _complaint(complaint: str, words: str) -> str:
+    """With what zenoh said, where that is news: whom it cannot reach is in the complaint, which says it as a person does."""
+    if words.startswith("Unable to connect to any of"):
+        return complaint
+    if match := _MESSAGE.search(words):
+        words = match["words"].replace('\\"', '"')
+        if unknown := _UNKNOWN.fullmatch(words):
+            words = f"unknown key {unknown[1]!r}; {nearest(unknown[1], _NAMES.findall(unknown[2]))}"
+        words = f"line {match['line']}: {words}"
+    return f"{complaint} ({words})"
 
 
 def said(error: BaseException) -> str:

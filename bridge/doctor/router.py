@@ -1,23 +1,44 @@
-"""Whether a ward's router can be reached."""
+"""Whether a ward's routers can be reached, and by which certificate."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from bridge.bus.contract import Bus, BusError
+from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.doctor.finding import Finding, ok, trouble
+from bridge.doctor.finding import Finding, Level, ok, trouble, warning
+
+
+def certificate(routers: Routers) -> Iterator[Finding]:
+    """What is wrong with it, or will be within days."""
+    ends = routers.until()
+    if wrong := routers.faults():
+        yield trouble(
+            "certificate", "; ".join(wrong), "mend that first: no router lets in who shows it; docs/security.md"
+        )
+    elif soon := routers.soon():
+        yield warning(
+            "certificate", "; ".join(soon), "on the authority's machine; then copy the .pem here, over the old one"
+        )
+    elif routers.identity and ends:
+        yield ok("certificate", f"{routers.identity.certificate}, until {ends:%Y-%m-%d}")
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:
-    """Joins and leaves again."""
-    where = ", ".join(endpoints)
-    try:
-        open_bus(endpoints).close()
-    except BusError as error:
-        return [
-            trouble(
-                "router",
-                str(error),
-                "start it: `truerate router` on its machine, or zenohd; or set `connect` in [bus] to where it is",
-            )
-        ]
-    return [ok("router", f"reached at {where}")]
+    """Joins each of them and leaves again; one that does not answer is there for nothing when another is gone."""
+    routers = Routers.of(endpoints)
+    reached, silent = list[str](), dict[str, str]()
+    for endpoint in routers:
+        try:
+            open_bus(Routers((endpoint,), routers.identity)).close()
+            reached.append(endpoint)
+        except BusError as error:
+            silent[endpoint] = str(error)
+    do = "start it: `truerate router` on its machine, or zenohd; or set `connect` in [bus] to where it is"
+    worse = warning if reached else trouble
+    found = [worse("router", words, do) for words in silent.values()]
+    return [*([ok("router", f"reached at {', '.join(reached)}")] if reached else []), *found]
+
+
+def answers(findings: Sequence[Finding]) -> bool:
+    """Whether one of them does."""
+    return any(finding.level is Level.OK for finding in findings)

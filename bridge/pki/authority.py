@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from cryptography.x509.oid import NameOID
 
+from bridge.pki.chain import ISSUER_OF
 from bridge.pki.member import Member, Role
 
 DAYS, CA_DAYS = 90, 3650
@@ -47,7 +48,7 @@ def new_issuer(authority: Pair, member: Member) -> Pair:
     """What signs the certificates of one member, as long as the authority lasts."""
     ca, signer = x509.load_pem_x509_certificate(authority.certificate), _private(authority.key)
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = _subject(f"issuer of {member.common_name}")
+    subject = _subject(f"{ISSUER_OF}{member.common_name}")
     made = _signing(subject, ca.subject, key, 0, ca.not_valid_before_utc, ca.not_valid_after_utc).add_extension(
         x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False
     )

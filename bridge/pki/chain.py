@@ -14,6 +14,8 @@ from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKey
 from cryptography.x509.oid import NameOID
 from cryptography.x509.oid import SignatureAlgorithmOID as By
 
+#: who signs for one member alone is called so, and then as that
+ISSUER_OF = "issuer of "
 _CURVES, _RSA_BITS = ("secp256r1", "secp384r1"), (2048, 8192)
 _SIGNED = {
     *(By.ECDSA_WITH_SHA256, By.ECDSA_WITH_SHA384, By.ED25519),
@@ -56,7 +58,7 @@ class Chain:
 
     def faults(self, now: datetime, needed: Mapping[str, x509.ObjectIdentifier]) -> Iterator[str]:
         """What is wrong with those of the certificate's file; needed: usages, by what they are for."""
-        if _is_authority(self.own):
+        if is_authority(self.own):
             yield "it is an authority's, which signs others; nobody takes one for a holder's own"
         for below, one in enumerate(self.between):
             yield from (f"{_named(one)}{words}" for words in dates(one, now))
@@ -122,10 +124,11 @@ def _signed(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
         certificate.verify_directly_issued_by(issuer)
     except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
         return False
-    return _is_authority(issuer)
+    return is_authority(issuer)
 
 
-def _is_authority(certificate: x509.Certificate) -> bool:
+def is_authority(certificate: x509.Certificate) -> bool:
+    """Whether it may sign others."""
     try:
         return certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
     except x509.ExtensionNotFound:

@@ -13,12 +13,13 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat,
 from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 
 from bridge import os_words
-from bridge.pki.chain import Chain, common_name, dates, key_of, unusable
+from bridge.pki.chain import ISSUER_OF, Chain, common_name, dates, is_authority, key_of, unusable
 from bridge.pki.member import Member, Role
 
 __all__ = [
     "SOON",
     "Identity",
+    "by_authority",
     "certificates",
     "common_name",
     "exposed",
@@ -26,6 +27,7 @@ __all__ = [
     "hosts_of",
     "member_of",
     "signer",
+    "until",
     "verified",
 ]
 
@@ -86,6 +88,25 @@ def verified(certificate: str, ca: str) -> bool:
     return bool(Chain.of(certificates(certificate), certificates(ca)).ends)
 
 
+def until(identity: Identity) -> datetime:
+    """When it ends: the first end of its own certificate and of all above; ValueError where one cannot be read."""
+    chain = Chain.of(certificates(identity.certificate), certificates(identity.ca))
+    tops = [max(one.not_valid_after_utc for one in chain.ends)] if chain.ends else []
+    return min([chain.own.not_valid_after_utc, *(one.not_valid_after_utc for one in chain.between), *tops])
+
+
+def by_authority(identity: Identity) -> bool:
+    """Whether who has an issuer of its own goes by the authority, and so lets in whoever was revoked."""
+    try:
+        own, *between = certificates(identity.certificate)
+        trusted = certificates(identity.ca)
+    except ValueError:
+        return False
+    return any(
+        common_name(one) == f"{ISSUER_OF}{common_name(own)}" for one in Chain.of([own, *between], trusted).between
+    )
+
+
 def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Role)) -> list[str]:
     """All that is wrong, each a sentence that begins with the file; empty when it can be used for one of the roles."""
     try:
@@ -137,7 +158,7 @@ def _key_faults(identity: Identity, own: x509.Certificate | None) -> Iterator[st
     except TypeError:
         yield f"{path}: it is locked with a password, which nobody types at night: store it without one, mode 0600"
     except ValueError:
-        yield f"{path}: no private key in PEM; such a file begins with -----BEGIN PRIVATE KEY-----"
+        yield f"{path}: no private key in PEM; such a file begins with BEGIN PRIVATE KEY"
     else:
         yield from _text_faults(identity.key)
         form = Encoding.DER, PublicFormat.SubjectPublicKeyInfo
@@ -168,3 +189,8 @@ def _certificate_faults(identity: Identity, chain: Chain, now: datetime, roles: 
             f" {chain.last.issuer.rfc4514_string()!r}: use that authority's file, or add what lies between to the certificate's"
         )
     yield from (f"{identity.ca}: {words}" for words in chain.end_faults(now))
+    yield from (
+        f"{identity.ca}: the certificate of {common_name(one)!r} in it is no authority's: is it the right file?"
+        for one in certificates(identity.ca)
+        if not is_authority(one)
+    )

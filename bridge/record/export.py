@@ -139,8 +139,13 @@ def _write_events(file: BinaryIO, recorded: Recorded) -> None:
     rows.writerow(("host_time_ns", "t_s", "device", "boot", "event", "text"))
     for event in events(recorded):
         since_s = f"{(event.time_ns - recorded.begin_ns) * 1e-9:.3f}"
-        rows.writerow((event.time_ns, since_s, event.device, boot_id(event.boot), event.event, event.text))
+        rows.writerow((event.time_ns, since_s, event.device, boot_id(event.boot), event.event, harmless(event.text)))
     text.detach()
+
+
+def harmless(text: str) -> str:
+    """What a device or a person said, as no spreadsheet does it: there `=`, `+`, `-` and `@` begin a formula."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 
 WRITERS: dict[str, Write] = {".npz": _write_npz, ".csv": _write_csv}

@@ -29,7 +29,7 @@ _KNOWN = 16_384
 
 @dataclass(slots=True)
 class Stranger:
-    """A device that is not enrolled."""
+    """A device that is not enrolled, or not by the bridge that sends it."""
 
     bridge: str
     messages: int
@@ -44,6 +44,7 @@ class Gate:
         self._stamp = self._stamped()  # first: what changes while it is read is read again
         self._places = enrolment.read() if enrolment else {}
         self._known = set[str]()
+        self._heard = set[str]()  # enrolled, and sent by their own bridges
         self.strangers: dict[str, Stranger] = {}
 
     def admit(self, messages: list[Message], now: float) -> list[Message]:
@@ -55,7 +56,8 @@ class Gate:
 
     def look(self, now: float) -> None:
         """Once a second: whether the file has changed, and who is not heard any more."""
-        for name in [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]:
+        gone = [name for name, stranger in self.strangers.items() if now - stranger.heard > LISTED_S]
+        for name in {*gone, *(self.strangers.keys() & self._heard)}:
             del self.strangers[name]
         if self._enrolment is None or (stamp := self._stamped()) == self._stamp:
             return
@@ -65,15 +67,28 @@ class Gate:
         except ValueError as error:
             log.error("[devices]: %s; what was enrolled before stays so", error)
             return
+        if not places and self._places:  # as an editor leaves it for a moment, or a disk that is full
+            log.error(
+                "[devices]: %s: no device stands in it any more; what was enrolled before stays so",
+                self._enrolment.file,
+            )
+            return
         log.info("[devices]: %d devices are enrolled now, %d before", len(places), len(self._places))
         self._places = places
         self._known.clear()
+        self._heard.clear()
         for name in self.strangers.keys() & places.keys():
             del self.strangers[name]
 
-    def words(self, device: str) -> str:
-        """Why a device is not let in; empty where it would be."""
-        if self._enrolment is None or device in self._places:
+    def words(self, device: str, bridge: str = "") -> str:
+        """Why a device, sent by this bridge, is not let in; empty where it would be."""
+        place = self._places.get(device)
+        if place and bridge and place != bridge:
+            return (
+                f"enrolled by {place} and sent by {bridge}: what it sends is not used; mend [devices] of the estimator's file if"
+                f" it is {bridge}'s now"
+            )
+        if self._enrolment is None or place is not None:
             return ""
         return "not enrolled: what it sends is not used; add it to [devices] of the estimator's file if it belongs here"
 
@@ -88,7 +103,10 @@ class Gate:
         if place and place != bridge:
             if self._counts.add(FOREIGN) == 1:
                 log.warning("%s is enrolled by %s and sent by %s (more is only counted)", device, place, bridge)
+            if device not in self._heard:
+                self._list(device, bridge, now)
             return False
+        self._heard.add(device)
         if len(self._known) >= _KNOWN:
             self._known.clear()
         self._known.add(key)
@@ -97,6 +115,9 @@ class Gate:
     def _count(self, device: str, bridge: str, now: float) -> None:
         if self._counts.add(STRANGER) == 1:
             log.warning("%s: %s (said once)", device, self.words(device))
+        self._list(device, bridge, now)
+
+    def _list(self, device: str, bridge: str, now: float) -> None:
         stranger = self.strangers.get(device)
         if stranger is not None:
             stranger.messages += 1
@@ -136,7 +157,7 @@ class Notices:
                 self._blank,
                 device=name,
                 time_ns=time_ns,
-                reason=self._gate.words(name),
+                reason=self._gate.words(name, stranger.bridge),
                 events={STRANGER: stranger.messages},
                 bridge=stranger.bridge,
             )

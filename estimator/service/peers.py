@@ -66,6 +66,8 @@ class Peers:
         self._looked, self._deaf_s = time.monotonic(), 0.0
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
+        #: whether another spoke of a device that came
+        self._again = False
         #: whether more of what is taken over now follows in the next round, and whether the last move is the begin of it
         self._more = self._taking = False
         self._newcomer = False
@@ -193,8 +195,8 @@ class Peers:
         if queues:
             self._next_say = now
             self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
-        elif self._taking:
-            self._taking, self._why = False, ""
+        elif self._taking or (not self._came and self.cluster.settled(now)):
+            self._taking, self._why = False, ""  # what comes later has another reason
         return queues
 
     def epoch(self, device: str) -> int:
@@ -216,6 +218,7 @@ class Peers:
 
     def _begin(self, device: str) -> int:
         self._came += 1
+        self._again |= bool(self.replicas.bridge(device))
         return self.cluster.take(device, self._now_ns())
 
     def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
@@ -264,11 +267,11 @@ class Peers:
 
     def _moved(self, time_ns: int) -> None:
         if self._came:
-            came, why = self._came, self._why or "heard for the first time"
+            came, why = self._came, self._why or ("shared out anew" if self._again else "heard for the first time")
             if self._taking and self._moves and self._moves[-1].came:
                 came += self._moves.pop().came
             self._moves.append(Move(time_ns, came, 0, why))
-            self._came, self._taking = 0, self._more
+            self._came, self._taking, self._again = 0, self._more, False
             if not self._more:
                 self._why = ""
         for name, n in self._left.items():

@@ -28,7 +28,7 @@ def run(ward: Ward) -> None:
     """
     if ward.estimator is None:
         raise ValueError("no estimator is configured")
-    vitals = Vitals(expects=bool(ward.bridge and ward.bridge.devices))
+    vitals = Vitals(expects=bool(ward.bridge and ward.bridge.devices), routers=ward.bus.routers)
     with stopped_by_signal() as stop, ExitStack() as stack:
         if ward.estimator.health:
             try:

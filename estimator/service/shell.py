@@ -101,7 +101,7 @@ class Service:
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
-        self._router = RouterWatch(log, STATUS_S)
+        self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
@@ -275,7 +275,7 @@ class Service:
             self._silent.drop(batch.device)
             self._devices[batch.device] = device
         if device.source.owns(batch.bridge, now):
-            device.heard, device.key = now, message.key
+            device.key = message.key
             self._lane.admit(message.key, device, batch.bridge)
             self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
             return
@@ -286,6 +286,8 @@ class Service:
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session, overtaken = device.session, device.overtaken
         ruling = device.source.judge(batch, session.sequence, now)
+        if ruling is not Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
+            device.heard = now
         if ruling is Ruling.RANGE:
             session.sequence.refuse(batch, Reason.RANGE)
             if session.count_event("refused leap") == 1:
@@ -390,7 +392,7 @@ class Service:
     def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
-            why = self._presence.words(*which)
+            why = self._gate.words(device.name, device.source.owner) or self._presence.words(*which)
             reason = f"{_silent_for(silent_s)}{': ' if why else ''}{why}"
             if device.session.silence(reason):
                 log.warning("%s: lost, %s", device.name, reason)

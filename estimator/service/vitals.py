@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from bridge.health import Asked, Family
+from bridge.bus.routers import Routers
+from bridge.health import Asked, Family, certificate
 from bridge.wire.messages import State, Status
 from estimator.service.law import Account
 
@@ -41,8 +42,12 @@ class Note:
 class Vitals:
     """The latest note. `expects`: whether the ward's file has devices, so that none is a trouble."""
 
-    def __init__(self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, *, expects: bool = False, clock: Callable[[], float] = time.monotonic, routers: Routers | None = None
+    ) -> None:
         self._expects, self._clock = expects, clock
+        #: where it goes, and by which certificate
+        self.routers = routers or Routers(())
         self._note: Note | None = None
 
     def note(self, note: Note) -> None:
@@ -63,10 +68,10 @@ class Vitals:
         """Why it cannot do its work now."""
         note = self._note
         if note is None:
-            return ["no router yet"]
+            return ["no router yet", *self.routers.faults()]
         why = self.sick()
         if not note.connected:
-            why.append("the router is gone")
+            why += ["the router is gone", *self.routers.faults()]
         if note.store:
             why.append(note.store)
         if self._expects and not any(d.status.state is not State.LOST for d in note.devices.values()):
@@ -75,6 +80,7 @@ class Vitals:
 
     def families(self) -> Iterator[Family]:
         """All metrics; labels are devices of the roster, reasons and states, all of them bounded."""
+        yield from certificate(self.routers)
         note = self._note
         if note is None:
             return

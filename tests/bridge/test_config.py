@@ -175,6 +175,12 @@ def test_a_bad_id_is_refused_and_says_what_one_looks_like(tmp_path: Path, bad: s
     assert refusal(tmp_path, DEVICE + f'id = {bad}\ndriver = "native"').startswith("[[bridge.devices]] #2: id ")
 
 
+def test_a_mark_that_an_editor_put_before_the_text_is_no_fault(tmp_path: Path) -> None:
+    marked = tmp_path / "marked.toml"
+    marked.write_bytes(b'\xef\xbb\xbfward = "w"\r\n')
+    assert load(marked, Root).ward == "w"
+
+
 def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     assert "line 2" in refusal(tmp_path, 'ward = "w"\nbus = = 3')
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\0")

@@ -39,7 +39,7 @@ def test_two_bridges_of_one_device_are_a_mistake() -> None:
     [
         ("", "give enrolled"),
         ('enrolled = ["A"]', "'A' is not valid"),
-        ('file = "/nowhere/at/all"', "No such file"),
+        ('file = "/nowhere/at/all"', "there is no such file"),
         ('file = "{broken}"', "'a/..' is not valid"),
         ('file = "{huge}"', f"more than {MOST_BYTES} bytes"),
         ('file = "{binary}"', "can't decode"),

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from bridge import logs
 from bridge.pki.authority import new_authority
+from estimator.cli import main
 from tests.bridge.test_keys import HOSTILE
 
 KEY = new_authority("w", datetime(2026, 1, 1, tzinfo=UTC)).key.decode()
@@ -84,6 +85,29 @@ def test_a_command_that_fails_says_so_in_its_form_and_tells_no_password(hostile_
     else:
         assert [line for line in lines if not line.startswith("  ")] == lines[:1]
     assert "hunter2" not in found.stderr + found.stdout
+
+
+@pytest.mark.parametrize("verb", [["bridge", "list"], ["pki", "show", "--folder"]])
+def test_every_verb_says_errors_in_the_form_that_was_asked_for(
+    verb: list[str], capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert main(["--log-format", "json", *verb, "no\x1b[2Jwhere"]) == 2
+    assert capsys.readouterr().err == ""
+    assert len(caplog.messages) == 1
+    assert main([*verb, "no\x1b[2Jwhere"]) == 2
+    assert "no\\x1b[2Jwhere: " in capsys.readouterr().err
+
+
+def test_a_misspelt_verb_is_told_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, nearest in (
+        (["statsu"], "status"),
+        (["pki", "isue"], "issue"),
+        (["pki", "check", "--role", "brigde"], "bridge"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 2
+        assert f"did you mean '{nearest}'?" in capsys.readouterr().err
 
 
 def test_what_matplotlib_says_of_its_fonts_is_no_business_of_ours() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
-from bridge.wire.messages import CorrectedBatch, DeviceInfo, SampleBatch
+from bridge.wire.messages import CorrectedBatch, DeviceInfo, SampleBatch, State
 from tests.estimator.served import BRIDGE, WARD, Served
 from tests.estimator.stream import Stream, info
 
@@ -83,13 +83,15 @@ def of_boot(batch: SampleBatch, boot: int) -> SampleBatch:
 def state(served: Served, device: str) -> str:
     """A hash of all that a device's session is, but for what it has counted."""
     session = served.service._devices[device].session
-    sequence = session.sequence
+    sequence, reason = session.sequence, session.life.reason
     session.sequence = type(sequence)()  # its counters are to change
     session.learnt._events = session.sequence.events
+    if session.life.state is State.LOST:
+        session.life.reason = ""  # and so are the seconds since it was heard last
     try:
         what = pickle.dumps((session, sequence.boot, sequence._next, sequence._first, sorted(sequence._past.items())))
     finally:
-        session.sequence, session.learnt._events = sequence, sequence.events
+        session.sequence, session.learnt._events, session.life.reason = sequence, sequence.events, reason
     return hashlib.sha256(what).hexdigest()
 
 

@@ -65,7 +65,9 @@ def test_a_note_that_says_nothing_or_too_much_is_refused_at_once(
 @pytest.mark.parametrize("method", ["closure", "turn360"])
 def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0
-    assert f"accepted ({method})" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"accepted ({method})" in printed
+    assert "closed to °" in printed
 
 
 def test_calibrate_by_poses_prints_the_whole_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,6 +77,7 @@ def test_calibrate_by_poses_prints_the_whole_matrix(tmp_path: Path, capsys: pyte
     assert main(["calibrate", file, "--method", "transitions"]) == 0
     printed = capsys.readouterr().out
     assert "of reading z" in printed
+    assert "closed to" not in printed  # there are no turns of which that could be said
     assert f"{of.truth.matrix[0, 1]:+.3f}"[:5] in printed
     assert main(["calibrate", file, "--method", "transitions", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

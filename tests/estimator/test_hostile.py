@@ -9,7 +9,7 @@ import pytest
 from bridge.enrolled import Enrolment
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply
+from bridge.wire.messages import Command, CommandReply, State
 from estimator.service.gate import STRANGER
 from tests.estimator import hostile
 from tests.estimator.hostile import foreign, forged, lived, message, named, played, state, twice_shuffled, wildcards
@@ -88,6 +88,17 @@ def test_a_recording_shuffled_and_played_twice_to_devices_that_are_silent_change
         n = 3 * len(streams[name])
         dropped = served.service._devices[name].session.sequence.dropped.as_dict()
         assert dropped == {"old_boot": n, "duplicate": n}
+
+
+def test_a_recording_is_no_sign_of_life(served: Served, streams: dict[str, Stream]) -> None:
+    recorded, _ = lived(served, {A: streams[A]}, boot=7)
+    for batch in recorded[-40:]:
+        assert played(served, [message(batch)]) == 0
+        served.round(0.5)
+    session = served.service._devices[A].session
+    served.service._quiet.finish()
+    assert session.life.state is State.LOST
+    assert float(session.reason.split()[3]) > 15
 
 
 def test_what_devices_say_while_a_recording_is_played_is_to_the_bit_what_they_say_without(

@@ -300,3 +300,25 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     heard = both.client.statuses(0.1)[NAME]
     assert (heard.state, heard.calibration) == (State.TRACKING, before.calibration)
     assert NAME not in both.services[FIRST]._silent
+
+
+def test_what_moved_is_not_put_down_to_who_went_long_before(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[:-60])
+    both.start(SECOND)
+    both.pass_(3.0)
+    both.send(batches[-60:])
+    assert both.has() == [SECOND]
+    reasons = [move.reason for move in both.services[SECOND]._peers._moves]
+    assert reasons == ["shared out anew"], "another had it, so it was not heard for the first time"
+    third = MemoryBus(both.broker)
+    token = third.declare_alive(keys.build(WARD, "alive/estimator", estimator="e9"))
+    both.told()
+    both.pass_(0.5)
+    token.close()
+    both.told()
+    both.pass_(5.0)
+    for service in both.services.values():
+        assert service._peers._why == ""
+    third.close()

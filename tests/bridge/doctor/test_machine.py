@@ -78,3 +78,16 @@ def test_a_router_is_reached_or_not() -> None:
 
     assert only(router(["tcp/h:1"], nobody))[0] is Level.TROUBLE
     assert only(router(["tcp/h:1"], lambda _: MemoryBus(MemoryBroker())))[:2] == (Level.OK, "reached at tcp/h:1")
+
+
+def test_of_two_routers_the_one_that_is_away_is_named() -> None:
+    def one_of_two(endpoints: Sequence[str]) -> Bus:
+        if "tcp/h:2" in endpoints:
+            raise BusError("no router answered at tcp/h:2")
+        return MemoryBus(MemoryBroker())
+
+    found = router(["tcp/h:1", "tcp/h:2"], one_of_two)
+    assert [(finding.level, finding.said) for finding in found] == [
+        (Level.OK, "reached at tcp/h:1"),
+        (Level.WARNING, "no router answered at tcp/h:2"),
+    ]

@@ -3,8 +3,10 @@
 import json
 import shutil
 import stat
+from contextlib import nullcontext
 from datetime import timedelta
 from pathlib import Path
+from typing import Self
 
 import pytest
 from cryptography.hazmat.primitives import serialization
@@ -107,7 +109,11 @@ def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: 
 def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "revoke", "bridge:b1", "--reason", "left\non a bus") == 0
     assert run(pki, "renew", "bridge:b1") == 2
+    capsys.readouterr()
     assert run(pki, "issue", "bridge:b1") == 0
+    assert (
+        "bridge:b1:2: of another name than before: [bus] of its ward file names these files" in capsys.readouterr().out
+    )
     assert run(pki, "revoke", "bridge:b1", "--reason", "again") == 0
     assert run(pki, "issue", "bridge:b1") == 0
     capsys.readouterr()
@@ -145,6 +151,8 @@ def test_a_revoked_name_is_listed_and_never_used_again(pki: Path, capsys: pytest
         (["router", "router:r", "--ward", "w", "--listen", "here"], "is no endpoint"),
         (["router", "router:r", "--ward", "w", "--listen", "tcp/127.0.0.1:1"], "goes by tls alone"),
         (["router", "router:r", "--ward", "w", "--listen", "tls/a:1", "--join", "tcp/b:1"], "goes by tls alone"),
+        (["router", "router:r", "--ward", "w", "--listen", "tls/a:1"], "`truerate pki issue router:r --host"),
+        (["issue", "bridge:b2", "--host", "10.0.0.5"], "--host is for routers"),
     ],
 )
 def test_what_cannot_be_is_said(
@@ -202,6 +210,68 @@ def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys:
     (pki / "router.r.key").chmod(0o644)
     assert main(["router", "--config", str(pki / "router.json5")]) == 1
     assert "chmod 600" in capsys.readouterr().err
+
+
+def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_listening(
+    pki: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, router = Folder(pki), Member.parse("router:r")
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
+    file, text = pki / "router.json5", capsys.readouterr().out
+    for wrong, words in (
+        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, where a router is to be run"),
+        (("r.members", "x"), "x.pem: there"),
+    ):
+        file.write_text(text.replace(*wrong))
+        assert main(["router", "--config", str(file)]) == 1
+        assert words in capsys.readouterr().err
+    file.write_text(text)
+    folder.renew(router, utc_now(), days=0)
+    assert main(["router", "--config", str(file)]) == 1
+    assert "expired on" in capsys.readouterr().err
+    ward = pki / "ward.toml"
+    files = folder.identity(B1)
+    ward.write_text(
+        f'ward = "w"\n[bus]\nconnect = ["tls/localhost:7447"]\nca = "{files.ca}"\n'
+        f'certificate = "{files.certificate}"\nkey = "{files.key}"\n'
+    )
+    assert main(["router", "--config", str(ward)]) == 2
+    assert "which this one would not: `truerate pki router` writes" in capsys.readouterr().err
+
+
+def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
+    pki: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, router = Folder(pki), Member.parse("router:r")
+    assert run(pki, "issue", "router:r", "--host", "localhost", "--days", "3") == 0
+    capsys.readouterr()
+    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
+    file = pki / "router.json5"
+    file.write_text(capsys.readouterr().out.replace('"deny"', '"allow"'))
+
+    class Listening:
+        listen = ("tls/127.0.0.1:1",)
+
+        def __enter__(self) -> Self:
+            folder.renew(router, utc_now())  # of which a router that runs knows nothing
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+    looked: list[float] = []
+
+    class Stop:
+        def wait(self, timeout_s: float) -> bool:
+            looked.append(timeout_s)
+            return len(looked) == 2
+
+    monkeypatch.setattr("bridge.cli.Router.of_file", lambda _: Listening())
+    monkeypatch.setattr("bridge.cli.stopped_by_signal", lambda: nullcontext(Stop()))
+    assert main(["router", "--config", str(file)]) == 0
+    assert caplog.text.count("the certificate that this router began with ends on") == 2
+    assert "with default_permission 'deny'" in caplog.text
 
 
 def other_key(pki: Path) -> Identity:

@@ -128,6 +128,27 @@ def unknown(files: Files) -> None:
     )
 
 
+def another_ward(files: Files) -> None:
+    files.one.write_text(files.one.read_text("utf-8").replace('ward = "w"', 'ward = "w2"'), "utf-8")
+
+
+def own_for_authority(files: Files) -> None:
+    files.one.write_text(files.one.read_text("utf-8").replace("ca.pem", "bridge.b1.pem"), "utf-8")
+
+
+def of_another_authority(files: Files) -> None:
+    other = Folder(files.pki.path.parent / "other")
+    other.make("other", utc_now())
+    own, ca = Path(files.pki.identity(Member.parse("bridge:b1")).certificate), other.path / "ca.pem"
+    ca.write_bytes(ca.read_bytes() + files.pki.issuer(Member.parse("bridge:b1")).certificate)
+    files.one.write_text(files.one.read_text("utf-8").replace(f"{own.parent}/ca.pem", str(ca)), "utf-8")
+
+
+def by_the_authority(files: Files) -> None:
+    gate = Path(files.pki.gate(Member.parse("router:r")).ca)
+    gate.write_bytes((files.pki.path / "ca.pem").read_bytes())
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -142,6 +163,10 @@ def unknown(files: Files) -> None:
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
         (unknown, "no router knows bridge:b1"),
+        (another_ward, "ward is 'w2', and routers have rules for bridge:b1 in w alone"),
+        (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
+        (of_another_authority, "the certificate of ROUTER is nobody's"),
+        (by_the_authority, "whose certificate was revoked would still get a session"),
         (not_let_in, "has rules for bridge:b1 and does not let in its certificate"),
     ],
 )
@@ -150,7 +175,7 @@ def test_what_does_not_go_together_is_said(
 ) -> None:
     wrong(files)
     assert files.check() == 2
-    assert words in capsys.readouterr().err
+    assert words.replace("ROUTER", str(files.router)) in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -198,3 +223,111 @@ def test_another_name_of_the_role_is_no_better(files: Files) -> None:
     assert bus.routers_as(Role.BRIDGE, name="b2").identity == identity
     with pytest.raises(ConfigError, match="is for bridge:b2"):
         bus.routers_as(Role.BRIDGE, name="b1")
+
+
+class TwoRouters:
+    """Of one ward, each on a machine of its own, the second of which joins the first."""
+
+    def __init__(self, path: Path) -> None:
+        self.pki = Folder(path / "pki")
+        self.pki.make("w", utc_now())
+        self.first, self.second = path / "first.json5", path / "second.json5"
+        self.ward = path / "ward.toml"
+        for name, host in (("r1", "10.0.0.5"), ("r2", "10.0.0.6")):
+            self.pki.issue(Member.parse(f"router:{name}"), utc_now(), hosts=(host,))
+        self.pki.issue(Member.parse("bridge:b1"), utc_now())
+        connect = TEXT.format(pki=self.pki.path, who="bridge.b1").replace(
+            '"tls/127.0.0.1:7447"', '"tls/10.0.0.5:7447", "tls/10.0.0.6:7447"'
+        )
+        self.ward.write_text(connect + BRIDGE.format(device="d1"), "utf-8")
+        self.write("r1", "r2", [], ["tls/10.0.0.5:7447"])
+
+    def write(self, one: str, two: str, joins: list[str], joins_too: list[str], without: str = "") -> None:
+        for path, name, join in ((self.first, one, joins), (self.second, two, joins_too)):
+            router = Member.parse(f"router:{name}")
+            known = [member for member, _ in self.pki.members() if member != router]
+            self.pki.admit(router, known)
+            places = [("w", member) for member in known if path == self.first or member.label != without]
+            settings = router_file.guarded(["tls/0.0.0.0:7447"], self.pki.gate(router), places, join)
+            path.write_text(router_file.rendered(settings, "a router"), "utf-8")
+
+    def check(self) -> int:
+        return main(["config", "check", str(self.ward), str(self.first), str(self.second)])
+
+
+def nobody_joins(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], [])
+
+
+def joins_nobody(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], ["tls/10.0.0.7:7447"])
+
+
+def joins_itself(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], ["tls/10.0.0.6:7447"])
+
+
+def one_certificate(two: TwoRouters) -> None:
+    two.write("r1", "r1", [], ["tls/10.0.0.5:7447"])
+
+
+def one_id(two: TwoRouters) -> None:
+    for path in (two.first, two.second):
+        path.write_text(path.read_text("utf-8").replace("{\n", '{\n  "id": "abcd",\n', 1), "utf-8")
+
+
+def one_does_not_know(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], ["tls/10.0.0.5:7447"], without="bridge:b1")
+
+
+def not_the_other(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], ["tls/10.0.0.5:7447"], without="router:r1")
+
+
+def joins_as_nobody(two: TwoRouters) -> None:
+    text = two.second.read_text("utf-8")
+    two.second.write_text(text.replace('"connect_private_key": "', '"connect_private_key": "/nowhere'), "utf-8")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (nobody_joins, "nothing joins it to"),
+        (joins_nobody, "nothing joins it to"),
+        (joins_itself, "tls/10.0.0.6:7447 is this router itself"),
+        (one_certificate, "router:r1 is that of"),
+        (one_id, "id 'abcd' is that of"),
+        (one_does_not_know, "second.json5 does not know bridge:b1"),
+        (not_the_other, "second.json5 has no rules for router:r1"),
+        (joins_as_nobody, "router.r2.key: there is no such file"),
+    ],
+)
+def test_two_routers_that_do_not_go_together_are_told(
+    wrong: Callable[[TwoRouters], None], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two = TwoRouters(tmp_path)
+    assert two.check() == 0, capsys.readouterr().err
+    wrong(two)
+    assert two.check() == 2
+    assert words in capsys.readouterr().err
+
+
+def test_of_a_file_that_cannot_be_read_nothing_follows(
+    files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.router.write_text("{{", "utf-8")
+    assert files.check() == 2
+    assert capsys.readouterr().err.count("truerate: ") == 1
+
+
+def test_a_machine_whose_ports_were_swapped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ward = tmp_path / "ward.toml"
+    ward.write_text('ward = "w"\n[router]\nlisten = ["tcp/127.0.0.1:7448"]\n', "utf-8")
+    assert main(["config", "check", str(ward)]) == 2
+    assert "is one of the ports mistaken?" in capsys.readouterr().err
+    ward.write_text('ward = "w"\n[bus]\nconnect = ["tcp/127.0.0.1:1", "tcp/127.0.0.1:1"]\n', "utf-8")
+    assert main(["config", "check", str(ward)]) == 2
+    assert "'tcp/127.0.0.1:1' is there twice" in capsys.readouterr().err
+    ward.write_text('ward = "w"\n[estimator]\nid = "e"\nhealth = "127.0.0.1:8090"\n', "utf-8")
+    assert main(["config", "check", str(ward)]) == 2
+    assert "as is the dashboard's listen" in capsys.readouterr().err

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,14 @@ def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path
         ("one", "boot", ""),
     ]
     assert [float(row["t_s"]) for row in rows] == [0, 0, 2, 3, 30]
+
+
+def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:
+    (note,) = some.notes
+    said = ['=cmd|" /C calc"!A0', "@SUM(1)", "+1", "-1", "1+1", "sat up"]
+    export(replace(some, notes=[replace(note, text=text) for text in said]), tmp_path / "out", ".csv")
+    texts = [row["text"] for row in table_of(tmp_path / "out" / "events.csv") if row["event"] == "note by anna"]
+    assert sorted(texts) == sorted([*(f"'{text}" for text in said[:4]), *said[4:]])
 
 
 def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:

@@ -47,6 +47,34 @@ def test_a_short_capture_of_a_device_with_a_clock_is_not_kept_back(
     assert "understood: 7 samples" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("came", "words"),
+    [
+        (b"", "0 bytes, and nothing in them: the device printed nothing"),
+        (b"\r\n" * 9, "18 bytes, and nothing in them"),
+        (b"hello\nworld\n", "12 bytes in 2 lines, none of them a sample: is it another profile's"),
+        (bytes(range(128, 256)), "128 bytes in"),
+        (bytes(range(128, 256)), "was it listened to at another speed?"),
+    ],
+)
+def test_of_a_capture_without_a_sample_it_is_said_what_came_and_what_to_do(
+    came: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(came)
+    assert main(["bridge", "try", "nano-33-ble", str(capture)]) == 1
+    assert words in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--seconds", "--rate-hz"])
+@pytest.mark.parametrize("given", ["0", "-3", "nan", "inf"])
+def test_no_time_and_no_rate_are_refused(
+    option: str, given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bridge", "try", "nano-33-ble", str(tmp_path), f"{option}={given}"]) == 2
+    assert f"{option} is {given}; more than 0 is expected" in capsys.readouterr().err
+
+
 def test_what_is_not_understood_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capture = tmp_path / "capture.txt"
     capture.write_bytes(b"\n" + printed.nano(3))

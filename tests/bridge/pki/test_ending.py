@@ -1,0 +1,108 @@
+"""A certificate that ends within days is said of everywhere, before nobody is let in; and why nobody is, afterwards."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from bridge.bus.routers import Routers
+from bridge.health import Health
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.identity import Identity
+from bridge.pki.member import Member
+from bridge.router_watch import RouterWatch
+from bridge.vitals import Vitals as BridgeVitals
+from estimator.cli import main
+from estimator.service.vitals import Note, Vitals
+from tests.bridge.asking import get
+
+B1 = Member.parse("bridge:b1")
+SOON = "ends on "
+
+
+class Holder:
+    """Of a certificate that lasts so many days."""
+
+    def __init__(self, path: Path, days: float) -> None:
+        self.folder = Folder(path / "pki")
+        self.folder.make("w", utc_now())
+        self.folder.issue(B1, utc_now(), days=30)
+        self.files: Identity = self.folder.renew(B1, utc_now(), days=days)  # type: ignore[arg-type]
+        self.routers = Routers(("tls/127.0.0.1:1",), self.files)
+        self.ward = path / "ward.toml"
+        self.ward.write_text(
+            f'ward = "w"\n[bus]\nconnect = ["tls/127.0.0.1:1"]\nca = "{self.files.ca}"\n'
+            f'certificate = "{self.files.certificate}"\nkey = "{self.files.key}"\n[bridge]\nid = "b1"\n',
+            "utf-8",
+        )
+
+
+@pytest.mark.parametrize(("days", "soon"), [(3, True), (30, False)])
+def test_an_end_within_days_is_said_by_who_looks_through_files(
+    days: float, soon: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    holder = Holder(tmp_path, days)
+    assert main(["config", "check", str(holder.ward)]) == 0
+    assert (SOON in capsys.readouterr().out) == soon
+    main(["doctor", str(holder.ward)])
+    said = capsys.readouterr().out
+    assert ("! certificate: " in said) == soon
+    assert ("✓ certificate: " in said) != soon
+
+
+def test_what_is_wrong_with_it_is_not_blamed_on_the_router(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", str(Holder(tmp_path, 0).ward)]) == 1
+    said = capsys.readouterr().out
+    assert "✗ certificate: " in said
+    assert "expired on" in said
+    assert "router:" not in said
+
+
+@pytest.mark.parametrize(("days", "said"), [(3, 2), (30, 0)])
+def test_a_program_that_runs_says_it_twice_a_day(
+    days: float, said: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    watched = RouterWatch(logging.getLogger("here"), 1.0, Holder(tmp_path, days).routers)
+    for now in range(0, 24 * 3600, 600):
+        watched.look(now, connected=True)
+    assert sum(SOON in words for words in caplog.messages) == said
+
+
+@pytest.mark.parametrize(("days", "why"), [(0, "expired on"), (30, "may have been revoked")])
+def test_who_is_not_let_in_any_more_says_why_that_may_be(
+    days: float, why: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    watched = RouterWatch(logging.getLogger("here"), 1.0, Holder(tmp_path, days).routers)
+    for now in range(60):
+        watched.look(now, connected=not 10 <= now < 50)
+    assert [why in words for words in caplog.messages] == [False, True]
+
+
+def test_without_certificates_a_router_that_is_away_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    watched = RouterWatch(logging.getLogger("here"), 1.0, Routers(("tcp/127.0.0.1:1",)))
+    for now in range(60):
+        watched.look(now, connected=now < 10)
+    assert len(caplog.messages) == 1
+
+
+def test_metrics_say_when_it_ends_and_readyz_why_there_is_no_router(tmp_path: Path) -> None:
+    holder = Holder(tmp_path, 0)
+    estimator = Vitals(clock=lambda: 1.0, routers=holder.routers)
+    estimator.note(Note(1.0, connected=False, store=""))
+    bridge = BridgeVitals(list, lambda: float("inf"), lambda: False, holder.routers)
+    for vitals in (estimator, bridge):
+        with Health(("127.0.0.1", 0), vitals.asked) as health:
+            _, said = get(health.port, "/metrics")
+            values = dict(line.rsplit(" ", 1) for line in said.splitlines() if line.startswith("truerate_"))
+            ends = float(values["truerate_certificate_ends_timestamp_seconds"])
+            assert abs(ends - utc_now().timestamp()) < 60
+            assert "expired on" in get(health.port, "/readyz")[1]
+
+
+def test_the_first_end_of_all_above_counts(tmp_path: Path) -> None:
+    holder = Holder(tmp_path, 30)
+    ends = holder.routers.until()
+    assert ends is not None
+    assert (ends - utc_now()).days in (29, 30)
+    assert Routers(("tls/127.0.0.1:1",), Identity("none", "none", "none")).until() is None
+    assert Routers(("tcp/127.0.0.1:1",)).until() is None
