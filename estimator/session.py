@@ -44,6 +44,8 @@ TURNS_LOST = "turns lost with an estimator"
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
 CACHE_S = 60.0
+#: device time up to which a batch may end after the one before and be looked at no further
+PLAIN_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,13 +265,14 @@ class DeviceSession:
         """Whether a batch is of the time before this boot was taken to begin, and nothing of it was taken yet."""
         return self.sequence.next is None and float(batch.device_time[0]) < self._began
 
-    def plain(self, boot: int, sequence: int, first_s: float) -> bool:
-        """Whether a batch, all of it finite and from first_s of the device's clock on, only goes on where the stream is."""
+    def plain(self, boot: int, sequence: int, first_s: float, last_s: float) -> bool:
+        """Whether a batch, all of it finite, from first_s to last_s of the device's clock, only goes on where the stream is."""
         return (
             boot == self.sequence.boot
             and sequence == self.sequence.next
             and self._first_time is not None
             and first_s + self._clock_shift > self._latest
+            and last_s + self._clock_shift < self._latest + PLAIN_S
             and not self.life.away
         )
 
