@@ -258,7 +258,7 @@ class Peers:
         """Say what another would need of a device, where there is another."""
         if self.cluster.undisputed:
             return
-        checkpoint = checkpoint_of(device, self._now_ns())
+        checkpoint = checkpoint_of(device, self._now_ns(), self.replicas.answers(device.name))
         if checkpoint is not None:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 

@@ -258,6 +258,9 @@ class Record:
         """What this very command was answered before, be it by an estimator that has been restarted since."""
         if (reply := self._replies.get((key.device, key.ids["verb"], command.request_id))) is not None:
             return reply
+        for verb, reply in self._replicas.answers(key.device):
+            if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
+                return reply
         try:
             found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         except StoreError as error:
@@ -265,8 +268,10 @@ class Record:
             return None
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
-    def audit(self, key: keys.Key, command: Command, reply: CommandReply) -> None:
-        """What was asked for, and what came of it."""
+    def audit(self, device: Device, key: keys.Key, command: Command, reply: CommandReply) -> None:
+        """What was asked for, and what came of it: said to the other estimators before it is answered."""
+        self._replicas.answer(device.name, ((key.ids["verb"], reply),))
+        self._tell(device)
         self._replies[key.device, key.ids["verb"], command.request_id] = reply
         while len(self._replies) > REPLIES:
             del self._replies[next(iter(self._replies))]

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
+from bridge.wire.estimators import MAX_ANSWERS
+from bridge.wire.messages import Calibration, Checkpoint, CommandReply, DeviceInfo
 from estimator.restore import differing, restore_key
 from estimator.service.device import Device
 from estimator.session import Remembered
@@ -16,8 +17,11 @@ _NONE = np.zeros(0)
 _ENDLESS_S = 1e12
 
 
-def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
-    """What another would need of a device; None before it has a boot."""
+Answers = tuple[tuple[str, CommandReply], ...]
+
+
+def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
+    """What another would need of a device, and what its last commands were answered; None before it has a boot."""
     session = device.session
     if session.boot is None:
         return None
@@ -40,6 +44,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         calibration=used,
         bridge=device.source.owner,
         turned=session.turned,
+        answers=answers,
     )
 
 
@@ -49,14 +54,16 @@ def _calibrated(checkpoint: Checkpoint) -> bool:
 
 
 class Replicas:
-    """The latest checkpoint of a bounded number of devices."""
+    """The latest checkpoint of a bounded number of devices, and what their last commands were answered, by whomever."""
 
     def __init__(self, devices: int) -> None:
         self._room = devices
         self._latest: dict[str, Checkpoint] = {}
+        self._answers: dict[str, Answers] = {}
 
     def note(self, checkpoint: Checkpoint) -> None:
         """Keep it, unless a later turn has said something of the device."""
+        self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
         if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known.time_ns):
             # Who did not know yet that the device was another's may have calibrated it meanwhile.
@@ -70,6 +77,18 @@ class Replicas:
 
     def __iter__(self) -> Iterator[Checkpoint]:
         return iter(self._latest.values())
+
+    def answer(self, device: str, given: Answers) -> None:
+        """Keep what commands were answered."""
+        if given:
+            known = self._answers.pop(device, ())
+            self._answers[device] = (*(one for one in known if one not in given), *given)[-MAX_ANSWERS:]
+            while len(self._answers) > self._room:
+                del self._answers[next(iter(self._answers))]
+
+    def answers(self, device: str) -> Answers:
+        """What its last commands were answered, oldest first."""
+        return self._answers.get(device, ())
 
     def bridge(self, device: str) -> str:
         """Whom it was heard from; empty where nothing was said of it."""

@@ -143,6 +143,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
         root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
         draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
         draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
+        tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import threading
 import time
+import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -11,13 +12,13 @@ from bridge.bus.contract import Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, CommandReply, CorrectedBatch, Quality, SampleBatch, State
+from bridge.wire.messages import Checkpoint, Command, CommandReply, CorrectedBatch, Quality, SampleBatch, State
 from estimator.client import Client
 from estimator.config import Estimator
 from estimator.guide.reasons import Words, said
 from estimator.service.ownership import owner
 from estimator.service.replicas import checkpoint_of
-from estimator.service.shell import Service
+from estimator.service.shell import REPEATED, Service
 from estimator.service.silent import SILENT
 from estimator.service.store import Store
 from tests.estimator.served import numbers
@@ -39,7 +40,7 @@ class Both:
         self.stores: dict[str, Store] = {}
         self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
         self.stream = self.client.corrected(wait_s=1e9)
-        bridge = MemoryBus(self.broker)
+        bridge = self._asks = MemoryBus(self.broker)
         self._raw = bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=500)
         self._kept = bridge.publisher(keys.build(WARD, "checkpoint", device=NAME), cache=1)
         self._info = bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
@@ -86,10 +87,12 @@ class Both:
     def has(self) -> list[str]:
         return [name for name, service in self.services.items() if NAME in service._devices]
 
-    def command(self) -> CommandReply:
+    def command(self, verb: str = "note", request: str = "") -> CommandReply:
         """Ask, and let the services answer."""
         replies: list[CommandReply] = []
-        asking = threading.Thread(target=lambda: replies.append(self.client.note(NAME, "nurse", "sat up")))
+        key = keys.build(WARD, "rpc", device=NAME, verb=verb)
+        payload = codec.encode_command(Command(request or uuid.uuid4().hex, "nurse", "sat up"))
+        asking = threading.Thread(target=lambda: replies.append(codec.decode_reply(self._asks.ask(key, payload))))
         asking.start()
         while asking.is_alive():
             self.pass_(0.1)
@@ -300,3 +303,42 @@ def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> N
     heard = both.client.statuses(0.1)[NAME]
     assert (heard.state, heard.calibration) == (State.TRACKING, before.calibration)
     assert NAME not in both.services[FIRST]._silent
+
+
+def test_a_command_that_is_sent_again_after_its_device_has_moved_does_nothing(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[:-120])
+    asked, cancelled = both.command("recalibrate", "r1"), both.command("cancel", "r2")
+    assert (asked.accepted, cancelled.accepted) == (True, True)
+
+    both.start(SECOND)
+    both.pass_(2.5)
+    both.send(batches[-120:-60])
+    assert both.has() == [SECOND]
+    assert (both.command("recalibrate", "r1"), both.command("cancel", "r2")) == (asked, cancelled)
+    assert both.services[SECOND].counts.as_dict()[REPEATED] == 2
+    assert both.command("cancel", "r1").accepted is False, "another verb is another command"
+
+    both.kill(SECOND)
+    both.send(batches[-60:])
+    both.pass_(1.5)
+    assert both.has() == [FIRST]
+    assert both.command("recalibrate", "r1") == asked
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
+
+
+def test_an_answer_is_known_to_the_others_before_it_is_given(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.send(batches[:-60])
+    assert both.has() == [SECOND]
+    asked = both.command("recalibrate", "r1")
+    both.kill(SECOND)
+    both.send(batches[-60:])
+    both.pass_(2.0)
+    assert both.has() == [FIRST]
+    assert both.command("cancel", "r2").accepted
+    assert both.command("recalibrate", "r1") == asked
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
