@@ -114,6 +114,9 @@ def _history(given: argparse.Namespace) -> int:
         for table in report_history.as_tables(found):
             console.print(table, highlight=False)
             console.print()
+        if ahead := history.ahead(found, time.time_ns()):
+            what = f"{count(ahead, 'record')} of this {'lies' if ahead == 1 else 'lie'} ahead of now"
+            print(f"{what}: the clock was wrong when it was written, or is wrong now")
     if not found:
         when = f" since {given.since}" if given.since else ""
         others = f"it has {', '.join(known)}" if known else "no device has been heard by its estimator yet"

@@ -37,6 +37,8 @@ SCRATCH = "from scratch"
 REPLIES = 256
 #: so many boots of a device are known again after a restart
 BOOTS_KNOWN = 48
+#: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
+AHEAD_S = 60.0
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -121,17 +123,26 @@ class Record:
         for unsaved in reversed(device.unsaved):
             if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
                 return unsaved
-        said, kept = self._replicas.prior(info), None
+        said, kept, now_ns = self._replicas.prior(info), None, self._now_ns()
         try:
-            kept = self._store.prior(info)
+            kept = self._store.prior(info, now_ns)
         except StoreError as error:
             self._failed(device.session, error)
-        return max((c for c in (said, kept) if c is not None), key=lambda c: c.time_ns, default=None)
+        found = [c for c in (said, kept) if c is not None]
+        return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
+
+    def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
+        """A calibration; where its time lies ahead that is said: then, or now, the clock is wrong."""
+        ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
+        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
+            words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
+            log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
+        return c
 
     def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
         """Why no calibration of this device holds, in words for a person; empty where there is none."""
         try:
-            latest = self._store.latest(info.device)
+            latest = self._store.latest(info.device, self._now_ns())
         except StoreError as error:
             self._failed(session, error)
             return ""

@@ -56,6 +56,16 @@ def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.
     assert "[/foo] :x: [red]left[/red]" in capsys.readouterr().out
 
 
+def test_history_says_that_a_clock_was_wrong(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    assert history(store) == 0
+    assert "ahead of now" not in capsys.readouterr().out
+    store.add_audit(4_070_908_800 * 10**9, NAME, "note", "c10", "nurse", "sat up", "noted", accepted=True)
+    assert history(store) == 0
+    said = capsys.readouterr().out
+    assert "2099-01-01" in said
+    assert "1 record of this lies ahead of now: the clock was wrong when it was written, or is wrong now" in said
+
+
 def test_history_as_json(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
     assert history(store, "--json") == 0
     found = json.loads(capsys.readouterr().out)
