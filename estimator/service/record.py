@@ -8,7 +8,7 @@ The first failure is told aloud, those after it are counted, and that it works a
 """
 
 import logging
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -64,6 +64,7 @@ class Record:
         self._saving, self._noting = set[str](), set[str]()
         #: replies to the latest commands, which may not be written yet
         self._replies: dict[tuple[str, str, str], CommandReply] = {}
+        self._unwritten: deque[Callable[[], None]] = deque(maxlen=REPLIES)
         #: why the store does not work now; empty when it does
         self.trouble = store.database.trouble
         if self.trouble:
@@ -288,10 +289,17 @@ class Record:
             del self._replies[next(iter(self._replies))]
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
         time_ns = self._now_ns()
-        self._clerk.do(
-            lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted),
-            lambda error: None if error is None else self._failing(error),
-        )
+        self._write_down(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted))
+
+    def _write_down(self, line: Callable[[], None]) -> None:
+        """A line of the audit; where it cannot be written now, it is when the store works again."""
+
+        def done(error: StoreError | None) -> None:
+            if error is not None:
+                self._failing(error)
+                self._unwritten.append(line)
+
+        self._clerk.do(line, done)
 
     def _save_calibrations(self, device: Device) -> None:
         for c in [c for c in device.unsaved if c.id not in self._saving]:
@@ -343,3 +351,5 @@ class Record:
         if self.trouble:
             self.trouble = ""
             log.warning("store %s works again", self._store.path)
+            for _ in range(len(self._unwritten)):
+                self._write_down(self._unwritten.popleft())

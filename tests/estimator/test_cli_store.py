@@ -103,6 +103,8 @@ def test_history_of_nothing_says_what_there_is(
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
     assert "no such file" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
+    assert history(store, "--since", "2300-01-01") == 2
+    assert f"has nothing of {NAME} since 2300-01-01" in capsys.readouterr().err
     assert history(store, "--since", "yesterday") == 2
     assert "2026-03-01" in capsys.readouterr().err
 
