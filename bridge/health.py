@@ -118,6 +118,8 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._answer(404, b"there are /metrics, /healthz and /readyz\n", "text/plain; charset=utf-8")
 
+    do_HEAD = do_GET  # noqa: N815 - as the base has it
+
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as the base has it
         _log.debug("health: " + format, *args)
 
@@ -127,7 +129,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Connection", "close")
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
         self.close_connection = True
 
 

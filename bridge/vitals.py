@@ -52,10 +52,10 @@ class Vitals:
         heard = {(i.device,): float(bool(i.boot) and not i.trouble) for i in infos}
         yield Family("bridge_heard", "Whether a device is heard.", ("device",), heard)
         read = {(i.device,): float(i.samples) for i in infos}
-        yield Family("bridge_samples", "Samples read in this boot.", ("device",), read)
+        yield Family("bridge_samples", "Samples read in this boot.", ("device",), read, counter=True)
         rate = {(i.device,): i.measured_rate_hz for i in infos}
         yield Family("bridge_rate_hz", "Samples a second, as measured.", ("device",), rate)
         battery = {(i.device,): i.battery_percent for i in infos if i.battery_percent == i.battery_percent}
         yield Family("bridge_battery_percent", "Charge of a device.", ("device",), battery)
         dropped = {(i.device, reason): float(n) for i in infos for reason, n in i.dropped.items()}
-        yield Family("bridge_samples_dropped", "Samples or bytes dropped.", ("device", "reason"), dropped)
+        yield Family("bridge_samples_dropped", "Samples or bytes dropped.", ("device", "reason"), dropped, counter=True)

@@ -97,7 +97,7 @@ def _running(ward: Ward) -> Iterable[Finding]:
     clashes = rivals.found(statuses.values())
     for words in clashes:
         yield trouble("bridges of the ward", words, "stop one of them, or take the device out of its file")
-    for words in overload.found(statuses.values()):
+    for words in (*overload.found(statuses.values()), *overload.unkept(statuses.values())):
         said, _, do = words.partition(": ")
         yield trouble("estimator of the ward", said, do)
     if statuses and not clashes:

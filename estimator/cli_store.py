@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.logs import printable
+from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.keys import check_id
 from bridge.wording import count
 from estimator import picture_file
@@ -98,7 +99,7 @@ def _history(given: argparse.Namespace) -> int:
         picture_file.check("--plot", given.plot)
     try:
         since = history.since(given.since, datetime.now().astimezone()) if given.since else None
-        since_ns = max(0, round(since.timestamp() * 1e9)) if since else 0
+        since_ns = min(max(0, round(since.timestamp() * 1e9)), MAX_TIME_NS) if since else 0
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"--since: {error}") from None
     store = Store.reading(_place(given))
@@ -114,6 +115,9 @@ def _history(given: argparse.Namespace) -> int:
         for table in report_history.as_tables(found):
             console.print(table, highlight=False)
             console.print()
+        if ahead := history.ahead(found, time.time_ns()):
+            what = f"{count(ahead, 'record')} of this {'lies' if ahead == 1 else 'lie'} ahead of now"
+            print(f"{what}: the clock was wrong when it was written, or is wrong now")
     if not found:
         when = f" since {given.since}" if given.since else ""
         others = f"it has {', '.join(known)}" if known else "no device has been heard by its estimator yet"

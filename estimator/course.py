@@ -10,6 +10,8 @@ Floats = NDArray[np.float64]
 
 #: device time that is taken to have passed when a bridge, started anew, has lost count of the turns of the device's clock
 CLOCK_LOST_S = 1.0
+#: device time up to which samples may end after the one before and be looked at no further
+PLAIN_S = 60.0
 
 
 class Course:
@@ -32,9 +34,11 @@ class Course:
         """From the first sample to the last."""
         return 0.0 if self._first is None else self.latest - self._first
 
-    def goes_on(self, first_s: float) -> bool:
-        """Whether a sample at first_s of the device's clock comes after all others."""
-        return self._first is not None and first_s + self._shift > self.latest
+    def goes_on(self, first_s: float, last_s: float) -> bool:
+        """Whether samples from first_s to last_s of the device's clock come after all others, and not long after."""
+        if self._first is None:
+            return False
+        return first_s + self._shift > self.latest and last_s + self._shift < self.latest + PLAIN_S
 
     def ends_block(self, last_s: float) -> bool:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""

@@ -77,7 +77,11 @@ def glance(
     needs = [need for name in names if (need := _need(name, statuses.get(name), infos.get(name))) is not None]
     troubles = [] if estimators else ["no estimator is alive: nothing is corrected"]
     troubles += [] if bridges else ["no bridge is alive: no device is read"]
-    troubles += [*rivals.found(statuses.values()), *overload.found(statuses.values())]
+    troubles += [
+        *rivals.found(statuses.values()),
+        *overload.found(statuses.values()),
+        *overload.unkept(statuses.values()),
+    ]
     return Glance(
         ward=ward,
         devices=len(names),

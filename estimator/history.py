@@ -56,6 +56,13 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
     )
 
 
+def ahead(found: History, now_ns: int) -> int:
+    """How much of it is of times that are still to come: a clock was wrong then, or is wrong now."""
+    times = [c.time_ns for c in found.calibrations] + [row["time_ns"] for row in (*found.boots, *found.commands)]
+    times += [time_ns for of in found.biases for time_ns in of.time_ns.tolist()]
+    return len([time_ns for time_ns in times if time_ns > now_ns])
+
+
 def devices(store: Store) -> list[str]:
     """Every device that was there; a command alone may have been to a name that somebody made up."""
     tried = {row["device"] for row in store.database.rows("audit", "accepted OR verb = 'calibrate'")}

@@ -38,6 +38,7 @@ class Stream(Generic[T]):
         self._subscription, self._door, self._wanted = subscription, door, wanted
         self._ready: deque[T] = deque()
         self._told = False
+        self._loop: _InALoop[T] | None = None
         self.idle_s = idle_s
 
     @property
@@ -80,7 +81,10 @@ class Stream(Generic[T]):
                 return
 
     def __aiter__(self) -> AsyncIterator[T]:
-        return _InALoop(self)
+        # One for all loops over it: what one that was left still waits for, comes in the next.
+        if self._loop is None or self._loop.over:
+            self._loop = _InALoop(self)
+        return self._loop
 
     def close(self) -> None:
         """Stop receiving; iterating ends at once."""
@@ -98,9 +102,9 @@ class Stream(Generic[T]):
         """The next of what is ready, or None."""
         return self._ready.popleft() if self._ready else None
 
-    def ended(self) -> bool:
-        """Whether nothing more is to be waited for, when nothing came for idle_s."""
-        return self._subscription.closed or self.idle_s is not None
+    def ended(self, *, idle: bool = True) -> bool:
+        """Whether nothing more is to be waited for; idle: nothing came for idle_s."""
+        return self._subscription.closed or (idle and self.idle_s is not None)
 
     def _any(self) -> bool:
         return bool(self._ready)
@@ -176,9 +180,9 @@ class Corrected(Stream[CorrectedBatch]):
         super().close()
         self._once.ready.clear()
 
-    def ended(self) -> bool:
+    def ended(self, *, idle: bool = True) -> bool:
         """Whether nothing more is to be waited for: then what is held comes, and the end."""
-        if not super().ended():
+        if not super().ended(idle=idle):
             return False
         if not self._subscription.closed:
             self._once.rest()
@@ -217,19 +221,27 @@ class _InALoop(AsyncIterator[T]):
         self._stream = stream
         self._thread = ThreadPoolExecutor(1, "subscriber")
         self._waiting: Future[bool] | None = None
+        self.over = False
 
     async def __anext__(self) -> T:
-        stream = self._stream
-        while True:
+        stream, idle_s = self._stream, self._stream.idle_s
+        # Not longer at a time: a program that ends waits for the thread.
+        at_once_s = _WAIT_S if idle_s is None else min(_WAIT_S, idle_s)
+        began = time.monotonic()
+        while not self.over:
             if self._waiting is None:
                 if (one := stream.pop()) is not None:
                     return one
-                self._waiting = self._thread.submit(stream.wait, _WAIT_S if stream.idle_s is None else stream.idle_s)
-            await _done(self._waiting)
-            came, self._waiting = self._waiting.result(), None
-            if not came and stream.ended():
+                self._waiting = self._thread.submit(stream.wait, at_once_s)
+            waiting = self._waiting
+            await _done(waiting)
+            if self._waiting is waiting:
+                self._waiting = None
+            idle = idle_s is not None and time.monotonic() - began >= idle_s
+            if not waiting.result() and stream.ended(idle=idle):
+                self.over = True
                 self._thread.shutdown(wait=False)
-                raise StopAsyncIteration
+        raise StopAsyncIteration
 
 
 async def _done(work: "Future[bool]") -> None:

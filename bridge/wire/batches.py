@@ -53,15 +53,16 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     raw = read(columns.SampleBatch, payload)
     same_id(raw.device, place, "device")
     ticks = _ticks(raw.ticks)
+    _times(raw, ticks)
     n = len(ticks)
     return SampleBatch(
         device=raw.device,
         boot=raw.boot,
         sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
         receive_time_ns=checks.time_ns(raw.receive_time_ns, "receive_time_ns"),
-        start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
-        tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
-        clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
+        start_time_ns=raw.start_time_ns,
+        tick_period_s=raw.tick_period_s,
+        clock_rate=raw.clock_rate,
         ticks=ticks,
         gyro=floats_of(raw.gyro, "gyro", 3 * n, MAX_RATE).reshape(n, 3),
         accel=floats_of(raw.accel, "accel", 3 * n, MAX_ACCEL).reshape(n, 3) if raw.accel else None,
@@ -124,6 +125,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     raw = read(columns.CorrectedBatch, payload)
     same_id(raw.device, place, "device")
     ticks = _ticks(raw.ticks)
+    _times(raw, ticks)
     n = len(ticks)
     noise_std, bias_std, scale_std, cross_std = stds_of(
         noise_std=raw.noise_std, bias_std=raw.bias_std, scale_std=raw.scale_std, cross_std=raw.cross_std
@@ -132,9 +134,9 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
         device=raw.device,
         boot=raw.boot,
         sequence=checks.whole(raw.sequence, "sequence", MAX_SEQUENCE),
-        start_time_ns=checks.time_ns(raw.start_time_ns, "start_time_ns"),
-        tick_period_s=checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0),
-        clock_rate=checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4),
+        start_time_ns=raw.start_time_ns,
+        tick_period_s=raw.tick_period_s,
+        clock_rate=raw.clock_rate,
         ticks=ticks,
         rate=floats_of(raw.rate, "rate", 3 * n, MAX_CORRECTED).reshape(n, 3),
         flags=flags_of(raw.flags, n),
@@ -186,6 +188,15 @@ def _ticks(column: bytes) -> NDArray[np.uint64]:
     if not np.logical_and.reduce(ticks[1:] > ticks[:-1]) or int(ticks[-1]) >= 2**63:
         raise Refusal(Reason.RANGE, "ticks do not increase from each sample to the next, below 2**63")
     return ticks
+
+
+def _times(raw: columns.SampleBatch | columns.CorrectedBatch, ticks: NDArray[np.uint64]) -> None:
+    """Whether the host's time of the first sample, and of the last, can be said."""
+    start_ns = checks.time_ns(raw.start_time_ns, "start_time_ns")
+    period_s = checks.number(raw.tick_period_s, "tick_period_s", 1e-9, 1.0)
+    rate = checks.number(raw.clock_rate, "clock_rate", 1e-4, 1e4)
+    if start_ns + float(ticks[-1] - ticks[0]) * (period_s * rate * 1e9) > checks.MAX_TIME_NS:
+        raise Refusal(Reason.RANGE, f"the last sample is taken later than {checks.MAX_TIME_NS} ns")
 
 
 def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:

@@ -10,11 +10,11 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire.batches import MAX_CELSIUS, MAX_SEQUENCE
 from bridge.wire.checks import MAX_EPOCH, MAX_NAME, MAX_SENTENCE, clean
 from bridge.wire.envelope import parse_key, read, same_id
-from bridge.wire.messages import VERSION, Checkpoint, Holding, Move, Owned
+from bridge.wire.messages import VERSION, Checkpoint, CommandReply, Holding, Move, Owned
 from bridge.wire.records import calibration_in, calibration_message
 from bridge.wire.refusal import Reason, Refusal
 
-MAX_HOLDINGS, MAX_MOVES, MAX_PARTS = 512, 8, 64
+MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
 #: elements of a filter's state; its covariance
 STATE, _MAX_STATE, _MAX_COVARIANCE = 6, 1e6, 1e12
 _MAX_LOAD, _MAX_DEVICE_S = 1e4, 1e12
@@ -81,6 +81,7 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
         asked_why=clean(checkpoint.asked_why, MAX_SENTENCE),
         bridge=checkpoint.bridge,
         turned=checkpoint.turned,
+        answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
         calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
     ).SerializeToString()
 
@@ -117,7 +118,18 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
         calibration=calibration,
         bridge=keys.check_id(raw.bridge, "bridge") if raw.bridge else "",
         turned=tuple(checks.whole(axis, "an axis", 2) for axis in raw.turned[:3]),
+        answers=tuple(_answer(answer) for answer in raw.answers[-MAX_ANSWERS:]),
     )
+
+
+def _answer_of(verb: str, reply: CommandReply) -> pb.Answer:
+    message = clean(reply.message, MAX_SENTENCE)
+    return pb.Answer(verb=verb, request_id=reply.request_id, accepted=reply.accepted, message=message)
+
+
+def _answer(raw: pb.Answer) -> tuple[str, CommandReply]:
+    request_id, message = checks.text(raw.request_id, "request_id"), checks.text(raw.message, "message", MAX_SENTENCE)
+    return checks.text(raw.verb, "verb"), CommandReply(request_id, raw.accepted, message)
 
 
 def _believable(covariance: NDArray[np.float64]) -> bool:

@@ -405,6 +405,7 @@ class Checkpoint:
     calibration: Calibration | None  # in use: of this boot, or of an earlier one
     bridge: str = ""  # whose samples of it are taken
     turned: tuple[int, ...] = ()  # axes whose turns were taken of a calibration under way
+    answers: tuple[tuple[str, "CommandReply"], ...] = ()  # verbs of the last few commands, and what they were answered
 
 
 @dataclass(frozen=True, slots=True)

@@ -464,7 +464,7 @@ class Move(_message.Message):
     def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
-    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned")
+    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned", "answers")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -481,6 +481,7 @@ class Checkpoint(_message.Message):
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     BRIDGE_FIELD_NUMBER: _ClassVar[int]
     TURNED_FIELD_NUMBER: _ClassVar[int]
+    ANSWERS_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -497,7 +498,20 @@ class Checkpoint(_message.Message):
     calibration: Calibration
     bridge: str
     turned: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ...) -> None: ...
+    answers: _containers.RepeatedCompositeFieldContainer[Answer]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ...) -> None: ...
+
+class Answer(_message.Message):
+    __slots__ = ("verb", "request_id", "accepted", "message")
+    VERB_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTED_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    verb: str
+    request_id: str
+    accepted: bool
+    message: str
+    def __init__(self, verb: _Optional[str] = ..., request_id: _Optional[str] = ..., accepted: _Optional[bool] = ..., message: _Optional[str] = ...) -> None: ...
 
 class Note(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "who", "text")

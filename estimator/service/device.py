@@ -16,7 +16,7 @@ from bridge.wire.refusal import Reason
 from estimator.correction import Cut
 from estimator.overtaken import Overtaken
 from estimator.service import published
-from estimator.service.overload import OVERLOADED
+from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
@@ -62,6 +62,8 @@ class Device:
         self._told = ""  # the calibration that was said last
         #: how long the estimator has not kept up with all its devices; 0 when it does
         self.overloaded_s = 0
+        #: whether the store does not work now
+        self.unkept = False
         #: corrected samples that were published
         self.said = 0
         #: the status that was published last
@@ -173,6 +175,8 @@ class Device:
         said = self.session.status(time_ns)
         if self.overloaded_s:
             said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
+        if self.unkept:
+            said = replace(said, events=said.events | {UNKEPT: 1})
         refused = self.source.refused(time.monotonic())
         return published.status(said, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch)
 

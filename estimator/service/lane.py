@@ -224,7 +224,9 @@ def _plain(device: Device, bridge: str, raw: _Raw, whole: _Columns) -> SampleBat
         or device.source.owner != bridge
         or not device.announced
         or device.overtaken
-        or not device.session.plain(message.boot, message.sequence, float(whole.time[begin]))
+        or not device.session.plain(
+            message.boot, message.sequence, float(whole.time[begin]), float(whole.time[end - 1])
+        )
     ):
         return None
     return SampleBatch(

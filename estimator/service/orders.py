@@ -47,7 +47,7 @@ class Orders:
             return self._unknown(key, command)
         reply = self._done(self._devices[key.device], key.ids["verb"], command)
         log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
-        self._record.audit(key, command, reply)
+        self._record.audit(self._devices[key.device], key, command, reply)
         return reply
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:

@@ -4,11 +4,14 @@ import logging
 from collections.abc import Iterable
 
 from bridge.wire.messages import Status
+from bridge.wording import count
 
 log = logging.getLogger(__name__)
 
 #: in the events of every device while it is so, and of the ward for ever: for how many seconds
 OVERLOADED = "estimator overloaded"
+#: so while its store cannot be written
+UNKEPT = "store does not work"
 #: busier than this share of the time, or with messages that wait for so long, ...
 BUSY, WAITED_S = 0.95, 1.0
 #: ... for so long without a break: then it does not keep up; and it does again after so long
@@ -74,3 +77,10 @@ def found(statuses: Iterable[Status]) -> list[str]:
     """That the estimator does not keep up now, by what it says of its devices, and what to do."""
     seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
     return [f"the estimator has not kept up with its devices for {seconds} s: {_DO}"] if seconds else []
+
+
+def unkept(statuses: Iterable[Status]) -> list[str]:
+    """That an estimator cannot write its store now, by what it says of its devices."""
+    devices = sum(UNKEPT in status.events for status in statuses)
+    what = f"the store of {count(devices, 'device')} cannot be written: what is calibrated now is lost when its estimator ends"
+    return [f"{what}; its log, and its /readyz, say why"] if devices else []

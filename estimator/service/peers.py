@@ -109,7 +109,7 @@ class Peers:
             checkpoint = self._checkpoints.take(message)
             if checkpoint is not None:
                 cluster.highest = max(cluster.highest, checkpoint.epoch)
-                self.replicas.note(checkpoint)
+                self.replicas.note(checkpoint, self._now_ns())
                 if checkpoint.calibration is not None and checkpoint.epoch < cluster.held.get(checkpoint.device, 0):
                     self._calibrated.append(checkpoint.calibration)
         if now >= self._next_look and not cluster.alone:
@@ -261,7 +261,7 @@ class Peers:
         """Say what another would need of a device, where there is another."""
         if self.cluster.undisputed:
             return
-        checkpoint = checkpoint_of(device, self._now_ns())
+        checkpoint = checkpoint_of(device, self._now_ns(), self.replicas.answers(device.name))
         if checkpoint is not None:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 

@@ -8,7 +8,7 @@ The first failure is told aloud, those after it are counted, and that it works a
 """
 
 import logging
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -38,6 +38,8 @@ SCRATCH = "from scratch"
 REPLIES = 256
 #: so many boots of a device are known again after a restart
 BOOTS_KNOWN = 48
+#: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
+AHEAD_S = 60.0
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -63,6 +65,7 @@ class Record:
         self._saving, self._noting = set[str](), set[str]()
         #: replies to the latest commands, which may not be written yet
         self._replies: dict[tuple[str, str, str], CommandReply] = {}
+        self._unwritten: deque[Callable[[], None]] = deque(maxlen=REPLIES)
         #: why the store does not work now; empty when it does
         self.trouble = store.database.trouble
         if self.trouble:
@@ -122,17 +125,26 @@ class Record:
         for unsaved in reversed(device.unsaved):
             if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
                 return unsaved
-        said, kept = self._replicas.prior(info), None
+        said, kept, now_ns = self._replicas.prior(info), None, self._now_ns()
         try:
-            kept = self._store.prior(info)
+            kept = self._store.prior(info, now_ns)
         except StoreError as error:
             self._failed(device.session, error)
-        return max((c for c in (said, kept) if c is not None), key=lambda c: c.time_ns, default=None)
+        found = [c for c in (said, kept) if c is not None]
+        return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
+
+    def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
+        """A calibration; where its time lies ahead that is said: then, or now, the clock is wrong."""
+        ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
+        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
+            words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
+            log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
+        return c
 
     def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
         """Why no calibration of this device holds, in words for a person; empty where there is none."""
         try:
-            latest = self._store.latest(info.device)
+            latest = self._store.latest(info.device, self._now_ns())
         except StoreError as error:
             self._failed(session, error)
             return ""
@@ -259,6 +271,9 @@ class Record:
         """What this very command was answered before, be it by an estimator that has been restarted since."""
         if (reply := self._replies.get((key.device, key.ids["verb"], command.request_id))) is not None:
             return reply
+        for verb, reply in self._replicas.answers(key.device):
+            if (verb, reply.request_id) == (key.ids["verb"], command.request_id):
+                return reply
         try:
             found = self._store.answer(key.device, key.ids["verb"], command.request_id)
         except StoreError as error:
@@ -266,17 +281,26 @@ class Record:
             return None
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
-    def audit(self, key: keys.Key, command: Command, reply: CommandReply) -> None:
-        """What was asked for, and what came of it."""
+    def audit(self, device: Device, key: keys.Key, command: Command, reply: CommandReply) -> None:
+        """What was asked for, and what came of it: said to the other estimators before it is answered."""
+        self._replicas.answer(device.name, ((key.ids["verb"], reply),))
+        self._tell(device)
         self._replies[key.device, key.ids["verb"], command.request_id] = reply
         while len(self._replies) > REPLIES:
             del self._replies[next(iter(self._replies))]
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
         time_ns = self._now_ns()
-        self._clerk.do(
-            lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted),
-            lambda error: None if error is None else self._failing(error),
-        )
+        self._write_down(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted))
+
+    def _write_down(self, line: Callable[[], None]) -> None:
+        """A line of the audit; where it cannot be written now, it is when the store works again."""
+
+        def done(error: StoreError | None) -> None:
+            if error is not None:
+                self._failing(error)
+                self._unwritten.append(line)
+
+        self._clerk.do(line, done)
 
     def _save_calibrations(self, device: Device) -> None:
         for c in [c for c in device.unsaved if c.id not in self._saving]:
@@ -328,3 +352,5 @@ class Record:
         if self.trouble:
             self.trouble = ""
             log.warning("store %s works again", self._store.path)
+            for _ in range(len(self._unwritten)):
+                self._write_down(self._unwritten.popleft())

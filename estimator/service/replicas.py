@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.wire.messages import Calibration, Checkpoint, DeviceInfo
+from bridge.wire.checks import MAX_TIME_NS
+from bridge.wire.estimators import MAX_ANSWERS
+from bridge.wire.messages import Calibration, Checkpoint, CommandReply, DeviceInfo
 from estimator.remembered import Remembered
 from estimator.restore import differing, restore_key
 from estimator.service.device import Device
@@ -16,8 +18,11 @@ _NONE = np.zeros(0)
 _ENDLESS_S = 1e12
 
 
-def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
-    """What another would need of a device; None before it has a boot."""
+Answers = tuple[tuple[str, CommandReply], ...]
+
+
+def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkpoint | None:
+    """What another would need of a device, and what its last commands were answered; None before it has a boot."""
     session = device.session
     if session.boot is None:
         return None
@@ -40,6 +45,7 @@ def checkpoint_of(device: Device, time_ns: int) -> Checkpoint | None:
         calibration=used,
         bridge=device.source.owner,
         turned=session.learnt.turned,
+        answers=answers,
     )
 
 
@@ -49,16 +55,19 @@ def _calibrated(checkpoint: Checkpoint) -> bool:
 
 
 class Replicas:
-    """The latest checkpoint of a bounded number of devices."""
+    """The latest checkpoint of a bounded number of devices, and what their last commands were answered, by whomever."""
 
     def __init__(self, devices: int) -> None:
         self._room = devices
         self._latest: dict[str, Checkpoint] = {}
+        self._answers: dict[str, Answers] = {}
 
-    def note(self, checkpoint: Checkpoint) -> None:
+    def note(self, checkpoint: Checkpoint, now_ns: int = MAX_TIME_NS) -> None:
         """Keep it, unless a later turn has said something of the device."""
+        self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
-        if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known.time_ns):
+        known_ns = 0 if known is None or known.time_ns > now_ns else known.time_ns  # its clock may have been set back
+        if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known_ns):
             # Who did not know yet that the device was another's may have calibrated it meanwhile.
             if known.boot != checkpoint.boot or _calibrated(known) or not _calibrated(checkpoint):
                 return
@@ -70,6 +79,18 @@ class Replicas:
 
     def __iter__(self) -> Iterator[Checkpoint]:
         return iter(self._latest.values())
+
+    def answer(self, device: str, given: Answers) -> None:
+        """Keep what commands were answered."""
+        if given:
+            known = self._answers.pop(device, ())
+            self._answers[device] = (*(one for one in known if one not in given), *given)[-MAX_ANSWERS:]
+            while len(self._answers) > self._room:
+                del self._answers[next(iter(self._answers))]
+
+    def answers(self, device: str) -> Answers:
+        """What its last commands were answered, oldest first."""
+        return self._answers.get(device, ())
 
     def bridge(self, device: str) -> str:
         """Whom it was heard from; empty where nothing was said of it."""

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 HOUR_NS, DAY_NS = 3600 * 10**9, 86400 * 10**9
 #: from so old on, the last one of so long is kept; after the last, none
 STEPS_NS = ((7 * DAY_NS, HOUR_NS), (90 * DAY_NS, DAY_NS))
-END_NS = 5 * 365 * DAY_NS
+YEAR_NS = 365 * DAY_NS
+END_NS = 5 * YEAR_NS
 #: so many boots of a device are all kept, the latest; of those before, as of points that are a week old
 RECENT_BOOTS = 100
 #: as many days are all kept

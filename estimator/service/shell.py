@@ -383,7 +383,7 @@ class Service:
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
         for device in self._devices.values():
-            device.overloaded_s = self._overload.seconds
+            device.overloaded_s, device.unkept = self._overload.seconds, bool(self._record.trouble)
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:

@@ -16,12 +16,13 @@ from typing import Any, Self
 import numpy as np
 
 from bridge.wire import codec, keys
+from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError, Trim
 from estimator.remembered import Remembered
 from estimator.restore import differing, restore_key
-from estimator.service.retention import ALL_DAYS, DAY_NS, old_boots, superfluous
+from estimator.service.retention import ALL_DAYS, DAY_NS, YEAR_NS, old_boots, superfluous
 from estimator.track.bias_filter import OWN, BiasState
 from estimator.track.learning import Points
 
@@ -32,7 +33,9 @@ BOOTS, POINTS = 8, 300
 #: of each device the audit keeps about so many lines, those of years; looked after every so many
 AUDITED, _LOOKED_AFTER = 10_000, 100
 #: so many calibrations of a device are looked at whatever they are of
-_LATEST, _NEWEST = 8, "time_ns DESC, rowid DESC"
+_LATEST = 8
+#: which is the latest; where a clock was wrong, and times lie ahead, what was written last
+_NEWEST, _WRITTEN = "time_ns DESC, rowid DESC", "rowid DESC"
 #: how many points are thinned at a time
 STRETCH = 500
 #: under which boots teach the same law
@@ -139,16 +142,19 @@ class Store:
         times = [row["time_ns"] for row in rows]
         spared = self._learnt_from(device, boot, rows) if not after_ns else 0
         gone = [(device, boot, times[i]) for i in superfluous(times, now_ns, spared)]
-        if gone:
+        if gone and not self._leapt("bias_history", device, now_ns):
             self.database.remove("bias_history", "device = ? AND boot = ? AND time_ns = ?", gone)
         return times[-1] if len(times) == STRETCH else None
 
     def thin_boots(self, device: str, now_ns: int) -> int:
         """Forget old boots of a device that began many times, and their biases; how many. Those that were calibrated are kept."""
-        boots = self.database.rows("boots", "device = ?", (device,), "time_ns")
-        begun = {row["boot"]: row["time_ns"] for row in self.database.rows("bias", "device = ?", (device,), "time_ns")}
+        boots = self.database.rows("boots", "device = ?", (device,))
+        begun = {row["boot"]: row["time_ns"] for row in self.database.rows("bias", "device = ?", (device,))}
         begun |= {row["boot"]: row["time_ns"] for row in boots}
-        names = sorted(begun, key=begun.__getitem__)
+        # A time that lies ahead would be among the latest for ever.
+        names = sorted((name for name, time_ns in begun.items() if time_ns <= now_ns), key=begun.__getitem__)
+        if names and self._leapt("boots", device, now_ns):
+            now_ns = begun[names[0]]
         old = [names[i] for i in old_boots([begun[name] for name in names], now_ns)]
         if not old:
             return 0
@@ -164,9 +170,14 @@ class Store:
             self.database.remove(table, "device = ? AND boot = ?", gone)
         return len(gone)
 
+    def _leapt(self, table: str, device: str, now_ns: int) -> bool:
+        """Whether nothing was kept in the year before yesterday: the clock may be wrong, and nothing as old as it says."""
+        values = device, now_ns - YEAR_NS, now_ns - DAY_NS
+        return not self.database.rows(table, "device = ? AND time_ns > ? AND time_ns < ?", values, limit=1)
+
     def _learnt_from(self, device: str, boot: str, rows: list[Row]) -> int:
         """How many points of a boot, from its first on, `points` may ask for."""
-        boots = self.database.rows("boots", "device = ?", (device,), "time_ns DESC")
+        boots = self.database.rows("boots", "device = ?", (device,), _WRITTEN)
         key = next(([row[name] for name in _KEY] for row in boots if row["boot"] == boot), None)
         # One more: the present boot is not learnt from yet.
         if boot not in [row["boot"] for row in boots if [row[name] for name in _KEY] == key][: BOOTS + 1]:
@@ -186,7 +197,7 @@ class Store:
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         name = keys.boot_id(boot)
-        calibration = self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
+        calibration = self._latest(device, now_ns, lambda row: row["boot"] == name, "boot = ?", name)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
@@ -195,19 +206,19 @@ class Store:
                 return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
 
-    def prior(self, info: DeviceInfo) -> Calibration | None:
+    def prior(self, info: DeviceInfo, now_ns: int = MAX_TIME_NS) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
         this = keys.boot_id(info.boot)
-        return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
+        return self._latest(info.device, now_ns, lambda row: row["boot"] != this and not differing(row, info))
 
-    def latest(self, device: str) -> Calibration | None:
+    def latest(self, device: str, now_ns: int = MAX_TIME_NS) -> Calibration | None:
         """The last calibration of a device, whatever it was then."""
-        return self._latest(device, lambda _: True)
+        return self._latest(device, now_ns, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
         this = keys.boot_id(info.boot)
-        rows = self.database.rows("boots", "device = ?", (info.device,), "time_ns DESC")
+        rows = self.database.rows("boots", "device = ?", (info.device,), _WRITTEN)
         boots = [row for row in rows if row["boot"] != this and not differing(row, info)][:BOOTS]
         return [found for boot in boots if (found := self._points(boot)) is not None]
 
@@ -225,12 +236,15 @@ class Store:
         return [found for row in rows if (found := self._calibration(row)) is not None]
 
     def _latest(
-        self, device: str, wanted: Callable[[Row], bool], where: str = "1", *values: object
+        self, device: str, now_ns: int, wanted: Callable[[Row], bool], where: str = "1", *values: object
     ) -> Calibration | None:
+        ahead = self.database.rows("calibrations", "device = ? AND time_ns > ?", (device, now_ns), limit=1)
         # What it is looked up by is tried here, behind the seals: SQLite would pass over a damaged column in silence. It is
         # asked only for those of long ago, to look through which takes as long as hundreds of samples.
         for some, given, most in (("1", (), _LATEST), (where, values, -1)):
-            rows = self.database.rows("calibrations", f"device = ? AND {some}", (device, *given), _NEWEST, most)
+            rows = self.database.rows(
+                "calibrations", f"device = ? AND {some}", (device, *given), _WRITTEN if ahead else _NEWEST, most
+            )
             for row in rows:
                 if wanted(row) and (found := self._calibration(row)) is not None:
                     return found

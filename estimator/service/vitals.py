@@ -82,11 +82,13 @@ class Vitals:
         """All metrics; labels are devices of the roster, reasons and states, all of them bounded."""
         yield from certificate(self.routers)
         note = self._note
+        yield Family(
+            "bus_connected", "Whether there is a router.", (), {(): float(note is not None and note.connected)}
+        )
         if note is None:
             return
         yield Family("loop_age_seconds", "Since the service's loop turned last.", (), {(): self._clock() - note.time_s})
         yield Family("busy_ratio", "Share of the time in which the service's loop had to do.", (), {(): note.busy})
-        yield Family("bus_connected", "Whether there is a router.", (), {(): float(note.connected)})
         yield Family("store_works", "Whether the store can be written.", (), {(): float(not note.store)})
         states = Counter(d.status.state.name.lower() for d in note.devices.values())
         yield Family(

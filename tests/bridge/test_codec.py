@@ -52,6 +52,8 @@ NAN, INF = float("nan"), float("inf")
 U64 = st.integers(0, 2**64 - 1)
 TIME = st.integers(0, 2**62)
 TEXT = st.text(st.characters(codec="utf-8").filter(str.isprintable), max_size=64)
+#: so that the last sample of a dozen, too, has a time that can be said
+BEGIN, PERIOD = st.integers(0, 2**61), st.floats(1e-9, 1e-3)
 LABELS = st.dictionaries(TEXT, U64, max_size=5)
 
 
@@ -65,8 +67,8 @@ def column(data: st.DataObject, limit: float, *shape: int) -> np.ndarray[Any, np
 
 
 def ticks(data: st.DataObject) -> np.ndarray[Any, np.dtype[np.uint64]]:
-    steps = data.draw(st.lists(st.integers(1, 2**40), min_size=1, max_size=12))
-    return data.draw(st.integers(0, 2**50)) + np.cumsum(steps, dtype=np.uint64)
+    steps = data.draw(st.lists(st.integers(1, 2**20), min_size=1, max_size=12))
+    return data.draw(st.integers(0, 2**62)) + np.cumsum(steps, dtype=np.uint64)
 
 
 def flags(data: st.DataObject, n: int) -> np.ndarray[Any, np.dtype[np.uint32]]:
@@ -77,7 +79,7 @@ def samples(data: st.DataObject) -> SampleBatch:
     when = ticks(data)
     n = len(when)
     return SampleBatch(
-        "d1", data.draw(U64), data.draw(TIME), data.draw(TIME), data.draw(TIME), data.draw(st.floats(1e-9, 1)),
+        "d1", data.draw(U64), data.draw(TIME), data.draw(TIME), data.draw(BEGIN), data.draw(PERIOD),
         data.draw(st.floats(1e-4, 1e4)), when, column(data, 1000, n, 3),
         column(data, 10_000, n, 3) if data.draw(st.booleans()) else None,
         column(data, 500, n) if data.draw(st.booleans()) else None, flags(data, n), "b1",
@@ -88,7 +90,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
     when = ticks(data)
     n = len(when)
     return CorrectedBatch(
-        "d1", data.draw(U64), data.draw(TIME), data.draw(TIME), data.draw(st.floats(1e-9, 1)),
+        "d1", data.draw(U64), data.draw(TIME), data.draw(BEGIN), data.draw(PERIOD),
         data.draw(st.floats(1e-4, 1e4)), when, column(data, 2000, n, 3), flags(data, n),
         data.draw(st.sampled_from(Quality)), abs(column(data, 9, 3)),
         abs(column(data, 9, 3)), abs(column(data, 9, 3)), column(data, 1000, 3), data.draw(TEXT), abs(column(data, 9, 3)),
@@ -141,6 +143,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
         root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
         draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
         draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
+        tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
     )  # fmt: skip
 
 
@@ -441,6 +444,9 @@ SIGNALLING = np.frombuffer(struct.pack("<12I", *[0x7FA00000] * 12), "<f4").resha
         ({"clock_rate": INF}, Reason.NON_FINITE),
         ({"receive_time_ns": -1}, Reason.RANGE),
         ({"start_time_ns": 2**62 + 1}, Reason.RANGE),
+        ({"start_time_ns": 2**62}, Reason.RANGE),
+        ({"ticks": np.array([1, 2, 3, 2**63 - 1], np.uint64)}, Reason.RANGE),
+        ({"ticks": np.arange(4, dtype=np.uint64) * 10**12, "clock_rate": 1e4}, Reason.RANGE),
         ({"sequence": 2**64 - 1}, Reason.RANGE),
     ],
     ids=str,
@@ -564,6 +570,11 @@ def test_an_unknown_state_or_a_negative_deviation_is_refused() -> None:
     raw.state = 99  # type: ignore[assignment]
     assert refused(raw.SerializeToString(), STATUS, codec.decode_status) is Reason.RANGE
     bad = dataclasses.replace(FIXED, bias_std=np.array([1, -1, 1], np.float32))
+    assert refused(codec.encode_corrected(bad), CORRECTED, codec.decode_corrected) is Reason.RANGE
+
+
+def test_a_corrected_sample_too_has_a_time_that_can_be_said() -> None:
+    bad = dataclasses.replace(FIXED, ticks=np.array([0, 1, 2**62], np.uint64))
     assert refused(codec.encode_corrected(bad), CORRECTED, codec.decode_corrected) is Reason.RANGE
 
 

@@ -2,13 +2,17 @@
 
 import http.client
 import socket
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from bridge.config import listening
 from bridge.health import AT_ONCE, Asked, Family, Health
+from bridge.vitals import Vitals
 from tests.bridge.asking import get
+from tests.estimator.stream import info
 
 
 class Told:
@@ -54,6 +58,23 @@ def test_alive_and_ready(health: Health, told: Told) -> None:
     assert get(health.port, "/readyz") == (503, "no router\nno device\n")
     assert get(health.port, "/")[0] == 404
     assert get(health.port, "/../etc/passwd")[0] == 404
+
+
+def test_who_asks_for_the_head_gets_no_more(health: Health, told: Told) -> None:
+    for code in (200, 503):
+        connection = http.client.HTTPConnection("127.0.0.1", health.port, timeout=5)
+        connection.request("HEAD", "/healthz")
+        answer = connection.getresponse()
+        assert (answer.status, answer.read()) == (code, b"")
+        connection.close()
+        told.sick = ["stuck"]
+
+
+def test_what_a_bridge_counts_are_counters() -> None:
+    one = replace(info(), samples=7, dropped={"overflow": 2})
+    families = {f.name: f for f in Vitals(lambda: [one], time.monotonic, lambda: True).families()}
+    assert {name for name, family in families.items() if family.counter} == {"bridge_samples", "bridge_samples_dropped"}
+    assert families["bridge_samples_dropped"].values == {(one.device, "overflow"): 2.0}
 
 
 def test_nothing_but_reading(health: Health) -> None:

@@ -14,7 +14,7 @@ from bridge.wire import keys
 from bridge.wire.codec import encode_status
 from estimator.cli import main
 from estimator.demo.ward import free_port
-from estimator.service.overload import OVERLOADED
+from estimator.service.overload import OVERLOADED, UNKEPT
 from tests.estimator.test_glance import STATUS
 
 WARD = """ward = "w"
@@ -78,12 +78,14 @@ def test_an_estimator_that_does_not_keep_up_is_found(tmp_path: Path, capsys: pyt
     config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
     with Router([endpoint]), ZenohBus([endpoint]) as bus:
         said = bus.publisher(keys.build("w", "status", device="a"), cache=1)
-        for events in ({OVERLOADED: 7}, {}):
+        for events in ({OVERLOADED: 7}, {UNKEPT: 1}, {}):
             said.put(encode_status(replace(STATUS, events=events)))
             code, found = look(capsys, str(config))
             assert code == (1 if events else 0)
             assert found.get("estimator of the ward", ("", ""))[0] == ("trouble" if events else "")
-            if events:
+            if UNKEPT in events:
+                assert "the store of 1 device cannot be written" in found["estimator of the ward"][1]
+            if OVERLOADED in events:
                 assert "has not kept up with its devices for 7 s" in found["estimator of the ward"][1]
 
 

@@ -56,6 +56,16 @@ def test_history_prints_what_people_wrote_as_it_is(store: Store, capsys: pytest.
     assert "[/foo] :x: [red]left[/red]" in capsys.readouterr().out
 
 
+def test_history_says_that_a_clock_was_wrong(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    assert history(store) == 0
+    assert "ahead of now" not in capsys.readouterr().out
+    store.add_audit(4_070_908_800 * 10**9, NAME, "note", "c10", "nurse", "sat up", "noted", accepted=True)
+    assert history(store) == 0
+    said = capsys.readouterr().out
+    assert "2099-01-01" in said
+    assert "1 record of this lies ahead of now: the clock was wrong when it was written, or is wrong now" in said
+
+
 def test_history_as_json(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
     assert history(store, "--json") == 0
     found = json.loads(capsys.readouterr().out)
@@ -93,6 +103,8 @@ def test_history_of_nothing_says_what_there_is(
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
     assert "no such file" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
+    assert history(store, "--since", "2300-01-01") == 2
+    assert f"has nothing of {NAME} since 2300-01-01" in capsys.readouterr().err
     assert history(store, "--since", "yesterday") == 2
     assert "2026-03-01" in capsys.readouterr().err
 

@@ -7,6 +7,7 @@ import pytest
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
 from estimator.glance import as_json, glance, most, total
 from estimator.service.law import EVENT
+from estimator.service.overload import UNKEPT
 from tests.estimator.stream import info as info_of
 
 STATUS = Status(
@@ -46,6 +47,13 @@ def test_all_is_well() -> None:
     assert (seen.devices, seen.tracking) == (2, 2)
     assert (seen.samples_in, seen.samples_out, seen.dropped) == (200, 180, 20)
     assert as_json(seen)["law"]["holds"] is True
+
+
+def test_a_store_that_cannot_be_written_is_nobodys_secret() -> None:
+    found = {name: replace(status, events={UNKEPT: 1}) for name, status in statuses(a=State.TRACKING).items()}
+    seen = glance("w", found, infos("a"), ["bridge"], ["e"])
+    assert not seen.well
+    assert "the store of 1 device cannot be written" in seen.troubles[0]
 
 
 def test_the_most_urgent_comes_first() -> None:

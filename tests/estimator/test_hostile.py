@@ -98,7 +98,7 @@ def test_a_recording_is_no_sign_of_life(served: Served, streams: dict[str, Strea
     session = served.service._devices[A].session
     served.service._quiet.finish()
     assert session.life.state is State.LOST
-    assert float(session.reason.split()[3]) > 15
+    assert float(session.life.reason.split()[3]) > 15
 
 
 def test_what_devices_say_while_a_recording_is_played_is_to_the_bit_what_they_say_without(

@@ -150,6 +150,21 @@ def test_whatever_comes_is_treated_alike(tmp_path: Path, lives: dict[str, list[S
     assert both(tmp_path, rounds_of(messages, 2, 12)) > 100
 
 
+@pytest.mark.parametrize("samples", [1, 10], ids=["within", "between"])
+def test_a_leap_of_the_devices_clock_is_treated_alike(
+    tmp_path: Path, lives: dict[str, list[SampleBatch]], samples: int
+) -> None:
+    def leapt(batch: SampleBatch) -> SampleBatch:
+        far = np.arange(len(batch)) >= len(batch) - samples
+        return replace(batch, ticks=batch.ticks + far.astype(np.uint64) * np.uint64(10**12))
+
+    batches = [leapt(batch) if i == 150 else batch for i, batch in enumerate(lives["one"])]
+    rounds = [[Message(key("one"), codec.encode_samples(batch))] for batch in batches]
+    assert both(tmp_path, rounds) > 200
+    counts = served(tmp_path, rounds)[1][0]
+    assert (counts["refused leap"], counts["range"]) == (1, len(batches[150]))
+
+
 def test_large_rates_are_clipped_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
     large = [
         Message(key("one"), codec.encode_samples(replace(b, gyro=np.full_like(b.gyro, 999.0)) if i % 7 == 0 else b))

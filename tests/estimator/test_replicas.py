@@ -104,3 +104,14 @@ def test_devices_are_bounded() -> None:
     nothing = Replicas(0)
     nothing.note(said)
     assert nothing.recall(NAME, 1, NOW_NS) is None
+
+
+def test_a_clock_that_was_set_back_is_followed() -> None:
+    device, _ = calibrated()
+    said, later = checkpoint_of(device, NOW_NS + 10**18), checkpoint_of(device, NOW_NS)
+    assert said is not None
+    assert later is not None
+    replicas = Replicas(10)
+    replicas.note(said, NOW_NS)
+    replicas.note(later, NOW_NS)
+    assert next(iter(replicas)).time_ns == NOW_NS

@@ -154,3 +154,19 @@ def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stre
     last = list(ward.subscriber)[-1]
     assert last.quality is Quality.BIAS_ONLY
     np.testing.assert_allclose(last.bias, session.tracker.bias, atol=np.radians(0.02))
+
+
+def test_a_calibration_of_a_time_to_come_is_used_where_there_is_no_other_and_it_is_said(
+    ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
+) -> None:
+    of_boot_1 = DeviceSession(NAME)
+    of_boot_1.info = info(1)
+    feed(of_boot_1, once.batches(boot=1))
+    made = of_boot_1.calibration
+    assert made is not None
+    ward.store.add_calibration(replace(made, time_ns=4_070_908_800 * 10**9))
+    ward.send(second(once)[:30], info(2))
+    status = ward.latest()
+    assert status.quality is Quality.PRIOR
+    assert status.events["calibration of a time to come"] == 1
+    assert "the clock was wrong then, or is wrong now" in caplog.text

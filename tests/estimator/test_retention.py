@@ -9,7 +9,7 @@ from bridge.wire import keys
 from estimator import history
 from estimator.database import Change
 from estimator.service.record import BOOTS_LOOKED_AFTER, THIN_S
-from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, RECENT_BOOTS, old_boots, superfluous
+from estimator.service.retention import ALL_DAYS, DAY_NS, END_NS, HOUR_NS, RECENT_BOOTS, YEAR_NS, old_boots, superfluous
 from estimator.service.store import BOOTS, POINTS, STRETCH, Store, _point
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasState
@@ -167,4 +167,37 @@ def test_boots_of_an_upgraded_store_are_forgotten_piece_by_piece() -> None:
     assert 0 < store.thin_boots(NAME, NOW_NS + DAY_NS) < STRETCH
     assert store.thin_boots(NAME, NOW_NS + DAY_NS) == 0
     assert RECENT_BOOTS <= len(store.database.rows("boots")) <= RECENT_BOOTS + 2
+    store.close()
+
+
+def test_a_clock_that_is_wrong_thins_nothing() -> None:
+    store = Store(":memory:")
+    fill(store, BOOTS + 4, 2 * POINTS, NOW_NS)
+    for boot in range(100, 100 + 2 * RECENT_BOOTS):
+        store.add_boot(info(boot), NOW_NS + boot * DAY_NS)
+    before = [len(of.time_ns) for of in history.read(store, NAME).biases]
+    ahead_ns = NOW_NS + 73 * YEAR_NS
+    store.add_boot(info(999), ahead_ns)
+    store.save_bias(NAME, 999, ahead_ns, BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0), history=True)
+    thin(store, ahead_ns + DAY_NS // 2)
+    assert [len(of.time_ns) for of in history.read(store, NAME).biases][:-1] == before
+    assert store.thin_boots(NAME, ahead_ns + DAY_NS // 2) == 0
+    store.close()
+
+
+def test_boots_of_a_time_to_come_stand_in_nobodys_way() -> None:
+    """A clock was wrong for a while: those after it are learnt from, and are the ones that stay."""
+    store, hour_ns = Store(":memory:"), HOUR_NS // 60
+    fill(store, 2, POINTS, NOW_NS)
+    for boot in range(1000, 1000 + RECENT_BOOTS):
+        store.add_boot(info(boot), NOW_NS + 73 * YEAR_NS + boot * hour_ns)
+    for boot in range(2000, 2000 + RECENT_BOOTS):
+        store.add_boot(info(boot), NOW_NS + boot * hour_ns)
+    now_ns = NOW_NS + 3000 * hour_ns
+    store.thin_boots(NAME, now_ns)
+    kept = set(store.boots(NAME, 999))
+    assert set(range(2000, 2000 + RECENT_BOOTS)) <= kept
+    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    store.save_bias(NAME, 2000 + RECENT_BOOTS - 1, now_ns, state, history=True)
+    assert [len(points.time) for points in store.points(info(9999))] == [1]
     store.close()

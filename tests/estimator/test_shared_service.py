@@ -2,6 +2,7 @@
 
 import threading
 import time
+import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -11,10 +12,11 @@ from bridge.bus.contract import Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, CommandReply, CorrectedBatch, Quality, SampleBatch, State
+from bridge.wire.messages import Checkpoint, Command, CommandReply, CorrectedBatch, Quality, SampleBatch, State
 from estimator.client import Client
 from estimator.config import Estimator
 from estimator.guide.reasons import Words, said
+from estimator.service.orders import REPEATED
 from estimator.service.ownership import owner
 from estimator.service.replicas import checkpoint_of
 from estimator.service.shell import Service
@@ -39,7 +41,7 @@ class Both:
         self.stores: dict[str, Store] = {}
         self.client = Client(ward=WARD, bus=MemoryBus(self.broker))
         self.stream = self.client.corrected(wait_s=1e9)
-        bridge = MemoryBus(self.broker)
+        bridge = self._asks = MemoryBus(self.broker)
         self._raw = bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=500)
         self._kept = bridge.publisher(keys.build(WARD, "checkpoint", device=NAME), cache=1)
         self._info = bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
@@ -86,10 +88,12 @@ class Both:
     def has(self) -> list[str]:
         return [name for name, service in self.services.items() if NAME in service._devices]
 
-    def command(self) -> CommandReply:
+    def command(self, verb: str = "note", request: str = "") -> CommandReply:
         """Ask, and let the services answer."""
         replies: list[CommandReply] = []
-        asking = threading.Thread(target=lambda: replies.append(self.client.note(NAME, "nurse", "sat up")))
+        key = keys.build(WARD, "rpc", device=NAME, verb=verb)
+        payload = codec.encode_command(Command(request or uuid.uuid4().hex, "nurse", "sat up"))
+        asking = threading.Thread(target=lambda: replies.append(codec.decode_reply(self._asks.ask(key, payload))))
         asking.start()
         while asking.is_alive():
             self.pass_(0.1)
@@ -322,3 +326,42 @@ def test_what_moved_is_not_put_down_to_who_went_long_before(both: Both) -> None:
     for service in both.services.values():
         assert service._peers._why == ""
     third.close()
+
+
+def test_a_command_that_is_sent_again_after_its_device_has_moved_does_nothing(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[:-120])
+    asked, cancelled = both.command("recalibrate", "r1"), both.command("cancel", "r2")
+    assert (asked.accepted, cancelled.accepted) == (True, True)
+
+    both.start(SECOND)
+    both.pass_(2.5)
+    both.send(batches[-120:-60])
+    assert both.has() == [SECOND]
+    assert (both.command("recalibrate", "r1"), both.command("cancel", "r2")) == (asked, cancelled)
+    assert both.services[SECOND].counts.as_dict()[REPEATED] == 2
+    assert both.command("cancel", "r1").accepted is False, "another verb is another command"
+
+    both.kill(SECOND)
+    both.send(batches[-60:])
+    both.pass_(1.5)
+    assert both.has() == [FIRST]
+    assert both.command("recalibrate", "r1") == asked
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
+
+
+def test_an_answer_is_known_to_the_others_before_it_is_given(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.send(batches[:-60])
+    assert both.has() == [SECOND]
+    asked = both.command("recalibrate", "r1")
+    both.kill(SECOND)
+    both.send(batches[-60:])
+    both.pass_(2.0)
+    assert both.has() == [FIRST]
+    assert both.command("cancel", "r2").accepted
+    assert both.command("recalibrate", "r1") == asked
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING

@@ -18,6 +18,8 @@ from tests.estimator.test_correction import CALIBRATION
 BIAS = BiasState(np.array([0.1, -0.2, 0.3]), np.diag([1e-8, 2e-8, 3e-8]), 123.456, 31.5, powered=30.0)
 GOOD = replace(CALIBRATION, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
 
+AHEAD_NS = 4_070_908_800 * 10**9  # 2099
+
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
@@ -140,6 +142,21 @@ def test_the_prior_is_the_latest(store: Store) -> None:
     prior = store.prior(info(boot=9))
     assert prior is not None
     assert prior.id == "c3"
+
+
+def test_a_time_that_lies_ahead_is_no_reason_to_prefer_a_calibration(store: Store) -> None:
+    for n, time_ns in enumerate((5, AHEAD_NS, 20, 30), 1):
+        store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=time_ns))
+    assert same(store.prior(info(boot=9), 100), replace(GOOD, id="c4", boot=4))
+    assert same(store.latest(NAME, 100), replace(GOOD, id="c4", boot=4))
+    store.add_calibration(replace(GOOD, id="c5", boot=2, time_ns=40))
+    remembered = store.recall(NAME, 2, 100)
+    assert remembered is not None
+    assert same(remembered.calibration, replace(GOOD, id="c5", boot=2))
+    store.add_calibration(replace(GOOD, id="c6", boot=2, time_ns=AHEAD_NS))
+    remembered = store.recall(NAME, 2, 100)
+    assert remembered is not None
+    assert same(remembered.calibration, replace(GOOD, id="c6", boot=2)), "it was written last"
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import pytest
 
@@ -253,6 +254,55 @@ def test_a_loop_that_ends_while_something_waits_makes_no_noise(
     asyncio.run(give_up())
     stream.close()
     assert caplog.records == []
+
+
+def test_loops_that_are_left_and_begun_anew_read_the_queue_one_at_a_time(client: Client, estimator: Bus) -> None:
+    async def read() -> tuple[list[CorrectedBatch], int]:
+        stream, before = client.corrected("d"), threading.active_count()
+        for _ in range(10):
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(anext(aiter(stream)), 0.005)
+        more = threading.active_count() - before
+        put(publisher(estimator), *range(0, 100, 5))
+        found: list[CorrectedBatch] = []
+        async for one in stream:
+            found.append(one)
+            if len(found) == 20:
+                break
+        return found, more
+
+    found, more = asyncio.run(asyncio.wait_for(read(), 30.0))
+    assert numbers(found) == list(range(100))
+    assert more <= 1
+
+
+def test_two_tasks_may_share_a_stream(client: Client, estimator: Bus) -> None:
+    put(publisher(estimator), *range(0, 100, 5))
+
+    async def read_all() -> list[CorrectedBatch]:
+        stream = client.corrected("d", idle_s=0.3)
+
+        async def read() -> list[CorrectedBatch]:
+            return [one async for one in stream]
+
+        return list(chain(*await asyncio.gather(read(), read())))
+
+    assert sorted(numbers(asyncio.run(read_all()))) == list(range(100))
+
+
+def test_a_program_that_ends_does_not_wait_until_a_stream_is_idle(client: Client) -> None:
+    stream, before = client.corrected("d", idle_s=60.0), set(threading.enumerate())
+
+    async def give_up() -> None:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(aiter(stream)), 0.02)
+
+    asyncio.run(give_up())
+    aiter(stream)._thread.shutdown(wait=False)  # type: ignore[attr-defined] # as Python does at its end
+    for thread in set(threading.enumerate()) - before:
+        thread.join(5.0)
+        assert not thread.is_alive()
+    stream.close()
 
 
 def test_without_a_router_it_is_said_that_one_is_looked_for_and_the_error_says_what_to_do(

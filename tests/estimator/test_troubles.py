@@ -19,7 +19,7 @@ from estimator import config
 from estimator.config import Estimator
 from estimator.outcome import Outcome
 from estimator.service import roster, serve, sources
-from estimator.service.overload import OVERLOADED
+from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import WARD, Ward
@@ -336,3 +336,23 @@ def test_the_same_estimator_twice_is_refused(ward: Ward, monkeypatch: pytest.Mon
 
 def test_another_estimator_is_told_of(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:
     assert look(ward.broker, "e2", monkeypatch) == {"e1"}
+
+
+def test_a_command_of_while_the_disk_is_full_is_in_the_audit_later(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, clock: list[float]
+) -> None:
+    def full(*_: object) -> None:
+        raise StoreError("the disk is full")
+
+    ward.send(once.batches(), info(1))
+    monkeypatch.setattr(ward.store.database, "write", full)
+    assert ward.command(lambda: ward.client.note(NAME, "nurse", "sat up")).accepted
+    ward.latest()
+    assert ward.latest().events[UNKEPT] == 1
+    assert ward.store.database.rows("audit", "verb = 'note'") == []
+    monkeypatch.undo()
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: clock[0] + 6.0)
+    ward.latest()
+    assert UNKEPT not in ward.latest().events
+    (row,) = ward.store.database.rows("audit", "verb = 'note'")
+    assert (row["who"], row["reason"]) == ("nurse", "sat up")

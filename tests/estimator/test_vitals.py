@@ -54,6 +54,7 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     assert vitals.unready() == ["no router yet"]
+    assert [(f.name, f.values) for f in vitals.families()] == [("bus_connected", {(): 0.0})]
     assert vitals.sick() == []
     ward.service._every_second(time.monotonic())
     ward.service._quiet.finish()

@@ -209,6 +209,7 @@ def tampered(batch: CorrectedBatch) -> list[tuple[str, Message]]:
         "ticks fall": {"ticks": ticks[::-1]},
         "ticks equal": {"ticks": [ticks[0]] * n},
         "ticks large": {"ticks": [*ticks[:-1], 2**63]},
+        "ticks far": {"ticks": [*ticks[:-1], 2**62]},
         "rate short": {"rate": [0.0] * (3 * n - 1)},
         "rate nan": {"rate": [math.nan] * (3 * n)},
         "rate large": {"rate": [2001.0] * (3 * n)},

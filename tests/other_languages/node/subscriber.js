@@ -65,6 +65,8 @@ function corrected(raw) {
   within([batch.period], 1, 1e-9, 1, "tick_period_s");
   within([batch.clock], 1, 1e-4, 1e4, "clock_rate");
   rising(batch.ticks, 2n ** 63n - 1n, "ticks");
+  const lasts = Number(batch.ticks[n - 1] - batch.ticks[0]) * batch.period * batch.clock * 1e9;
+  whole(batch.start + BigInt(Math.round(lasts)), MOST, "the time of the last sample");
   within(raw.rate, 3 * n, -2000, 2000, "rate");
   for (const name of ["noiseStd", "biasStd", "scaleStd", "crossStd"]) within(raw[name], 3, 0, 1e6, name);
   within(raw.bias, 3, -1000, 1000, "bias");
