@@ -1,6 +1,5 @@
 """Our streams as virtual x-IMU3s: read by x-io's own connections, and by our own driver."""
 
-import argparse
 import contextlib
 import json
 import math
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 import ximu3
 
-from bridge import cli
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.ximu3 import Ximu3Decoder
@@ -24,6 +22,7 @@ from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
 from bridge.virtual_ximu3.show import Show, Wanted, show
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, Quality, SampleBatch
+from estimator.cli import main
 from tests.bridge import xio
 
 N, HZ = 10, 100.0
@@ -458,10 +457,7 @@ def test_a_port_in_use_is_said() -> None:
 
 @pytest.mark.parametrize("wrong", ["8000x", "127.0.0.1", "127.0.0.1:0", ":70000", "65535"])
 def test_wrong_addresses_are_refused_in_words(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = argparse.ArgumentParser()
-    cli.add_verbs(parser.add_subparsers())
-    args = parser.parse_args(["bridge", "ximu3", "--udp", wrong])
-    assert args.run(args) == 2
+    assert main(["bridge", "ximu3", "--udp", wrong]) == 2
     assert "127.0.0.1:8000" in capsys.readouterr().err
 
 

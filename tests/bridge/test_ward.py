@@ -33,6 +33,7 @@ from bridge.ward import Outlet, Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, Quality, SampleBatch, SampleFlag, State, Status
 from bridge.wire.refusal import Tally
+from estimator.cli import main
 
 
 class Listener:
@@ -459,8 +460,7 @@ def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.Captur
 def test_wrong_use_is_one_line_and_an_exit_code(
     arguments: tuple[str, ...], code: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    args = parsed(*arguments)
-    assert args.run(args) == code
+    assert main(list(arguments)) == code
     error = capsys.readouterr().err
     assert error.startswith(said)
     assert error.count("\n") == 1

@@ -1,6 +1,5 @@
 """`truerate bridge scan` on terminals and connections: what is there, and what to do where nothing is."""
 
-import argparse
 import socket
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from bridge import cli, cli_scan
+from bridge import cli_scan
 from bridge.config import Root, load
 from bridge.drivers import registry
 from bridge.scan.examine import Verdict, bauds, examine
@@ -19,6 +18,7 @@ from bridge.scan.guess import candidates
 from bridge.scan.ports import Found
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice, demo_device
+from estimator.cli import main
 from tests.bridge.scan.protocol import KINDS, Talker, lines, only_at
 
 TRIED = candidates(KINDS)
@@ -135,11 +135,7 @@ def test_a_capture_is_examined_to_its_end(tmp_path: Path) -> None:
 
 
 def run(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    cli.add_verbs(parser.add_subparsers(required=True))
-    args = parser.parse_args(["bridge", "scan", *arguments])
-    code: int = args.run(args)
-    return code
+    return main(["bridge", "scan", *arguments])
 
 
 def test_what_is_printed_can_be_pasted(
