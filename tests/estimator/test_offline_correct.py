@@ -176,6 +176,18 @@ def test_at_another_rate_it_is_no_more_than_another_boots(day: Stream, worn: Str
     assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
 
 
+def test_of_another_range_it_is_no_more_than_another_boots(day: Stream, worn: Stream) -> None:
+    from estimator.calibration_file import of_result
+
+    of, narrow = recorded(worn), float(np.radians(500))
+    known = of_result(calibrate(recorded(day))[0], recorded(day), gyro_range=float(np.radians(2000)))
+    found = correct(of, known, gyro_range=narrow)
+    assert found.quality[0] == Quality.PRIOR
+    assert "a range of 2000 °/s, chest has 500 °/s" in found.said[0]
+    assert correct(of, known).quality[0] != Quality.PRIOR, "a range that is not known is no other"
+    assert correct(replace(of, gyro_range=narrow), known).quality[0] == Quality.PRIOR
+
+
 def test_what_was_not_accepted_corrects_nothing(day: Stream) -> None:
     result, _ = calibrate(recorded(day.part(0, day.at(6.0))))
     assert result.verdict is not Verdict.ACCEPTED
