@@ -44,6 +44,8 @@ TURNS_LOST = "turns lost with an estimator"
 CLOCK_LOST_S = 1.0
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
 CACHE_S = 60.0
+#: after a silence this long the bias is less certain from the first sample on, not only once a second was judged
+SILENCE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +167,7 @@ class DeviceSession:
         self._clock_shift = 0.0
         self._who = self._why = ""
         self._first_time: float | None = None
+        self._silent_until = -np.inf  # device time of the first sample after the latest silence
         self._done_axes: tuple[int, ...] = ()
         self._past = Past()
         #: what is applied now, and from the end of this block on
@@ -347,7 +350,8 @@ class DeviceSession:
         for edge in edges:
             self._hold(time, batch, first, held, edge)
             held, before = edge, self._applied
-            self._end_block(outcome)
+            now, latest = float(time[edge]), float(time[edge - 1]) if edge else self._latest
+            self._end_block(outcome, now if now - latest > SILENCE_S else None)
             if edge > start and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
@@ -359,9 +363,15 @@ class DeviceSession:
         if end > begin:
             self._block.add(time[begin:end], batch, first + begin, first + end)
 
-    def _end_block(self, outcome: Outcome) -> None:
-        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson."""
+    def _end_block(self, outcome: Outcome, resumed: float | None = None) -> None:
+        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson.
+
+        resumed: device time of the next sample, where a silence is before it.
+        """
         self._learn(outcome)
+        if resumed is not None:
+            self._silent_until = resumed
+            self._ready = self._correction()
         self._lesson, self._lesson_applied = self._block.take(), self._applied
         self._applied = self._ready
 
@@ -588,8 +598,8 @@ class DeviceSession:
     def _correction(self) -> Correction:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
-        std = track.std
-        sure = track.sure
+        std = track.std_at(self._silent_until)
+        sure = track.sure and bool((std < self.knobs.track.bias_std).all())
         best = choose(self._belief, track.bias, std, noise_std, sure=sure)
         doubtful = self.life.away or track.doubted or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
