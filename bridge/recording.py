@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
 TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
+_SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 _WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _LIMITS = {
     "gyro_rad_s": (MAX_RATE, "rad/s is taken; is it in degrees per second, or in counts?"),
@@ -230,6 +231,8 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     if n < 2:
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
+    if rate_hz is not None and rate is not None and abs(rate_hz - rate) > _SAME_RATE * rate:
+        _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is not used", path, rate, rate_hz)
     if rate is not None and not 0.1 <= rate <= 100_000:
         raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")
     time = _time(path, columns.get("t_s"), rate, n)
@@ -269,8 +272,13 @@ def _time(path: Path, time: Floats | None, rate: float | None, n: int) -> Floats
                 f"{path}: it has neither sample times nor 'rate_hz'; say it with --rate-hz, or rate_hz in a ward's file"
             )
         return np.arange(n) / rate
-    steps = np.diff(time)
-    if not (steps > 0).all():
-        at = int(np.argmin(steps > 0)) + 1
-        raise RecordingError(f"{path}: time does not rise at sample {at}: {time[at - 1]:g} s, then {time[at]:g} s")
-    return np.asarray(time - time[0])
+    since = np.asarray(time - time[0])
+    # By what it is counted in: two samples of one tick are a clock that stands still, or goes back, as they are cut.
+    rises = np.diff(np.rint(since / TICK_S)) > 0
+    if not rises.all():
+        at = int(np.argmin(rises)) + 1
+        raise RecordingError(
+            f"{path}: time does not rise at sample {at}: {time[at - 1]:.10g} s, then {time[at]:.10g} s; a step is "
+            f"{TICK_S:g} s or more. Are the times those of arrival? Leave them out, and say the device's rate"
+        )
+    return since

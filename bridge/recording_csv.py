@@ -2,6 +2,8 @@
 
 import csv
 import difflib
+import logging
+import re
 from array import array
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from bridge.os_words import why
 from bridge.recording_error import RecordingError
 from bridge.wording import count
 
+_log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 
 _G = 9.80665
@@ -19,23 +22,30 @@ _DEGREE = float(np.pi / 180)
 _GYRO = {"rad_s": 1.0, "dps": _DEGREE, "mdps": _DEGREE * 1e-3}
 _ACCEL = {"m_s2": 1.0, "g": _G, "mg": _G * 1e-3}
 _TIME = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
+#: of the largest value: more than rounding to what people print
+_AGREED = 1e-3
 _VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _ACCEL)}
 
 
 def read_csv(path: Path) -> dict[str, Floats]:
-    """The columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,)."""
+    """The columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,) or else rate_hz ()."""
     names, table = _table(path)
     at = {name: table[:, i] for i, name in enumerate(names)}
     columns = {}
     for column, (long, short, units) in _VECTORS.items():
-        found = _vector(at, long, short, units)
-        if found is not None:
-            columns[column] = found
+        found = _vectors(at, long, short, units)
+        if found:
+            columns[column] = _agreed(path, found)
+        elif "gyro_rad_s" in columns and (
+            alike := [name for name in names if re.match(f"({long}|{short})[xyz]", name)]
+        ):
+            _log.warning("%s: %s: not used; x, y and z are needed, in a unit that is known", path, ", ".join(alike))
     if "gyro_rad_s" not in columns:
         raise RecordingError(f"{path}: {_no_gyro(names)}")
-    for name, scale in _TIME.items():
-        if name in at:
-            columns["t_s"] = at[name] * scale
+    if times := {name: _since_first(at[name]) * scale for name, scale in _TIME.items() if name in at}:
+        columns["t_s"] = _agreed(path, times)
+    elif "rate_hz" in at and len(table):
+        columns["rate_hz"] = _constant(path, at["rate_hz"])
     if "temperature_c" in at:
         columns["temperature_c"] = at["temperature_c"].copy()
     return columns
@@ -50,8 +60,9 @@ def _table(path: Path) -> tuple[list[str], Floats]:
             names = _names(path, next(rows, []))
             for number, row in enumerate(rows, 1):
                 if len(row) != len(names):
+                    commas = "; are there commas in its numbers?" if len(row) > len(names) else ""
                     raise RecordingError(
-                        f"{path}: row {number} has {count(len(row), 'column')}; the header has {len(names)}"
+                        f"{path}: row {number} has {count(len(row), 'column')}; the header has {len(names)}{commas}"
                     )
                 try:
                     numbers.extend(map(float, row))
@@ -71,6 +82,8 @@ def _names(path: Path, header: list[str]) -> list[str]:
         raise RecordingError(
             f"{path}: it is empty; a header row that names the columns, and a row a sample, are needed"
         )
+    if len(header) == 1 and (between := next((mark for mark in ";\t" if mark in header[0]), "")):
+        raise RecordingError(f"{path}: its columns are {between!r} apart; commas are expected, and points in numbers")
     names = [name.strip().lower() for name in header]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
@@ -78,14 +91,39 @@ def _names(path: Path, header: list[str]) -> list[str]:
     return names
 
 
-def _vector(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> Floats | None:
+def _vectors(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> dict[str, Floats]:
+    """All that the file has of a vector (n, 3), SI, by the name of its first column."""
+    found = {}
     for unit, scale in units.items():
         for prefix in (long, short):
             axes = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
             if all(name in at for name in axes):
                 with np.errstate(over="ignore"):  # what becomes infinite is refused with its sample
-                    return np.stack([at[name] for name in axes], axis=1) * scale
-    return None
+                    found[axes[0]] = np.stack([at[name] for name in axes], axis=1) * scale
+    return found
+
+
+def _since_first(time: Floats) -> Floats:
+    with np.errstate(invalid="ignore"):  # of two infinite ones, which are refused with their sample
+        return np.asarray(time - time[:1])
+
+
+def _agreed(path: Path, found: dict[str, Floats]) -> Floats:
+    """What is said in several units must be the same in all of them: else nobody knows which is meant."""
+    (first, value), *others = found.items()
+    for name, other in others:
+        most = float(np.abs(value).max(initial=0.0))
+        if not np.allclose(other, value, rtol=0.0, atol=_AGREED * most, equal_nan=True):
+            raise RecordingError(f"{path}: {first!r} and {name!r} are not the same in two units; leave one of them out")
+    return value
+
+
+def _constant(path: Path, rate_hz: Floats) -> Floats:
+    if np.ptp(rate_hz) != 0:
+        raise RecordingError(
+            f"{path}: 'rate_hz' is not the same in all rows; give the times of the samples in its place"
+        )
+    return np.asarray(rate_hz[0])
 
 
 def _no_gyro(names: list[str]) -> str:

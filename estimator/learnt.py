@@ -47,6 +47,8 @@ class Learnt:
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
         self.under_way: UnderWay | None = UnderWay(knobs.method)
+        #: device time of the first sample after the latest silence
+        self.silent_until = float("-inf")
         #: device time of the last window that was judged, and host time of that
         self.now, self._now_ns = began, 0
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
@@ -208,8 +210,8 @@ class Learnt:
         """What all of it says is to be applied."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
-        std = track.std
-        sure = track.sure
+        std = track.std_at(self.silent_until)
+        sure = track.sure and bool((std < self._knobs.track.bias_std).all())
         best = choose(self._belief, track.bias, std, noise_std, sure=sure)
         doubtful = self._life.away or track.doubt.stands or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from math import isclose
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ def correct(
     size = batch or max(1, round(BATCH_S * recording.rate_hz))
 
     def passed(known: Calibration | None, said: str = "") -> Corrected:
-        pass_ = _Pass(recording, knobs, known, said, smooth=smooth, other_boot=other_boot)
+        pass_ = _Pass(recording, knobs, known, said, gyro_range=gyro_range, smooth=smooth, other_boot=other_boot)
         for samples in _batches(recording, gyro_range, size):
             pass_.take(samples)
             if progress is not None:
@@ -130,6 +131,7 @@ class _Pass:
         known: Calibration | None,
         own: str,
         *,
+        gyro_range: float,
         smooth: bool,
         other_boot: bool,
     ) -> None:
@@ -146,7 +148,11 @@ class _Pass:
         remembered = None
         if known is not None:
             other_boot = other_boot and not own
-            if not own and not other_boot and (why := _foreign(known, recording)) is not None:
+            if (
+                not own
+                and not other_boot
+                and (why := _foreign(known, recording, gyro_range or recording.gyro_range)) is not None
+            ):
                 self._said.append(f"{why}: its scale is taken as another boot's, its bias is not used")
                 other_boot = True
             remembered = Remembered(replace(known, boot=_BOOT + other_boot), None)
@@ -205,8 +211,11 @@ def _known(calibration: Calibration | Result | None) -> Calibration | None:
     return known if known.id else replace(known, id="given")
 
 
-def _foreign(known: Calibration, recording: Recording) -> str | None:
-    """Why a calibration cannot be of the recording's boot."""
+def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str | None:
+    """Why a calibration cannot be of the recording's boot; a range of 0 is not known, and is no reason."""
+    if gyro_range and known.gyro_range and not isclose(gyro_range, known.gyro_range, rel_tol=1e-3):
+        was, now = np.degrees(known.gyro_range), np.degrees(gyro_range)
+        return f"calibration {known.id} was made at a range of {was:.5g} °/s, {recording.name} has {now:.5g} °/s"
     if known.rate_hz and not same_rate(recording.rate_hz, known.rate_hz):
         return f"calibration {known.id} was made at {known.rate_hz:.5g} Hz, {recording.name} has {recording.rate_hz:.5g} Hz"
     return None

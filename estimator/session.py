@@ -30,6 +30,8 @@ from estimator.windowed import Windowed
 
 #: counted under this: turns that did not come along when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
+#: after a silence this long the bias is less certain from the first sample on, not only once a second was judged
+SILENCE_S = 5.0
 
 
 class DeviceSession:
@@ -234,21 +236,28 @@ class DeviceSession:
         course, clock_s = self._course, batch.device_time[first:last]
         if course.went_back(float(clock_s[0]), away_s):
             self.sequence.events.add("device clock went back")
-        time = course.time(clock_s)
+        time, latest = course.time(clock_s), course.latest
         cuts, start, held = list[Cut](), 0, 0
         for edge in course.edges(time):
             course.hold(time[held:edge], batch, first + held, first + edge)
             held, before = edge, self._applied
-            self._end_block(outcome)
+            now, heard = float(time[edge]), float(time[edge - 1]) if edge else latest
+            self._end_block(outcome, now if now - heard > SILENCE_S else None)
             if edge > start and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
         course.hold(time[held:], batch, first + held, last)
         return [*cuts, Cut(self._applied, first + start, last)]
 
-    def _end_block(self, outcome: Outcome) -> None:
-        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson."""
+    def _end_block(self, outcome: Outcome, resumed: float | None = None) -> None:
+        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson.
+
+        resumed: device time of the next sample, where a silence is before it.
+        """
         self._learn(outcome)
+        if resumed is not None:
+            self.learnt.silent_until = resumed
+            self._ready = self.learnt.correction()
         self._lesson, self._lesson_applied = self._course.take(), self._applied
         self._applied = self._ready
 

@@ -127,6 +127,11 @@ class Tracker:
         """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
         return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
+    def std_at(self, time: float) -> Floats:
+        """The same at a device time that the tracker has not come to yet: the bias walks on."""
+        ahead_s = time - self.time
+        return np.hypot(self.std, sqrt(self._filter.walked(ahead_s))) if ahead_s > 0 else self.std
+
     @property
     def sure(self) -> bool:
         """Whether anything worth telling is known of this boot's bias."""

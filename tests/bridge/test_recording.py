@@ -172,10 +172,48 @@ def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n1,2,nan,3\n", "not a finite number at sample 1"),
         ("t_s,gx_dps,gx_dps,gz_dps\n0,1,2,3\n", "gx_dps more than once"),
         ("t_s,gx_dps,gy_dps,gz_dps\n", "0 samples; at least 2"),
+        ("t_s;gx_dps;gy_dps;gz_dps\n0;1;2;3\n", "its columns are ';' apart; commas are expected"),
+        ("t_s\tgx_dps\tgy_dps\tgz_dps\n0\t1\t2\t3\n", r"its columns are '\t' apart"),
+        ("t_s,gx_dps,gy_dps,gz_dps\n0,1,1,5,2,0,3,0\n", "the header has 4; are there commas in its numbers?"),
+        ("t_s,t_ms,gx_dps,gy_dps,gz_dps\n5,0,1,1,1\n5.01,20,1,1,1\n", "'t_s' and 't_ms' are not the same in two units"),
+        (
+            "t_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,gx_dps,gy_dps,gz_dps\n0,1,1,1,1,1,1\n1,1,1,1,1,1,1\n",
+            "'gyro_x_rad_s' and 'gx_dps' are not the same in two units; leave one of them out",
+        ),
+        ("rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n51,1,1,1\n", "'rate_hz' is not the same in all rows"),
     ],
 )
 def test_a_bad_csv_is_refused(tmp_path: Path, text: str, said: str) -> None:
     assert said in refusal(written(tmp_path, text))
+
+
+def test_a_csv_may_say_the_same_twice_and_its_rate_in_a_column(tmp_path: Path) -> None:
+    twice = "t_s,t_ms,gx_dps,gy_dps,gz_dps,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s\n"
+    recording = load(written(tmp_path, twice + "9,0,180,0,0,3.1416,0,0\n9.01,10,0,0,0,0,0,0\n"))
+    assert recording.gyro[0, 0] == 3.1416
+    assert recording.time_s[1] == pytest.approx(0.01)
+    assert load(written(tmp_path, "rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n50,1,1,1\n")).rate_hz == 50
+
+
+def test_columns_that_are_not_used_are_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = written(tmp_path, "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,accel_z_mg\n0,1,1,1,0,0,1\n0.01,1,1,1,0,0,1\n")
+    assert load(path).accel is None
+    assert "ax_g, ay_g, accel_z_mg: not used; x, y and z are needed" in caplog.text
+
+
+def test_a_rate_beside_another_is_not_passed_over_in_silence(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = saved(tmp_path, gyro_rad_s=GYRO, rate_hz=100.0)
+    assert load(path, rate_hz=100.01).rate_hz == 100.0
+    assert not caplog.text
+    assert load(path, rate_hz=50.0).rate_hz == 100.0
+    assert "its rate is 100 Hz by itself; 50 Hz, as told, is not used" in caplog.text
+
+
+@pytest.mark.parametrize("step_s", [0.0, -1.0, 1e-7])
+def test_times_that_fall_on_one_tick_are_refused(tmp_path: Path, step_s: float) -> None:
+    """They were one moment to the session, or a clock that went back, as the batches happened to be cut."""
+    path = saved(tmp_path, gyro_rad_s=GYRO, t_s=[0, 0.01, 0.02, 0.02 + step_s])
+    assert "time does not rise at sample 3" in refusal(path)
 
 
 @pytest.mark.data

@@ -106,6 +106,21 @@ def test_however_it_is_cut(day: Stream, corrected: Corrected) -> None:
         assert same(correct(recorded(day), batch=batch), corrected), batch
 
 
+@pytest.mark.parametrize("batch", [None, 1, 10_000])
+def test_after_a_silence_the_bias_is_as_uncertain_as_it_is_long_from_the_first_sample_on(
+    worn: Stream, batch: int | None
+) -> None:
+    of, silence_s = recorded(worn), 6 * 3600.0
+    at = worn.at(30.3)
+    time = of.time_s + silence_s * (np.arange(len(of)) >= at)
+    found = correct(replace(of, time_s=time), batch=batch, warmed_up=True)
+    before, first, later = found.bias_std[at - 1], found.bias_std[at], found.bias_std[at + 300]
+    walked = knobs_of(load_model(GENERIC)).track.bias.rate_random_walk * np.sqrt(silence_s)
+    assert (before < 0.9 * walked).all()
+    assert (first > walked).all()
+    assert (first < 1.1 * later).all(), "and no more uncertain than seconds later"
+
+
 @pytest.mark.parametrize("ranged", [False, True])
 def test_a_replay_through_the_bridge_gives_the_same_bits(day: Stream, ranged: bool) -> None:
     """Playback, the bridge's door, and the session as the service feeds it."""
@@ -174,6 +189,18 @@ def test_at_another_rate_it_is_no_more_than_another_boots(day: Stream, worn: Str
     assert found.quality[0] == Quality.PRIOR
     assert "52 Hz" in found.said[0]
     assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
+
+
+def test_of_another_range_it_is_no_more_than_another_boots(day: Stream, worn: Stream) -> None:
+    from estimator.calibration_file import of_result
+
+    of, narrow = recorded(worn), float(np.radians(500))
+    known = of_result(calibrate(recorded(day))[0], recorded(day), gyro_range=float(np.radians(2000)))
+    found = correct(of, known, gyro_range=narrow)
+    assert found.quality[0] == Quality.PRIOR
+    assert "a range of 2000 °/s, chest has 500 °/s" in found.said[0]
+    assert correct(of, known).quality[0] != Quality.PRIOR, "a range that is not known is no other"
+    assert correct(replace(of, gyro_range=narrow), known).quality[0] == Quality.PRIOR
 
 
 def test_what_was_not_accepted_corrects_nothing(day: Stream) -> None:
