@@ -275,6 +275,8 @@ class _Publisher(Declared):
     ) -> None:
         super().__init__(bus, publisher)
         self._publisher, self._key, self._plain = publisher, key, plain
+        #: asked once: while it is taken back on another thread zenoh has no answer
+        self._whose = publisher.id
         self._sent = 0
         #: when the last message was put
         self.put_s = float("-inf")
@@ -294,12 +296,11 @@ class _Publisher(Declared):
 
     def remind(self, session: zenoh.Session) -> None:
         """Tell readers the number of the last message, as zenoh's own heartbeat does: who lacks it asks for it."""
-        if self._plain is not None or not self._sent:
+        if self._plain is not None or not self._sent or self._closed:
             return
-        whose = self._publisher.id
         number = ext.z_serialize(ext.UInt32((self._sent - 1) % (1 << 32)))
         with contextlib.suppress(zenoh.ZError):  # closed meanwhile
-            session.put(f"{self._key}/@adv/pub/{whose.zid}/{whose.eid}/_", number)
+            session.put(f"{self._key}/@adv/pub/{self._whose.zid}/{self._whose.eid}/_", number)
 
     @property
     def wanted(self) -> bool:

@@ -23,6 +23,9 @@ BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
 _ONE = np.eye(3)
+#: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
+#: what it changes over hours, and a thermometer's noise would add up too
+_BEND_K = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,8 @@ class BiasState:
     time: float
     temperature_c: float = np.nan
     powered: float = -np.inf
+    #: where the slope was last given way to change
+    bent_c: float = np.nan
 
     @property
     def bias(self) -> Floats:
@@ -103,6 +108,7 @@ class BiasFilter:
         #: by how much the bias was doubted since the last step
         self.widened = np.zeros((3, 3))
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
+        self._bent_c = state.bent_c
         self._stepped = np.zeros((3, 3))  # what the last step added to the bias
         self._since.clear()
 
@@ -130,7 +136,9 @@ class BiasFilter:
     @property
     def state(self) -> BiasState:
         """The estimate as it is now."""
-        return BiasState(self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered)
+        return BiasState(
+            self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered, self._bent_c
+        )
 
     def predict(self, time: float, temperature_c: float = np.nan) -> tuple[Floats, Floats] | None:
         """Let the bias walk to a device time; F and Q (6, 6) of its own states. Time that goes backward is ignored: None."""
@@ -143,9 +151,9 @@ class BiasFilter:
         if isfinite(warmer):
             F[BIAS, SLOPE] = warmer * _ONE
             # The slope walks with temperature, not with time; so does the bias within the step, by half of it.
-            bend = self._bend(warmer, temperature_c)
+            bend, over = self._bend(warmer, temperature_c)
             Q[SLOPE, SLOPE] = bend**2 * _ONE
-            Q[BIAS, BIAS] = (bend * warmer / 2) ** 2 * _ONE
+            Q[BIAS, BIAS] = (bend * over / 2) ** 2 * _ONE
         Q[BIAS, BIAS] += self.walked(dt, known=isfinite(temperature_c)) * _ONE
         self._kf.predict(F=F, Q=Q)
         self._stepped = Q[BIAS, BIAS]
@@ -197,14 +205,20 @@ class BiasFilter:
     def _law_var(self, celsius: float) -> Floats:
         return np.zeros(3) if self.law is None or not np.isfinite(celsius) else self.law.slope_var(celsius)
 
-    def _bend(self, warmer: float, temperature_c: float) -> Floats:
-        """(3,) by how much the slope may change within a step; what the law knows of that is taken into account."""
+    def _bend(self, warmer: float, temperature_c: float) -> tuple[Floats, float]:
+        """(3,) by how much the slope may change, over how many kelvin; what the law knows of that is taken into account."""
         if self.law is None:
-            return np.full(3, self.knobs.curvature * warmer)
+            over = temperature_c - (self._bent_c if isfinite(self._bent_c) else self.temperature_c)
+            if abs(over) < _BEND_K:
+                self._bent_c = temperature_c - over
+                return np.zeros(3), 0.0
+            self._bent_c = temperature_c
+            return np.full(3, self.knobs.curvature * over), over
+        self._bent_c = temperature_c
         by = self.law.quadratic * warmer
         self.bent[BIAS], self.bent[SLOPE] = by * warmer, 2 * by
         before, self._unsure = self._unsure, np.maximum(self._unsure, self._law_var(temperature_c))
-        return np.sqrt(self._unsure - before)
+        return np.sqrt(self._unsure - before), warmer
 
     def walked(self, dt: float, *, known: bool | None = None) -> float:
         """Variance that some seconds about now add to the bias; known: temperature tells of the warming, by default if one is."""

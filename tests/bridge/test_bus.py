@@ -272,6 +272,29 @@ def test_what_was_last_is_said_again_for_who_did_not_hear_it() -> None:
     world.stop()
 
 
+class Leaving:
+    """A publisher of zenoh's that is being taken back on another thread."""
+
+    @property
+    def id(self) -> None:
+        raise RuntimeError("Already mutably borrowed")
+
+
+def test_a_reminder_asks_nothing_of_a_publisher_that_is_leaving() -> None:
+    world = ZenohWorld()
+    with world.bus() as a, world.bus() as b:
+        assert isinstance(a, ZenohBus)
+        publisher, subscription = a.publisher("t/leaving", cache=3), b.subscribe("t/leaving", history=True)
+        publisher.put(b"0")
+        assert subscription.receive(2.0) is not None
+        kept, publisher._publisher = publisher._publisher, Leaving()  # type: ignore[assignment]
+        publisher.remind(a._session)
+        publisher._publisher = kept
+        publisher.close()
+        publisher.remind(a._session)
+    world.stop()
+
+
 def _told(bus: ZenohBus, told: zenoh.ZBytes, subscription: Repaired) -> bool:
     if not subscription._sequences._lacking:
         bus._session.put("t/quiet/@adv/pub/abc/1/_", told)

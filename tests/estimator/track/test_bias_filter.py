@@ -205,6 +205,25 @@ def test_a_slope_is_learnt_from_two_temperatures_and_used_at_a_third() -> None:
     assert knobs.curvature * 13 / knobs.per_kelvin / 3 < std_k < 0.7
 
 
+@pytest.mark.parametrize("steps", [10, 100, 3600])
+def test_a_slope_is_given_way_by_the_kelvin_however_slowly_it_warms(steps: int) -> None:
+    """By the step, 3600 of them left a twentieth of what ten did, and each jitter of the thermometer added to it."""
+    bias = BiasFilter(begin(np.zeros(3), SMALL, 0.0, BiasKnobs(), temperature_c=25.0))
+    learnt = bias.state
+    learnt.P[SLOPE, SLOPE] = 0.0
+    bias.restart(learnt)
+    for i in range(1, steps + 1):
+        if i == steps // 2:
+            bias = BiasFilter(bias.state)  # a cut changes nothing
+        bias.predict(3600.0 * i / steps, 25.0 + 10.0001 * i / steps)
+    slope_std = np.sqrt(np.diag(bias.cov)[SLOPE])
+    np.testing.assert_allclose(slope_std, np.sqrt(10) * BiasKnobs().curvature, rtol=0.05)
+    before = bias.cov[SLOPE, SLOPE].copy()
+    for i in range(1, 1001):
+        bias.predict(3600.0 + i, 35.0 + 0.2 * (i % 2))
+    np.testing.assert_array_equal(bias.cov[SLOPE, SLOPE], before)
+
+
 def test_a_first_temperature_is_no_warming() -> None:
     bias = start()
     bias.predict(11.0, 40.0)
