@@ -1,7 +1,11 @@
-"""The temperatures of a device: those that leap are believed only when they stay."""
+"""The temperatures of a device, without their noise: those that leap are believed only when they stay.
+
+A filter that takes noise for warmth learns from it, surer by every second, that warmth moves nothing.
+"""
 
 from collections import deque
 from dataclasses import dataclass
+from math import expm1
 
 import numpy as np
 
@@ -15,6 +19,8 @@ class ThermometerKnobs:
 
     leap_k: float = 2.0
     leap_s: float = 10.0
+    #: readings are averaged over about so long, s, which low-cost parts need (0.05 K) and in which warmth moves little
+    average_s: float = 10.0
 
 
 class Thermometer:
@@ -36,6 +42,9 @@ class Thermometer:
             self._leapt = time if self._leapt is None else self._leapt
             if time - self._leapt < self.knobs.leap_s:
                 return
+        if self._read and self._leapt is None:
+            share = -expm1(min(0.0, self._read[-1][0] - time) / self.knobs.average_s)
+            celsius = self.now + share * (celsius - self.now)
         self._leapt = None
         self._read.append((time, celsius))
 
