@@ -131,7 +131,7 @@ class DeviceSession:
 
     def adopt(self, calibration: Calibration) -> None:
         """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
-        self._restore(Remembered(calibration, None), calibration, self.tracker.thermometer.now)
+        self._restore(Remembered(calibration, None), calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ""
 
     # ---- samples --------------------------------------------------------------------------------------------------
@@ -340,7 +340,7 @@ class DeviceSession:
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
             evidence_age_s=self.tracker.evidence_age(learnt.now),
-            temperature_c=self.tracker.thermometer.now,
+            temperature_c=self.tracker.thermometer.reading,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,
             samples_out=self.sequence.samples_out,
@@ -383,7 +383,7 @@ class DeviceSession:
             firmware=info.firmware if info else "",
             gyro_range=info.gyro_range if info else 0.0,
             rate_hz=info.rate_hz if info else 0.0,
-            temperature_c=self.tracker.thermometer.now,
+            temperature_c=self.tracker.thermometer.reading,
             who=who,
         )
 

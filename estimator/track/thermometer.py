@@ -5,7 +5,7 @@ A filter that takes noise for warmth learns from it, surer by every second, that
 
 from collections import deque
 from dataclasses import dataclass
-from math import expm1
+from math import expm1, isfinite
 
 import numpy as np
 
@@ -30,10 +30,12 @@ class Thermometer:
         self.knobs = knobs or ThermometerKnobs()
         self._read: deque[tuple[float, float]] = deque(maxlen=_KEPT)
         self._leapt: float | None = None  # since when they are beyond a leap
+        #: the latest that is believed, noise and all
+        self.reading = float("nan")
 
     @property
     def now(self) -> float:
-        """The latest."""
+        """The average."""
         return self._read[-1][1] if self._read else float("nan")
 
     def read(self, time: float, celsius: float) -> None:
@@ -42,11 +44,18 @@ class Thermometer:
             self._leapt = time if self._leapt is None else self._leapt
             if time - self._leapt < self.knobs.leap_s:
                 return
+        self.reading = celsius
         if self._read and self._leapt is None:
             share = -expm1(min(0.0, self._read[-1][0] - time) / self.knobs.average_s)
             celsius = self.now + share * (celsius - self.now)
         self._leapt = None
         self._read.append((time, celsius))
+
+    def go_on(self, time: float, celsius: float) -> None:
+        """From an average that was kept; what was read since then is forgotten."""
+        if isfinite(celsius):
+            self._read.clear()
+            self._read.append((time, celsius))
 
     def at(self, time: float) -> float:
         """As it was at a time."""

@@ -193,7 +193,11 @@ class Tracker:
         self._believe(model, state)
         self._evidence_time = min(state.time, now)
         self._kept = self._filter.state if now < state.time else None
-        celsius = np.nan if temperature_c is None else temperature_c
+        if 0 < now - state.time < self.knobs.thermometer.average_s:
+            self.thermometer.go_on(state.time, state.temperature_c)
+        if temperature_c is not None:
+            self.thermometer.read(now, temperature_c)
+        celsius = np.nan if temperature_c is None else self.thermometer.now
         if self._kept is None:
             self._filter.predict(now, celsius)
         else:  # a bus's cache
@@ -228,6 +232,7 @@ class Tracker:
                 self._filter.look_back(self._kept, second.end, self.thermometer.now)
                 return []
             self._filter.restart(self._kept)
+            self.thermometer.go_on(self._kept.time, self._kept.temperature_c)
             self._kept = None
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()

@@ -63,3 +63,18 @@ def test_a_noisy_thermometer_teaches_nothing_of_warmth() -> None:
     worn = Worn.new().lives(replace(of, temperature_c=of.temperature_c + noise), temperature=True)
     slope_std = np.sqrt(np.diag(worn.tracker.state.P)[SLOPE])
     assert (slope_std > 0.7 * BiasKnobs().per_kelvin).all()
+
+
+def test_an_average_that_was_kept_goes_on() -> None:
+    rng, whole, kept = np.random.default_rng(3), Thermometer(), Thermometer()
+    celsius = 25.0 + 0.01 * np.arange(60) + 0.1 * rng.normal(size=60)
+    for i, c in enumerate(celsius):
+        whole.read(float(i), c)
+        if i == 30:
+            kept.go_on(30.0, whole.now)
+        if i > 30:
+            kept.read(float(i), c)
+    assert kept.now == whole.now
+    assert kept.reading == celsius[-1]
+    kept.go_on(99.0, math.nan)
+    assert kept.now == whole.now, "where none was known there is nothing to go on from"
