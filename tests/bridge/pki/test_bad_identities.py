@@ -167,7 +167,7 @@ def test_without_issuers_a_name_the_router_does_not_know_passes_nothing(who: str
     ):
         heard = e1.subscribe(keys.pattern(WARD, "raw"), history=True)
         taken = foreign.subscribe(keys.everything(WARD), history=True)
-        own, forged = b1.publisher(RAW, cache=10), foreign.publisher(f"{RAW}x", cache=10)
+        own, forged = b1.publisher(RAW, cache=50), foreign.publisher(f"{RAW}x", cache=50)
         for n in range(50):
             own.put(b"%d" % n)
             forged.put(b"forged")
