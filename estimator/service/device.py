@@ -57,8 +57,9 @@ class Device:
         self.thinned = float("-inf")
         self.to_thin: deque[tuple[str, int]] = deque()
         self.unsaved: list[Calibration] = []
-        #: calibrations, encoded, that are said once they are kept
-        self.unsaid: dict[str, bytes] = {}
+        #: calibrations, encoded, that are said once they are kept; until then all that names them waits
+        self._unsaid: dict[str, bytes] = {}
+        self._held: list[bytes] = []
         self._told = ""  # the calibration that was said last
         #: how long the estimator has not kept up with all its devices; 0 when it does
         self.overloaded_s = 0
@@ -135,8 +136,8 @@ class Device:
             self._delay_s, self._timed = (time.time_ns() - self.session.last_heard_ns) / 1e9, True
 
     def say_status(self, time_ns: int) -> None:
-        """Publish what is known of it now."""
-        if self._publishers or self._announced():
+        """Publish what is known of it now, unless that is not kept yet."""
+        if not self._unsaid and (self._publishers or self._announced()):
             self.latest = self.status(time_ns)
             self._put("status", codec.encode_status(self.latest))
             self._say_known()
@@ -147,6 +148,29 @@ class Device:
             self._told = calibration
             self._put("calibration", payload)
 
+    def hold(self, calibration: str, payload: bytes) -> None:
+        """Until an encoded calibration of this id is kept, rates that it corrected wait: nobody could ever look it up."""
+        self._unsaid[calibration] = payload
+        self._put_corrected = self._held.append
+
+    def let_go(self, calibration: str) -> bool:
+        """Publish it, and what waited for it; whether it waited itself."""
+        payload = self._unsaid.pop(calibration, None)
+        if payload is None:
+            return False
+        self.say_calibration(calibration, payload)
+        if not self._unsaid:
+            held, self._held = self._held, []
+            if self._announced():
+                for waited in held:
+                    self._put_corrected(waited)
+        return True
+
+    def _say_unsaid(self) -> None:
+        """What waits for the disk waits no longer."""
+        for calibration in list(self._unsaid):
+            self.let_go(calibration)
+
     def say_checkpoint(self, payload: bytes) -> None:
         """Tell the other estimators what they would need of it, encoded."""
         if self._publishers:
@@ -155,7 +179,7 @@ class Device:
     def _say_known(self) -> None:
         """The calibration in use, where it was said by an estimator before us: whoever joins can look it up."""
         known = self.session.calibration or self.session.prior
-        if known is not None and known.id != self._told and known.id not in self.unsaid:
+        if known is not None and known.id != self._told and known.id not in self._unsaid:
             self.say_calibration(known.id, codec.encode_calibration(replace(known, epoch=self.epoch)))
 
     def say_revision(self, revision: BiasRevision) -> None:
@@ -198,6 +222,7 @@ class Device:
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; its rates, and what they name, may still be asked for."""
+        self._say_unsaid()
         kept = [self._publishers.pop(what) for what in ("corrected", "calibration") if what in self._publishers]
         self.close()
         self._gone = True
@@ -205,6 +230,7 @@ class Device:
 
     def close(self) -> None:
         """Take its publishers back."""
+        self._say_unsaid()
         for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
             publisher.close()
         self._publishers, self._windowed = {}, None
@@ -212,7 +238,8 @@ class Device:
     def _announced(self) -> bool:
         if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
-        self._put_corrected = self._publisher("corrected").put
+        put = self._publisher("corrected").put
+        self._put_corrected = self._held.append if self._unsaid else put
         return True
 
     def _put(self, what: str, payload: bytes) -> None:

@@ -109,13 +109,11 @@ class Lane:
     def _end_block(self, device: Device, batch: SampleBatch, _: Floats, going_on: list[Plain]) -> None:
         _heard(device, batch)
         outcome, cuts = device.session.end_block(batch)
-        plain = [(device, batch, cut) for cut in cuts]
-        if outcome.worded:  # after the samples that led to it
-            self._send([*going_on, *plain])
+        if outcome.worded:  # after the samples that led to it, and before the first that it is applied to
+            self._send(going_on)
             going_on.clear()
-            plain = []
         self._tell(device, outcome)
-        going_on += plain
+        going_on += [(device, batch, cut) for cut in cuts]
 
     def _parsed(self, messages: Sequence[Message]) -> list[_Raw | None]:
         raws: list[_Raw | None] = []

@@ -40,6 +40,8 @@ REPLIES = 256
 BOOTS_KNOWN = 48
 #: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
 AHEAD_S = 60.0
+#: so long nothing that names a calibration is said while the disk has not answered, s
+HELD_S = 0.5
 #: how often a store that failed is tried
 PROBE_S = 5.0
 
@@ -66,15 +68,20 @@ class Record:
         #: replies to the latest commands, which may not be written yet
         self._replies: dict[tuple[str, str, str], CommandReply] = {}
         self._unwritten: deque[Callable[[], None]] = deque(maxlen=REPLIES)
+        #: calibrations that are said at this time at the latest, monotonic s
+        self._due: deque[tuple[float, Device, str]] = deque()
         #: why the store does not work now; empty when it does
         self.trouble = store.database.trouble
         if self.trouble:
             self._counts.add("store failed")
             log.error("%s; the service goes on from memory", self.trouble)
 
-    def collect(self) -> None:
+    def collect(self, now: float) -> None:
         """What was written since, or failed."""
         self._clerk.collect()
+        while self._due and self._due[0][0] <= now:
+            _, device, calibration = self._due.popleft()
+            self._let_go(device, calibration)
 
     def close(self) -> None:
         """Have written what waits."""
@@ -207,7 +214,8 @@ class Record:
             return
         if c.verdict is Verdict.ACCEPTED:
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
-            device.unsaid[c.id] = payload
+            device.hold(c.id, payload)
+            self._due.append((now + HELD_S, device, c.id))
             self.checkpoint(device, now, force=True)
         else:
             words = f"{c.verdict.name.lower()}: {c.reason}"
@@ -320,8 +328,11 @@ class Record:
             device.unsaved = [other for other in device.unsaved if other is not c]
             if device.session.sequence.events.as_dict().get("calibration not saved"):
                 log.info("%s: calibration %s is saved", device.name, c.id)
-        if (payload := device.unsaid.pop(c.id, None)) is not None:
-            device.say_calibration(c.id, payload)
+        self._let_go(device, c.id)
+
+    def _let_go(self, device: Device, calibration: str) -> None:
+        if device.let_go(calibration):
+            device.say_status(self._now_ns())
 
     def _keep(
         self,

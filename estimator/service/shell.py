@@ -156,8 +156,8 @@ class Service:
                 self._on_info(info)
         self._turns.round(self._ours(messages, began))
         self._commands.work(self._orders.do)
-        self._record.collect()
         now = time.monotonic()
+        self._record.collect(now)
         self._give_up(now)
         self._views.say(now)
         if now - began > SLOW_S:

@@ -12,6 +12,7 @@ import pytest
 from bridge.wire.messages import Quality
 from estimator.database import Database, StoreError
 from estimator.service import clerk as rules
+from estimator.service import record
 from estimator.service.clerk import Clerk
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS
@@ -26,35 +27,67 @@ def store(tmp_path: Path) -> Iterator[Store]:
     made.close()
 
 
-def test_samples_do_not_wait_for_a_disk_and_a_calibration_is_said_when_it_is_kept(tmp_path: Path) -> None:
-    ward = Ward(tmp_path)
-    ward.kill()
-    clerks: list[Clerk] = []
+class Busy:
+    """A ward whose estimator has a clerk, and whose store another program has locked until `free`."""
 
-    def hired(database: Database) -> Clerk:
-        clerks.append(Clerk(database))
-        return clerks[0]
+    def __init__(self, folder: Path) -> None:
+        self.ward = Ward(folder)
+        self.ward.kill()
+        self.clerks: list[Clerk] = []
+        self.ward.start(self._hired)
+        self._other = sqlite3.connect(self.ward.path, isolation_level=None)
+        self._other.execute("BEGIN IMMEDIATE")  # whoever writes now waits
 
-    ward.start(hired)
-    stream = calibration(seed=1)
-    with closing(sqlite3.connect(ward.path, isolation_level=None)) as other:
-        other.execute("BEGIN IMMEDIATE")  # whoever writes now waits
-        ward.send(stream.batches(), info(1))
-        batches = list(ward.subscriber)
-        assert sum(map(len, batches)) == len(stream)
-        assert batches[-1].quality is Quality.GOOD, "the calibration is in use"
-        assert ward.client.calibrations(wait_s=0.05) == [], "and is promised to nobody yet"
-        assert ward.store.recall(NAME, 1, 0) is None, "to read waits for nobody"
-        other.execute("COMMIT")
+    def _hired(self, database: Database) -> Clerk:
+        self.clerks.append(Clerk(database))
+        return self.clerks[0]
+
+    def free(self) -> None:
+        self._other.close()
+
+
+@pytest.fixture
+def busy(tmp_path: Path) -> Iterator[Busy]:
+    made = Busy(tmp_path)
+    yield made
+    made.free()
+    made.clerks[0].close()
+    made.ward.kill()
+
+
+def test_a_calibration_and_what_names_it_is_said_when_it_is_kept(busy: Busy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record, "HELD_S", 60.0)
+    ward, stream = busy.ward, calibration(seed=1)
+    ward.send(stream.batches(), info(1))
+    before = list(ward.subscriber)
+    assert before
+    assert Quality.GOOD not in {batch.quality for batch in before}
+    assert ward.client.calibrations(wait_s=0.05) == [], "promised to nobody yet"
+    assert not ward.latest().calibration
+    assert ward.store.recall(NAME, 1, 0) is None, "to read waits for nobody"
+    busy.free()
     deadline = time.monotonic() + 20
     while not (said := ward.client.calibrations(wait_s=0.05)) and time.monotonic() < deadline:
         ward.settle()
+    batches = before + list(ward.subscriber)
+    assert sum(map(len, batches)) == len(stream)
+    assert batches[-1].quality is Quality.GOOD
     assert [c.id for c in said] == [c.id for c in ward.store.calibrations(NAME)] == [batches[-1].calibration]
+    assert ward.latest().calibration == said[0].id
     assert ward.service.counts.as_dict() == {}
-    clerks[0].close()
+    busy.clerks[0].close()
     assert (found := ward.store.recall(NAME, 1, 0)) is not None
     assert found.bias is not None
-    ward.kill()
+
+
+def test_no_sample_waits_long_for_a_disk_that_does_not_answer(busy: Busy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record, "HELD_S", 0.0)
+    ward, stream = busy.ward, calibration(seed=1)
+    ward.send(stream.batches(), info(1))
+    batches = list(ward.subscriber)
+    assert sum(map(len, batches)) == len(stream)
+    assert batches[-1].quality is Quality.GOOD
+    assert [c.id for c in ward.client.calibrations(wait_s=0.05)] == [batches[-1].calibration]
 
 
 def test_one_that_cannot_be_written_keeps_the_others_from_nothing(store: Store) -> None:
