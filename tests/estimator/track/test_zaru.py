@@ -136,6 +136,15 @@ def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
     assert sure.lives(3.0) == [], "who knows better waits for the proof"
 
 
+def test_seconds_that_prove_nothing_hide_no_turn_from_those_that_do() -> None:
+    """In their plain mean four seconds of a slow turn were believed, the fourth to 0.004 °/s."""
+    rest = Rest()
+    rest.lives(20.0)
+    rest.moves(10.0)
+    assert not any(r.accepted for r in rest.lives(60.0, 0.3))
+    assert np.abs(rest.error_dps()).max() < 0.01
+
+
 def test_with_gravity_each_rest_is_two_measurements() -> None:
     up = np.array([0.6, 0.0, 0.8])
     rest = Rest(up=up)
