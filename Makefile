@@ -90,6 +90,7 @@ bench-network: setup-dev
 bench-tracking: setup-dev
 	$(BIN)/python -m tests.bench.tracking $(ARGS)
 	$(BIN)/python -m tests.bench.temperature $(ARGS)
+	$(BIN)/python -m tests.bench.thermometer $(ARGS)
 	$(BIN)/python -m tests.bench.warming $(ARGS)
 	$(BIN)/python -m tests.bench.honesty $(ARGS)
 	$(BIN)/python -m tests.bench.rests $(ARGS)

@@ -13,14 +13,16 @@ from bridge.recording import Recording
 from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration, Turn, Verdict
 from estimator.batch.result import PARAMETERS, Result, VerdictKnobs
-from estimator.gyro import AXES, Floats
+from estimator.gyro import AXES, Floats, PriorKnobs
 
 FORMAT, VERSION = "truerate calibration", 1
 _MAX_BYTES = 1 << 20
 #: an axis is never so far off the others, rad: a matrix that says so is of something else
 _MOST_ACROSS = 0.3
-#: no gyro reads so much at rest, rad/s: probably it is in °/s
-_MOST_BIAS = 1.0
+#: no gyro reads so much at rest, rad/s, nor scatters so much: probably it is in °/s
+_MOST_BIAS, _MOST_NOISE = 1.0, 0.1
+#: rad/s, nor so little: one that shows no noise rounds it away, which is said by its step
+_LEAST_NOISE = 1e-6
 _ACROSS = tuple(f"m_{AXES[i]}{AXES[j]}" for i, j in permutations(range(3), 2))
 _ADVICE = "`truerate calibrate RECORDING --json > FILE` writes one"
 
@@ -153,11 +155,11 @@ def load(path: Path | str) -> Calibration:
             verdict=Verdict.ACCEPTED,
             reason=file.reason,
             matrix=_matrix(np.array(file.matrix)),
-            bias=_within("bias_rad_s", np.array(file.bias_rad_s), -_MOST_BIAS, _MOST_BIAS),
+            bias=_bias(np.array(file.bias_rad_s), file.gyro_range_rad_s),
             parameters=(names := _parameters(tuple(file.parameters))),
             covariance=_covariance(file.covariance, len(names)),
             turns=tuple(map(_turn, file.turns)),
-            noise_std=_within("noise_std_rad_s", np.array(file.noise_std_rad_s), 0.0, MAX_RATE),
+            noise_std=_within("noise_std_rad_s", np.array(file.noise_std_rad_s), _LEAST_NOISE, _MOST_NOISE),
             model=file.model,
             firmware=file.firmware,
             gyro_range=float(_within("gyro_range_rad_s", np.array(file.gyro_range_rad_s), 0.0, MAX_RATE)),
@@ -189,6 +191,11 @@ def _matrix(matrix: Floats) -> Floats:
     return matrix
 
 
+def _bias(bias: Floats, gyro_range: float) -> Floats:
+    most = min(_MOST_BIAS, gyro_range) if gyro_range > 0 else _MOST_BIAS
+    return _within("bias_rad_s", bias, -most, most)
+
+
 def _parameters(names: tuple[str, ...]) -> tuple[str, ...]:
     across = names[len(PARAMETERS) :]
     if names[: len(PARAMETERS)] != PARAMETERS or len(set(across)) != len(across) or not set(across) <= set(_ACROSS):
@@ -204,6 +211,13 @@ def _covariance(rows: list[list[float]], n: int) -> Floats:
     if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
         raise ValueError("'covariance' has a variance that is not above 0, or not finite")
     std = np.sqrt(np.diag(covariance))
+    prior = PriorKnobs()
+    for name, part, most in (("bias", slice(0, 3), prior.bias_std), ("k", slice(3, 6), prior.scale_std)):
+        if std[part].max() > most:
+            raise ValueError(
+                f"'covariance' leaves {name} uncertain by {std[part].max():.3g}, more than that of any gyro before it is "
+                f"calibrated ({most:.3g})"
+            )
     correlation = covariance / np.outer(std, std)
     if np.abs(correlation - correlation.T).max() > 1e-6:
         raise ValueError("'covariance' is not symmetric")

@@ -104,8 +104,12 @@ class Wearer:
         """A few legs of a walk of ten seconds to two minutes, with corners and pauses."""
         yield self._movement(70)
         for _ in range(self._rng.integers(1, 6)):
-            yield self._leg(self._rng.uniform(10, 120))
-            yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
+            yield from self.leg_and_pause()
+
+    def leg_and_pause(self) -> Iterator[Stretch]:
+        """Ten seconds to two minutes of walking, and a few in which to stand."""
+        yield self._leg(self._rng.uniform(10, 120))
+        yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 
     def _leg(self, duration_s: float) -> Stretch:
         f, rng = self._stride_hz * self._rng.uniform(0.9, 1.1), self._rng

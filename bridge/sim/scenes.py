@@ -1,4 +1,4 @@
-"""Small scenes for one question each: a slow turn between two rests, and rests and motion just as a bias filter models them."""
+"""Small scenes for one question each: a slow turn between two rests, a walk, rests and motion as a bias filter models them."""
 
 from collections.abc import Iterator
 
@@ -10,6 +10,7 @@ from bridge.sim.day import Day, anyhow, recorded, worn_spec
 from bridge.sim.imperfection import Imperfection, ImuSpec
 from bridge.sim.life import Wearer
 from bridge.sim.quaternion import Array
+from bridge.sim.warmth import Warmth
 
 #: how seldom the temperature steps, s
 _STEP_EVERY_S = 200.0
@@ -78,6 +79,20 @@ def rests_and_motion(
     steps = Steps(warmth_rng, step_k, spec.temperature_c[0], seconds)
     body = Body(life(), attitude=anyhow(rng))
     return recorded(body, Imperfection(spec, sensor_rng), steps, seconds, rate_hz)
+
+
+def walk_with_pauses(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0) -> Day:
+    """On a table, then put on and walked with; in no pause does anybody stand quite still, and the skin warms the device."""
+    rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 4]).spawn(3)
+    wearer = Wearer(rng)
+
+    def life() -> Iterator[Stretch]:
+        yield wearer.table(rest_s)
+        while True:
+            yield from wearer.leg_and_pause()
+
+    body = Body(life(), attitude=anyhow(rng))
+    return recorded(body, Imperfection(worn_spec(rate_hz), sensor_rng), Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
 class Steps:

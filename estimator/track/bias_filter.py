@@ -260,7 +260,7 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        H = evidence.H
+        H = evidence.H if evidence.since is None else evidence.since.seen(evidence.H)
         innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
         if evidence.since is not None:
             S += evidence.since.added(H)
@@ -295,6 +295,7 @@ class BiasFilter:
         if late is None:
             kf.update(evidence.z, R=R, H=H)
         else:
+            H = late.seen(H)
             kf.M = late.shared(H)
             kf.update_correlated(evidence.z, R=R + late.noise(H), H=H)
             kf.P = (kf.P + kf.P.T) / 2

@@ -33,11 +33,22 @@ class BoundedKnobs:
     least_way: float = radians(0.2)
     #: who crosses the mean of the way no more often than this in a stretch may as well be leaving as coming back
     returns: float = 7.0
-    #: so many stretches in a row that contradict the bias are believed
+    #: so many stretches in a row that contradict the bias are believed, if they say the same: a bed turns now so, now so
     insist: int = 4
     #: about the vertical, which no accelerometer checks: a bed may turn for minutes. Normalised innovation squared, and stretches
     vertical_gate: float = 16.0
     vertical_insist: int = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Refused:
+    """So many stretches in a row said that the bias was another: `said` with covariance cov, at a time and a temperature."""
+
+    count: int
+    said: Floats
+    cov: Floats
+    time: float
+    celsius: float
 
 
 class Bounded:
@@ -45,7 +56,7 @@ class Bounded:
 
     def __init__(self, knobs: BoundedKnobs | None = None) -> None:
         self.knobs = knobs or BoundedKnobs()
-        self._refused: dict[str, int] = {}
+        self._refused: dict[str, _Refused] = {}
         self._seconds: list[_Kept] = []
 
     def broken(self) -> None:
@@ -97,13 +108,29 @@ class Bounded:
     def _judged(self, evidence: Evidence, bias: BiasFilter) -> Receipt:
         """Take it, or refuse it as long as it does not insist."""
         kind, receipt = evidence.kind, bias.update(evidence)
-        self._refused[kind] = 0 if receipt.accepted else self._refused.get(kind, 0) + 1
-        if self._refused[kind] < (self.knobs.vertical_insist if kind == VERTICAL else self.knobs.insist):
+        before = self._refused.pop(kind, None)
+        if receipt.accepted:
             return receipt
-        self._refused[kind] = 0
+        refused = _against(before, evidence, receipt.innovation, bias)
+        if refused.count < (self.knobs.vertical_insist if kind == VERTICAL else self.knobs.insist):
+            self._refused[kind] = refused
+            return receipt
         bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
         bias.update(evidence)
         return replace(receipt, accepted=True, reason=INSISTED)
+
+
+def _against(before: _Refused | None, evidence: Evidence, innovation: Floats, bias: BiasFilter) -> _Refused:
+    """One more of those that say the same as the first of them, else the first of others."""
+    axes = evidence.H[:, BIAS]
+    said, cov = bias.x[BIAS] + axes.T @ innovation, axes.T @ evidence.R @ axes
+    if before is not None:
+        warmer = float(np.nan_to_num(bias.temperature_c - before.celsius))
+        apart = axes @ (said - before.said - warmer * bias.x[SLOPE])
+        moved = bias.walked(bias.time - before.time) * np.eye(3) + warmer**2 * bias.cov[SLOPE, SLOPE]
+        if apart @ np.linalg.solve(axes @ (cov + before.cov + moved) @ axes.T, apart) <= GATES[len(apart)]:
+            return replace(before, count=before.count + 1)
+    return _Refused(1, said, cov, bias.time, bias.temperature_c)
 
 
 def _parts(up: Floats | None) -> list[tuple[str, Floats]]:

@@ -1,8 +1,9 @@
 """Evidence that is taken late: the bias has walked on since it was measured.
 
-A reading of then is one of now less that walk w; but the error of what is believed now has w in it, too. cross follows
-E[e wᵀ] through all that happens to the filter meanwhile (a stochastic clone of the bias; S. Roumeliotis, J. Burdick, ICRA 2002),
-so that a reading is worth as much late as it was in time, and no more.
+A reading of then is one of now less that walk w, and less what warmth has moved the bias by, which is the slope's to tell. But
+the error of what is believed now has w in it, too: cross follows E[e wᵀ] through all that happens to the filter meanwhile (a
+stochastic clone of the bias; S. Roumeliotis, J. Burdick, ICRA 2002), so that a reading is worth as much late as it was in time,
+and no more.
 """
 
 import numpy as np
@@ -10,17 +11,29 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_BIAS = slice(0, 3)
+_BIAS, _SLOPE = slice(0, 3), slice(3, 6)
 
 
 class Since:
-    """The walk from a measurement to now: cross (n, 3), its covariance with the error of the state, and var (3, 3)."""
+    """The walk from a measurement to now: cross (n, 3), its covariance with the error of the state, and var (3, 3).
+
+    warmer: K, from then to now.
+    """
 
     def __init__(self, n: int, walked: Floats) -> None:
         """Walked (3, 3): variance of the walk while it was measured; its mean is half a step older than the step's end."""
         self.cross = np.zeros((n, 3))
         self.cross[_BIAS] = walked / 2
         self.var = walked / 3
+        self.warmer = 0.0
+
+    def seen(self, H: Floats) -> Floats:
+        """(m, n) what a measurement of then by H (m, n) sees of the state as it is now."""
+        if not self.warmer:
+            return H
+        seen = H.copy()
+        seen[:, _SLOPE] -= self.warmer * H[:, _BIAS]
+        return seen
 
     def noise(self, H: Floats) -> Floats:
         """(m, m) what the walk adds to the noise of a measurement by H (m, n)."""
@@ -39,6 +52,7 @@ class Since:
     def step(self, F: Floats, walked: Floats | None = None) -> None:
         """The state went on by F (n, n), and the bias walked by (3, 3)."""
         self.cross = F @ self.cross
+        self.warmer += float(F[_BIAS, _SLOPE][0, 0])
         if walked is not None:
             self.cross[_BIAS] += walked
             self.var = self.var + walked

@@ -38,9 +38,10 @@ class ZaruKnobs:
     quasi_static: float = radians(0.003)
     #: and of one that has been quiet for too short to tell rest from a slow breath or sway: fewer seconds than so many
     unproven: float = radians(0.1)
-    #: the same before any rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for
-    #: minutes (tests/bench/warming.py: seed 16, begun late)
-    unproven_at_first: float = radians(0.19)
+    #: the same without an accelerometer: so much sways who stands for a moment in a walk (tests/bench/honesty.py); and before any
+    #: rest was proven, of a bias that is not known: one half-breath at power-up shut out the truth for minutes
+    #: (tests/bench/warming.py: seed 16, begun late)
+    unproven_at_most: float = radians(0.19)
     proven_after: int = 4
     #: and in the last second of a rest: a movement begins too gently for a gyro alone to see
     edge: float = radians(0.015)
@@ -135,7 +136,8 @@ class Zaru:
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         self._ever_proven |= proven
-        unproven = self.knobs.unproven if self._ever_proven else self.knobs.unproven_at_first
+        checked = up is not None and self._ever_proven
+        unproven = self.knobs.unproven if checked else self.knobs.unproven_at_most
         motion = self.knobs.quasi_static if proven else unproven
         var = mean_var(second.std, second.step, len(second)) + motion**2
         common = rounding_var(second.std, second.step)
@@ -258,11 +260,16 @@ class Zaru:
 
 
 def _mean(evidence: list[Evidence]) -> Evidence:
-    """Some of the same kind as one: what is common to them does not average out."""
-    last, n = evidence[-1], len(evidence)
+    """Some of the same kind as one: what is common to them does not average out.
+
+    Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
+    """
+    last = evidence[-1]
     common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
-    z, R = np.add.reduce([e.z for e in evidence]) / n, np.add.reduce([e.R for e in evidence]) / n
-    R = (R - common) / n + common
+    worth = np.array([1 / max(e.R.diagonal().tolist()) for e in evidence])
+    worth /= worth.sum()
+    z = worth @ np.array([e.z for e in evidence])
+    R = np.tensordot(worth**2, [e.R - common for e in evidence], 1) + common
     return Evidence(last.kind, z, last.H, R, last.gate, last.common_var, last.soft)
 
 

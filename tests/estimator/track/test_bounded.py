@@ -102,6 +102,27 @@ def test_four_stretches_that_contradict_are_believed() -> None:
     np.testing.assert_allclose(before.state.bias - BIAS, np.radians(2.0))
 
 
+def test_stretches_that_contradict_say_the_same_though_it_warms_meanwhile() -> None:
+    _, receipts = breathe(2.0, 30 * BoundedKnobs().insist, 0.5, slope_dps=0.2, kelvin_per_s=0.05)
+    assert receipts[-1].reason == "insisted"
+
+
+@pytest.mark.parametrize("up", [None, np.array([0.0, 0.6, 0.8])], ids=["gyro only", "aided"])
+def test_stretches_that_contradict_the_bias_and_each_other_are_not_believed(up: Floats | None) -> None:
+    """A bed that turns now so, now so; the fourth was believed whatever the others had said."""
+    knobs, bounded, rng = BiasKnobs(), Bounded(), np.random.default_rng(0)
+    bias = BiasFilter(start(BIAS, np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs), knobs)
+    receipts = []
+    for stretch in range(20):
+        turned = np.radians([0.5, -1.0, 0.3, 1.5, -0.4][stretch % 5]) * np.array([0.0, 0.6, 0.8])
+        for i in range(30 * stretch, 30 * stretch + 30):
+            mean = BIAS + turned + np.radians(0.03) / np.sqrt(N) * rng.normal(size=3)
+            bias.predict(i + 1.0)
+            receipts += bounded.take(second_of(mean, i), bias, up)
+    assert not any(r.accepted for r in receipts if r.kind != "bounded level")
+    np.testing.assert_allclose(bias.state.bias, BIAS, atol=np.radians(0.01))
+
+
 @pytest.mark.parametrize("kelvin_per_s", [0.1, -0.1])
 def test_a_bias_that_warmth_moves_within_a_stretch_is_met_where_it_is_now(kelvin_per_s: float) -> None:
     bias, receipts = breathe(0.0, 60, 0.5, slope_dps=0.03, kelvin_per_s=kelvin_per_s)

@@ -96,6 +96,25 @@ def test_late_it_is_worth_what_it_was_in_time() -> None:
         np.testing.assert_allclose(np.diag(bias.state.bias_cov), before + seconds * walk - shared**2 / S)
 
 
+def test_late_it_knows_what_warmth_has_moved_meanwhile() -> None:
+    """Against a filter that takes the same in time, and goes on."""
+    knobs = BiasKnobs(rate_random_walk=1e-12, curvature=0.0)
+    begun = start(BIAS, np.radians(0.02) ** 2 * np.eye(3), 0.0, knobs, temperature_c=25.0)
+    begun.x[3:] = np.radians([0.03, -0.02, 0.0])
+    in_time, late = BiasFilter(begun, knobs), BiasFilter(begun, knobs)
+    measured = Evidence("zaru", BIAS + np.radians(0.01), np.eye(3, OWN), np.radians(0.006) ** 2 * np.eye(3), GATES[3])
+    in_time.predict(1.0, 25.2)
+    late.predict(1.0, 25.2)
+    waiting = replace(measured, since=late.since())
+    in_time.update(measured)
+    for second in range(1, 9):
+        in_time.predict(1.0 + second, 25.2 + 0.02 * second)
+        late.predict(1.0 + second, 25.2 + 0.02 * second)
+    late.update(waiting)
+    np.testing.assert_allclose(late.x, in_time.x, rtol=1e-9)
+    np.testing.assert_allclose(late.cov, in_time.cov, rtol=1e-6, atol=1e-18)
+
+
 def test_the_last_second_of_a_rest_weighs_less_without_an_accelerometer() -> None:
     rest = Rest()
     rest.lives(20.0)
@@ -115,6 +134,15 @@ def test_the_first_seconds_of_quiet_are_no_proof_of_rest() -> None:
     assert receipts[ZaruKnobs().proven_after].innovation_cov[0, 0] < ZaruKnobs().unproven ** 2
     sure = Rest()
     assert sure.lives(3.0) == [], "who knows better waits for the proof"
+
+
+def test_seconds_that_prove_nothing_hide_no_turn_from_those_that_do() -> None:
+    """In their plain mean four seconds of a slow turn were believed, the fourth to 0.004 °/s."""
+    rest = Rest()
+    rest.lives(20.0)
+    rest.moves(10.0)
+    assert not any(r.accepted for r in rest.lives(60.0, 0.3))
+    assert np.abs(rest.error_dps()).max() < 0.01
 
 
 def test_with_gravity_each_rest_is_two_measurements() -> None:
