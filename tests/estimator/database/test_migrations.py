@@ -42,9 +42,17 @@ def version(path: Path) -> int:
     return found
 
 
-def test_everything_is_there_afterwards_and_sealed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unmarked", [False, True], ids=["", "as the very first wrote it"])
+def test_everything_is_there_afterwards_and_sealed(tmp_path: Path, unmarked: bool) -> None:
     path = tmp_path / "a.sqlite3"
     kept = old(path)
+    if unmarked:
+        db = sqlite3.connect(path)
+        db.execute("PRAGMA application_id = 0")
+        db.close()
+    found = inspect(path)
+    assert (found.schema, found.sound, found.whole["calibrations"]) == (1, True, 3)
+    assert "earlier truerate" in found.notes[0]
     store = Store(path)
     assert loaded(store) == kept
     store.close()
