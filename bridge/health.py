@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.metadata import version
 from typing import Any, Self
 
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
@@ -178,6 +179,9 @@ class _Collector:
         self._asked = asked
 
     def collect(self) -> Iterator[Metric]:
+        build = GaugeMetricFamily("truerate_build_info", "1, for the version of the program.", labels=("version",))
+        build.add_metric((version("truerate"),), 1.0)
+        yield build
         for family in self._asked.families():
             kind = CounterMetricFamily if family.counter else GaugeMetricFamily
             metric = kind("truerate_" + family.name, family.help, labels=family.labels)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from importlib.metadata import version
 
 import pytest
 
@@ -49,6 +50,9 @@ def test_metrics(health: Health, told: Told) -> None:
     assert code == 200
     assert '# TYPE truerate_rate_hz gauge\ntruerate_rate_hz{device="chest"} 104.0' in said
     assert 'truerate_samples_in_total{device="chest"} 7.0' in said
+    assert f'truerate_build_info{{version="{version("truerate")}"}} 1.0' in said, (
+        "which is asked while some are upgraded"
+    )
     assert "process_resident_memory_bytes" in said
     told.families = []
     assert "truerate_rate_hz" not in get(health.port, "/metrics")[1], "what is gone is not shown any more"
