@@ -7,8 +7,10 @@ import logging
 import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.metadata import version
 from typing import Any, Self
 
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
@@ -20,7 +22,7 @@ from bridge.bus.routers import Routers
 
 _log = logging.getLogger(__name__)
 
-#: who does not ask or listen for so long is let go; so many are answered at a time
+#: who does not ask or listen for so long is let go; so many are answered at a time, and the oldest makes room for the next
 PATIENCE_S, AT_ONCE = 5.0, 8
 
 
@@ -77,6 +79,7 @@ class Health:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = 128
 
     def __init__(self, address: tuple[str, int], asked: Asked) -> None:
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
@@ -84,23 +87,59 @@ class _Server(ThreadingHTTPServer):
         self.registry = CollectorRegistry()
         self.registry.register(_Collector(asked))
         ProcessCollector(registry=self.registry)
-        self._room = threading.BoundedSemaphore(AT_ONCE)
+        self._guests, self._rendering = _Guests(), threading.Lock()
         super().__init__(address, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if not self._room.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
+        self._guests.come(request)
         super().process_request(request, client_address)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._room.release()
+    def asks(self, request: socket.socket) -> None:
+        """It has said what it wants."""
+        self._guests.ask(request)
+
+    def rendered(self, request: socket.socket) -> bytes:
+        """All metrics, for one after the other: many at once would leave no time for a probe."""
+        with self._rendering:
+            return generate_latest(self.registry) if self._guests.is_here(request) else b""
+
+    def shutdown_request(self, request: Any) -> None:
+        self._guests.go(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - as the base has it
         _log.debug("health: a request of %s failed", client_address, exc_info=True)
+
+
+class _Guests:
+    """Connections that are open, AT_ONCE at most. Who is only there gives way to who comes, before anybody who is answered."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: dict[int, socket.socket] = {}  # the oldest first
+        self._asking: dict[int, socket.socket] = {}
+
+    def come(self, guest: socket.socket) -> None:
+        with self._lock:
+            while len(self._waiting) + len(self._asking) >= AT_ONCE:
+                oldest = self._waiting or self._asking
+                with suppress(OSError):  # it has left; its thread wakes, and closes it
+                    oldest.pop(next(iter(oldest))).shutdown(socket.SHUT_RDWR)
+            self._waiting[id(guest)] = guest
+
+    def ask(self, guest: socket.socket) -> None:
+        with self._lock:
+            if self._waiting.pop(id(guest), None) is not None:
+                self._asking[id(guest)] = guest
+
+    def is_here(self, guest: socket.socket) -> bool:
+        with self._lock:
+            return id(guest) in self._asking
+
+    def go(self, guest: socket.socket) -> None:
+        with self._lock:
+            for there in (self._waiting, self._asking):
+                there.pop(id(guest), None)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -109,9 +148,10 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "truerate", ""
 
     def do_GET(self) -> None:
+        self.server.asks(self.connection)
         path = self.path.partition("?")[0]
         if path == "/metrics":
-            self._answer(200, generate_latest(self.server.registry), CONTENT_TYPE_PLAIN_0_0_4)
+            self._answer(200, self.server.rendered(self.connection), CONTENT_TYPE_PLAIN_0_0_4)
         elif path in ("/healthz", "/readyz"):
             why = self.server.asked.sick() if path == "/healthz" else self.server.asked.unready()
             self._answer(503 if why else 200, ("\n".join(why) or "ok").encode() + b"\n", "text/plain; charset=utf-8")
@@ -139,6 +179,9 @@ class _Collector:
         self._asked = asked
 
     def collect(self) -> Iterator[Metric]:
+        build = GaugeMetricFamily("truerate_build_info", "1, for the version of the program.", labels=("version",))
+        build.add_metric((version("truerate"),), 1.0)
+        yield build
         for family in self._asked.families():
             kind = CounterMetricFamily if family.counter else GaugeMetricFamily
             metric = kind("truerate_" + family.name, family.help, labels=family.labels)

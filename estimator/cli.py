@@ -37,6 +37,7 @@ from estimator import (
     cli_offline,
     cli_store,
     cli_tracking,
+    command,
     picture_file,
 )
 from estimator.cli_offline import Verbs, add_verb
@@ -73,11 +74,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     logs.begin(given.log_format)
     try:
+        command.interruptible()
         return int(given.run(given) or 0)
     except (ConfigError, Refusal) as error:
         return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
     except KeyboardInterrupt:
-        return 130
+        return command.INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

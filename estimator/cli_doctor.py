@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -76,6 +77,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
             yield trouble("files", words, "mend the path in the ward's file, or bring the file there")
         yield from terminals.doubled(devices)
         yield from machine.disk(_places(ward))
+        if ward.estimator is not None:
+            yield from _store(Path(ward.estimator.store))
         shown = list(certificate(ward.bus.routers))
         yield from shown
         if any(finding.level is Level.TROUBLE for finding in shown):
@@ -84,6 +87,27 @@ def _look(path: Path | None) -> Iterable[Finding]:
         yield from reached
         if answers(reached):
             yield from _running(ward)
+
+
+def _store(path: Path) -> Iterable[Finding]:
+    """What an estimator that is started would find; nothing of one that has no store yet."""
+    if not path.exists():
+        return
+    from estimator.database import Database, StoreError  # noqa: PLC0415 - few commands need it
+
+    for mode, verb in ((os.R_OK, "read"), (os.W_OK, "write")):
+        if not os.access(path, mode):
+            yield trouble(
+                "store", f"{path}: no permission to {verb} it", f"give it to who runs the estimator: chown USER {path}"
+            )
+            return
+    try:
+        Database.reading(path).close()
+    except StoreError as error:
+        said, _, do = str(error).removeprefix("store ").partition(": ")
+        yield trouble("store", said, do)
+        return
+    yield ok("store", f"{path} can be read")
 
 
 def _running(ward: Ward) -> Iterable[Finding]:

@@ -155,9 +155,11 @@ def _check(given: argparse.Namespace) -> int:
     found = inspect(given.file or _place(given))
     if given.json:
         shown = {"path": found.path, "schema": found.schema, "sound": found.sound, "faults": found.faults}
-        print(json.dumps({**shown, "whole": found.whole, "damaged": found.damaged}))
+        print(json.dumps({**shown, "whole": found.whole, "damaged": found.damaged, "notes": found.notes}))
         return 0 if found.sound else 1
     print(f"{found.path}: schema {found.schema}, {_contents(found)}")
+    for note in found.notes:
+        print(note)
     wrong = _damage(found)
     print("what is whole can be used: the estimator takes it when it is started" if wrong else "every row is whole")
     return wrong

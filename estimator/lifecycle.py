@@ -26,6 +26,7 @@ class Event(StrEnum):
     CONFIRMED = "confirmed"
     SILENT = "silent"
     UNREACHABLE = "unreachable"
+    OUTDATED = "outdated"
     HEARD = "heard"
 
 
@@ -48,6 +49,10 @@ CAUSES: dict[Event, str] = {
     Event.CONFIRMED: "a rest agrees with the bias again",
     Event.SILENT: "no samples for `silence_s`, or its bridge says that it is gone",
     Event.UNREACHABLE: "the estimator's router is gone: nobody knows",
+    Event.OUTDATED: (
+        "its bridge hears it, and all that comes was received before what was taken: "
+        "a clock was set back, or a recording is played"
+    ),
     Event.HEARD: "samples of the same boot came",
 }
 
@@ -69,6 +74,7 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
     **{(state, E.RESTORED): S.TRACKING for state in (S.WARMING, *_CALIBRATING)},
     **{(state, E.SILENT): S.LOST for state in (S.UNKNOWN, *_ALIVE)},
     **{(state, E.UNREACHABLE): S.UNKNOWN for state in _ALIVE},
+    **{(state, E.OUTDATED): S.UNKNOWN for state in (S.LOST, *_ALIVE)},
     **{(state, E.HEARD): Back for state in AWAY},
     **{(state, E.CHANGED): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},
     **{(state, E.RECALIBRATE): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},

@@ -312,9 +312,9 @@ class DeviceSession:
         return None
 
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
-        """No samples come any more, or may come (UNREACHABLE), for this reason as it is now; True when that is news."""
+        """No samples come any more that can be used, as the event says, for this reason as it is now; True when that is news."""
         if not self.life.on(event, reason):
-            if self.life.state is State.LOST and event is Event.SILENT:
+            if (self.life.state, event) in ((State.LOST, Event.SILENT), (State.UNKNOWN, Event.OUTDATED)):
                 self.life.reason = reason
             return False
         self._apply()

@@ -7,6 +7,8 @@ from pathlib import Path
 
 #: what SQLite raises; words of its own about a damaged schema may not even be text
 FAULTS = (sqlite3.Error, UnicodeDecodeError, OverflowError)
+#: in its header a file says whether it has a log beside it
+_JOURNAL, _WITHOUT_LOG = slice(18, 20), b"\1\1"
 _DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
@@ -38,7 +40,21 @@ def beside(path: Path) -> sqlite3.Connection:
 
 def unused(path: Path) -> bool:
     """Whether nobody writes to it, or it would have a log."""
-    return not path.with_name(path.name + "-wal").exists()
+    return not path.with_name(path.name + "-wal").exists() or has_anothers_log(path)
+
+
+def has_anothers_log(path: Path) -> bool:
+    """Whether the log beside it is of a file that was there before: one that has none, a backup, was put in its place.
+
+    SQLite would write that log into the backup.
+    """
+    if not path.with_name(path.name + "-wal").exists():
+        return False
+    try:
+        with path.open("rb") as file:
+            return file.read(_JOURNAL.stop)[_JOURNAL] == _WITHOUT_LOG
+    except OSError:
+        return False
 
 
 def snapshot(path: Path) -> sqlite3.Connection:

@@ -85,6 +85,7 @@ class Database:
         self._types: dict[str, dict[str, str]] = {}
         try:
             self._open()
+            self._do(_try_to_write, "is it this user's to write?")
         except Unavailable as error:
             if not patient:
                 raise
@@ -291,6 +292,16 @@ class Database:
                 self._told.add((table, number))
                 log.error("store %s: row %d of %s is damaged and is not used", self.path, number, table)
         return whole
+
+
+def _try_to_write(db: sqlite3.Connection) -> None:
+    """SQLite opens what it may not write, and says so only when it is to. The file stays as it is."""
+    db.execute("BEGIN IMMEDIATE")
+    try:
+        db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+    finally:
+        if db.in_transaction:
+            db.execute("ROLLBACK")
 
 
 def _trimmed(db: sqlite3.Connection, table: str, column: str, value: str, keep: int) -> None:

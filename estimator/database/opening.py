@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bridge import os_words
 from estimator.database import salvage
-from estimator.database.connection import FAULTS, connect, damaged, transaction
+from estimator.database.connection import FAULTS, connect, damaged, has_anothers_log, transaction
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.rescue import file_and_log, free, replaced, rescued, torn, used
 from estimator.database.schema import (
@@ -43,6 +43,10 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         notes += torn(path)
+        if has_anothers_log(path):
+            raise Unavailable(
+                f"store {path} was replaced while another process has it open: stop that, then start again"
+            )
         try:
             return _opened(path), notes
         except Damaged as damage:
@@ -53,7 +57,9 @@ def open_store(path: Path) -> tuple[sqlite3.Connection, list[str]]:
             notes.append(rescued(path, str(damage)))
             return _opened(path), notes
     except (*FAULTS, OSError) as error:
-        words = f"{os_words.said(error)}; check that the folder exists, is writable and has room"
+        words = (
+            f"{os_words.said(error)}; check that the folder exists, both are this user's to write, and there is room"
+        )
         raise Unavailable(f"store {path}: {words}") from error
     except Damaged as damage:
         raise Unavailable(f"store {path}: damaged again at once ({damage}); is the disk failing?") from damage
@@ -107,6 +113,7 @@ def backed_up(db: sqlite3.Connection, to: Path) -> None:
     part = to.with_name(to.name + ".part")
     try:
         part.unlink(missing_ok=True)
+        part.touch()  # the system says why not; SQLite does not
         with closing(connect(str(part))) as copy:
             db.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")

@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 from estimator.database import salvage, wal
-from estimator.database.connection import connect, transaction
+from estimator.database.connection import connect, has_anothers_log, transaction, unused
 from estimator.database.schema import build
 
 #: what every connection locks to read (SQLite's os_unix.c, SHARED_FIRST and SHARED_SIZE)
@@ -35,6 +35,12 @@ def torn(path: Path) -> list[str]:
         return [f"store {path} is an empty file; a new store is begun: what it held, if anything, is lost"]
     if not log.exists() or not path.exists() or used(path):  # who has it open may just be writing
         return []
+    if has_anothers_log(path):
+        aside = free(path.with_name(f"{path.name}.log-{_now()}"))
+        replaced(log, aside)
+        return [
+            f"store {path}: the log beside it is of the file that was there before, and is not used; it is kept as {aside}"
+        ]
     found = wal.read(log.read_bytes())
     if not found.lost:
         return []
@@ -72,7 +78,7 @@ def file_and_log(path: Path, end: int = -1) -> bytes:
     with path.open("rb") as file:
         begun = file.read(end)
     log = path.with_name(path.name + "-wal")
-    return wal.read(log.read_bytes()).onto(begun, end if end >= 0 else None) if log.exists() else begun
+    return begun if unused(path) else wal.read(log.read_bytes()).onto(begun, end if end >= 0 else None)
 
 
 def free(path: Path) -> Path:
@@ -96,7 +102,7 @@ def _kept(path: Path) -> Path:
     for one in path.parent.iterdir():
         if one.name.startswith(f"{path.name}.damaged-") and all(_alike(path, one, tail) for tail in ("", "-wal")):
             return one
-    aside = free(path.with_name(f"{path.name}.damaged-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}"))
+    aside = free(path.with_name(f"{path.name}.damaged-{_now()}"))
     made: list[Path] = []
     try:
         for tail in ("-wal", ""):  # the file last: as long as it is not there, the copy is not whole
@@ -118,6 +124,10 @@ def _alike(path: Path, other: Path, tail: str) -> bool:
     if not here.exists() or not there.exists():
         return here.exists() == there.exists()
     return filecmp.cmp(here, there, shallow=False)
+
+
+def _now() -> str:
+    return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
 
 
 def _sync(place: Path) -> None:

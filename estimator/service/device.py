@@ -51,6 +51,8 @@ class Device:
         #: what it is heard under
         self.key = ""
         self.heard = now
+        #: the boot of samples that were refused as old, and when they came
+        self.outdated = 0, float("-inf")
         #: what is kept of it by whoever had it before is good for a while: at first there are other things to do
         self.checkpointed, self.recorded = now, 0.0
         #: when its bias history was looked through last; boots still to be thinned, from when on

@@ -82,6 +82,11 @@ class Presence:
             and now - max(token.since_s, there.since_s) >= SETTLED_S
         )
 
+    def heard(self, device: str, boot: int, bridge: str) -> bool:
+        """Whether the bridge is there, and says that it hears this very boot."""
+        token, there = self._boot(device, boot), self._bridges.tokens.get(bridge)
+        return token is not None and there is not None and token.alive and there.alive
+
     def words(self, device: str, boot: int, bridge: str) -> str:
         """What is known of why nothing comes, for a person; empty when nothing is."""
         there, token = self._bridges.tokens.get(bridge), self._boot(device, boot)

@@ -55,6 +55,7 @@ DRAIN_S = 2.0
 LINGER_S = 40.0
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
+_OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
 #: no device's name: what is done after all devices were looked after
 _WARD = ""
 
@@ -286,7 +287,9 @@ class Service:
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session, overtaken = device.session, device.overtaken
         ruling = device.source.judge(batch, session.sequence, now)
-        if ruling is not Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
+        if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
+            device.outdated = batch.boot, now
+        else:
             device.heard = now
         if ruling is Ruling.RANGE:
             session.sequence.refuse(batch, Reason.RANGE)
@@ -392,13 +395,24 @@ class Service:
     def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
-            why = self._gate.words(device.name, device.source.owner) or self._presence.words(*which)
-            reason = f"{_silent_for(silent_s)}{': ' if why else ''}{why}"
-            if device.session.silence(reason):
-                log.warning("%s: lost, %s", device.name, reason)
+            self._silence(device, now)
         device.say_status(self._now_ns())
         device.look_round()
         self._record.checkpoint(device, now)
+
+    def _silence(self, device: Device, now: float) -> None:
+        """Nothing that can be used has come of it for too long."""
+        name, owner = device.name, device.source.owner
+        boot, outdated_s = device.outdated
+        speaks = device.heard < outdated_s and now - outdated_s <= self.settings.silence_s
+        if speaks and self._presence.heard(name, boot, owner):
+            if device.session.silence(_OUTDATED.format(bridge=owner), Event.OUTDATED):
+                log.warning("%s: %s", name, device.session.life.reason)
+            return
+        why = self._gate.words(name, owner) or self._presence.words(name, device.session.boot or 0, owner)
+        reason = f"{_silent_for(now - device.heard)}{': ' if why else ''}{why}"
+        if device.session.silence(reason):
+            log.warning("%s: lost, %s", name, reason)
 
     def _count_all(self) -> dict[str, int]:
         refused = {

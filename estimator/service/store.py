@@ -286,7 +286,7 @@ def _version() -> str:
 
 
 def _state(kept: list[Any]) -> BiasState | None:
-    if len(kept) < _STATE:  # of an earlier truerate: the calibration's own bias is used
+    if len(kept) < _STATE or len(kept[0]) < OWN:  # of an earlier truerate: the calibration's own bias is used
         return None
     x, P, time, temperature, powered = kept[:_STATE]
     celsius, since = np.nan if temperature is None else temperature, -np.inf if powered is None else powered

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from bridge.bus.routers import Routers
 from bridge.health import Asked, Family, certificate
 from bridge.wire.messages import State, Status
+from estimator.lifecycle import AWAY
 from estimator.service.law import Account
 
 #: a loop that has not turned for so long is stuck
@@ -74,8 +75,11 @@ class Vitals:
             why += ["the router is gone", *self.routers.faults()]
         if note.store:
             why.append(note.store)
-        if self._expects and not any(d.status.state is not State.LOST for d in note.devices.values()):
+        states = {d.status.state for d in note.devices.values()}
+        if self._expects and states <= {State.LOST}:
             why.append("no device is heard")
+        elif self._expects and note.connected and states <= set(AWAY):
+            why.append("nothing that comes of a device can be used")
         return why
 
     def families(self) -> Iterator[Family]:

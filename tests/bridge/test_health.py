@@ -4,7 +4,9 @@ import http.client
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
+from importlib.metadata import version
 
 import pytest
 
@@ -13,6 +15,9 @@ from bridge.health import AT_ONCE, Asked, Family, Health
 from bridge.vitals import Vitals
 from tests.bridge.asking import get
 from tests.estimator.stream import info
+
+#: an orchestrator's probe gives up after one second
+PROBED_S = 1.0
 
 
 class Told:
@@ -45,6 +50,9 @@ def test_metrics(health: Health, told: Told) -> None:
     assert code == 200
     assert '# TYPE truerate_rate_hz gauge\ntruerate_rate_hz{device="chest"} 104.0' in said
     assert 'truerate_samples_in_total{device="chest"} 7.0' in said
+    assert f'truerate_build_info{{version="{version("truerate")}"}} 1.0' in said, (
+        "which is asked while some are upgraded"
+    )
     assert "process_resident_memory_bytes" in said
     told.families = []
     assert "truerate_rate_hz" not in get(health.port, "/metrics")[1], "what is gone is not shown any more"
@@ -84,16 +92,31 @@ def test_nothing_but_reading(health: Health) -> None:
     connection.close()
 
 
-def test_those_who_only_wait_shut_nobody_out_for_long(health: Health, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridge.health._Handler.timeout", 0.2)
-    idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE)]
-    answers: list[tuple[int, str]] = []
-    while not answers:
-        try:
-            answers.append(get(health.port, "/healthz"))
-        except (OSError, http.client.HTTPException):  # there is no room yet: closed at once
-            continue
-    assert answers == [(200, "ok\n")]
+@pytest.mark.parametrize("said", [b"", b"GET /healthz HTTP/1.1\r\nX: ", b"GET /metrics HTTP/1.1\r\n\r\n"])
+def test_those_who_only_wait_or_do_not_listen_shut_nobody_out(health: Health, told: Told, said: bytes) -> None:
+    long = {(f"{n:04}" * 100,): 1.0 for n in range(10_000)}  # more than what lies between us and them can hold
+    told.families = [Family("rate_hz", "Samples a second.", ("device",), long)]
+    idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE + 4)]
+    for one in idle:
+        with suppress(OSError):  # it has made room already
+            one.sendall(said)
+    for path in ("/healthz", "/readyz"):
+        began = time.monotonic()
+        assert get(health.port, path) == (200, "ok\n")
+        assert time.monotonic() - began < PROBED_S
+    for one in idle:
+        one.close()
+
+
+def test_who_asks_is_answered_while_others_come_and_wait(health: Health, told: Told) -> None:
+    told.families = [Family("rate_hz", "Samples a second.", ("device",), {(f"d{n}",): 1.0 for n in range(10_000)})]
+    with socket.create_connection(("127.0.0.1", health.port)) as asking:
+        asking.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
+        time.sleep(0.01)
+        idle = [socket.create_connection(("127.0.0.1", health.port)) for _ in range(2 * AT_ONCE)]
+        answer = asking.makefile("rb").read()
+    assert answer.startswith(b"HTTP/1.0 200")
+    assert b'truerate_rate_hz{device="d9999"} 1.0' in answer
     for one in idle:
         one.close()
 

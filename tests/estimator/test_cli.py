@@ -1,7 +1,6 @@
 """The command line as people use it: what it prints, what it says of mistakes, and its exit codes."""
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +20,7 @@ from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
 
 ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "configs" / "demo.toml"
 Floats = NDArray[np.float64]
 
 
@@ -282,17 +282,45 @@ def test_where_no_picture_can_be_is_said_before_the_work(
         assert said in capsys.readouterr().err
 
 
-def test_who_interrupts_while_it_is_loaded_gets_no_traceback() -> None:
-    interrupted = """import os, signal, sys
-class Finder:
-    def find_spec(name, *_):
-        if name == "estimator.cli":
-            os.kill(os.getpid(), signal.SIGINT)
-sys.meta_path.insert(0, Finder)
+@pytest.mark.parametrize(
+    "where",
+    [
+        "sys.meta_path.insert(0, type('', (), {'find_spec': lambda name, *_: now() if name == 'estimator.cli' else None}))",
+        "import argparse; argparse.ArgumentParser.__init__ = lambda *_, **__: now()",
+        "import bridge.logs; bridge.logs.begin = lambda *_: now()",
+        "import atexit, bridge.logs; atexit.register(now)",
+    ],
+)
+def test_who_interrupts_outside_of_the_work_gets_no_traceback(where: str) -> None:
+    interrupted = f"""import os, signal, sys
+def now(*_):
+    os.kill(os.getpid(), signal.SIGINT)
+{where}
 from estimator.command import main
-main()"""
+sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
+sys.exit(main())"""
     ended = subprocess.run([sys.executable, "-c", interrupted], capture_output=True, text=True, timeout=60, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
+    assert (ended.returncode, ended.stderr) == (130, "")
+
+
+def test_who_is_told_to_ignore_interruptions_does() -> None:
+    ignoring = f"""import signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+import bridge.logs
+bridge.logs.begin = lambda *_: signal.raise_signal(signal.SIGINT)
+from estimator.command import main
+sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
+sys.exit(main())"""
+    ended = subprocess.run([sys.executable, "-c", ignoring], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_nothing_is_loaded_before_an_interruption_is_expected() -> None:
+    """Python's own start is all that may leave a traceback."""
+    listed = f"import os, sys; sys.path[:] = {sys.path}; before = set(sys.modules); import estimator.command; "
+    listed += "print(*set(sys.modules) - before)"
+    said = subprocess.run([sys.executable, "-S", "-c", listed], capture_output=True, text=True, check=True).stdout
+    assert set(said.split()) == {"estimator", "estimator.command"}
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,19 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, State
 from estimator.service.gate import STRANGER
 from tests.estimator import hostile
-from tests.estimator.hostile import foreign, forged, lived, message, named, played, state, twice_shuffled, wildcards
-from tests.estimator.served import WARD, Served, columns
+from tests.estimator.hostile import (
+    foreign,
+    forged,
+    lived,
+    message,
+    named,
+    of_boot,
+    played,
+    state,
+    twice_shuffled,
+    wildcards,
+)
+from tests.estimator.served import BRIDGE, WARD, Served, columns
 from tests.estimator.stream import Stream, calibration
 
 A, B = "chest", "back"
@@ -99,6 +110,35 @@ def test_a_recording_is_no_sign_of_life(served: Served, streams: dict[str, Strea
     served.service._quiet.finish()
     assert session.life.state is State.LOST
     assert float(session.life.reason.split()[3]) > 15
+
+
+@pytest.mark.parametrize("boot", [7, 8], ids=["a boot that is known", "another boot"])
+def test_one_whose_bridges_clock_was_set_back_is_not_lost(
+    served: Served, streams: dict[str, Stream], boot: int
+) -> None:
+    served.service._presence.change(keys.build(WARD, "alive/bridge", bridge=BRIDGE), True)
+    served.token(7, A, alive=True)
+    recorded, _ = lived(served, {A: streams[A]}, boot=7)
+    served.token(7, A, alive=boot == 7)
+    served.token(boot, A, alive=True)
+    session, states = served.service._devices[A].session, set[State]()
+    for n, batch in enumerate(recorded[:40]):
+        served.put(replace(of_boot(batch, boot), receive_time_ns=recorded[0].receive_time_ns - 10**12 + n))
+        served.round(0.25)
+        served.service._quiet.finish()
+        states.add(session.life.state)
+        if session.life.state is State.UNKNOWN:
+            assert session.life.reason == (
+                f"its samples are refused as old: was the clock of bridge {BRIDGE} set back, or is a recording played?"
+            )
+    assert State.UNKNOWN in states
+    assert State.LOST not in states
+    assert session.boot == boot
+    assert (session.life.state is State.UNKNOWN) is (boot == 7), "another boot is believed in the end"
+    for _ in range(20):
+        served.round(0.25)
+    served.service._quiet.finish()
+    assert session.life.state is State.LOST, "now nothing comes"
 
 
 def test_what_devices_say_while_a_recording_is_played_is_to_the_bit_what_they_say_without(

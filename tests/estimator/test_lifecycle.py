@@ -50,7 +50,7 @@ def test_tracking_is_reached_by_calibration_only(state: State) -> None:
         assert ways == set()
 
 
-@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE])
+@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE, Event.OUTDATED])
 @pytest.mark.parametrize("state", THERE)
 def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) -> None:
     life = at(state)
@@ -72,6 +72,17 @@ def test_a_router_that_is_gone_makes_it_unknown_not_lost(state: State) -> None:
     assert life.on(Event.SILENT), "the router is back, the device is not"
     assert life.state.name == "LOST"
     assert not life.on(Event.UNREACHABLE), "what was lost before is still the last that is known"
+    assert life.on(Event.HEARD)
+    assert life.state is state
+
+
+@pytest.mark.parametrize("state", THERE)
+def test_one_that_speaks_with_an_old_clock_is_not_lost(state: State) -> None:
+    life = at(state)
+    assert life.on(Event.SILENT)
+    assert life.on(Event.OUTDATED)
+    assert life.state.name == "UNKNOWN"
+    assert life.on(Event.SILENT)
     assert life.on(Event.HEARD)
     assert life.state is state
 

@@ -31,6 +31,14 @@ def test_a_boot_whose_token_was_taken_back_by_a_bridge_that_lives_is_gone() -> N
     assert "hears it no more" in presence.words("wrist", 1, "b")
 
 
+def test_a_boot_is_heard_while_its_token_and_its_bridge_are_there() -> None:
+    assert told((BRIDGE, True), (OLD, True)).heard("wrist", 1, "b")
+    assert not told((BRIDGE, True), (OLD, True)).heard("wrist", 2, "b")
+    assert not told((BRIDGE, True), (OLD, False)).heard("wrist", 1, "b")
+    assert not told((BRIDGE, False), (OLD, True)).heard("wrist", 1, "b")
+    assert not told((OLD, True)).heard("wrist", 1, "b")
+
+
 @pytest.mark.parametrize("order", set(permutations([(OLD, True), (OLD, False), (NEW, True)])))
 def test_no_order_of_an_old_boots_tokens_says_anything_of_the_new_one(order: tuple[tuple[str, bool], ...]) -> None:
     presence = told((BRIDGE, True), *order)

@@ -50,7 +50,7 @@ def test_what_is_spared_or_of_one_moment_stays() -> None:
 
 def fill(store: Store, boots: int, points: int, end_ns: int) -> None:
     """So many boots, one after the other, a point a minute; the last ends at end_ns."""
-    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    state = BiasState(np.zeros(6), 1e-8 * np.eye(6), 1.0, 30.0)
     for n in range(boots):
         boot, begin_ns = n + 1, end_ns - (boots - n) * points * MINUTE_NS
         store.add_boot(info(boot), begin_ns)
@@ -136,7 +136,7 @@ def test_years_of_boots_come_to_a_few_thousand() -> None:
 def test_a_device_that_starts_anew_every_minute_fills_no_store(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     store, boots = ward.store, 1200
-    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    state = BiasState(np.zeros(6), 1e-8 * np.eye(6), 1.0, 30.0)
     of_boot_7 = DeviceSession(NAME)
     feed(of_boot_7, calibration(seed=1).batches(boot=7))
     assert of_boot_7.calibration is not None
@@ -178,7 +178,7 @@ def test_a_clock_that_is_wrong_thins_nothing() -> None:
     before = [len(of.time_ns) for of in history.read(store, NAME).biases]
     ahead_ns = NOW_NS + 73 * YEAR_NS
     store.add_boot(info(999), ahead_ns)
-    store.save_bias(NAME, 999, ahead_ns, BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0), history=True)
+    store.save_bias(NAME, 999, ahead_ns, BiasState(np.zeros(6), 1e-8 * np.eye(6), 1.0, 30.0), history=True)
     thin(store, ahead_ns + DAY_NS // 2)
     assert [len(of.time_ns) for of in history.read(store, NAME).biases][:-1] == before
     assert store.thin_boots(NAME, ahead_ns + DAY_NS // 2) == 0
@@ -197,7 +197,7 @@ def test_boots_of_a_time_to_come_stand_in_nobodys_way() -> None:
     store.thin_boots(NAME, now_ns)
     kept = set(store.boots(NAME, 999))
     assert set(range(2000, 2000 + RECENT_BOOTS)) <= kept
-    state = BiasState(np.zeros(3), 1e-8 * np.eye(3), 1.0, 30.0)
+    state = BiasState(np.zeros(6), 1e-8 * np.eye(6), 1.0, 30.0)
     store.save_bias(NAME, 2000 + RECENT_BOOTS - 1, now_ns, state, history=True)
     assert [len(points.time) for points in store.points(info(9999))] == [1]
     store.close()

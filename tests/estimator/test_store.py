@@ -15,7 +15,13 @@ from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
 
-BIAS = BiasState(np.array([0.1, -0.2, 0.3]), np.diag([1e-8, 2e-8, 3e-8]), 123.456, 31.5, powered=30.0)
+BIAS = BiasState(
+    np.array([0.1, -0.2, 0.3, 0.0, 0.0, 0.0]),
+    np.diag([1e-8, 2e-8, 3e-8, 1e-12, 1e-12, 1e-12]),
+    123.456,
+    31.5,
+    powered=30.0,
+)
 GOOD = replace(CALIBRATION, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
 
 AHEAD_NS = 4_070_908_800 * 10**9  # 2099

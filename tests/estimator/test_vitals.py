@@ -8,6 +8,7 @@ import pytest
 
 from bridge.health import Health
 from estimator.cli import main
+from estimator.lifecycle import Event
 from estimator.service.vitals import STUCK_S, Note, Vitals
 from tests.bridge.asking import get
 from tests.estimator.database.test_disk import full_disk
@@ -69,6 +70,12 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     ward.service._quiet.finish()
     assert vitals.unready() == ["the router is gone"]
     ward.broker.start()
+    session = ward.service._devices[NAME].session
+    session.silence("its samples are refused as old", Event.OUTDATED)
+    ward.service._every_second(time.monotonic())
+    ward.service._quiet.finish()
+    assert vitals.unready() == ["nothing that comes of a device can be used"]
+    session.life.on(Event.HEARD)
     with full_disk():
         ward.service._record.boot(ward.service._devices[NAME].session, info(7))
         ward.service._every_second(time.monotonic())

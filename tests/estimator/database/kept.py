@@ -18,7 +18,8 @@ CALIBRATIONS = [
 
 
 def bias(n: int) -> BiasState:
-    return BiasState(np.array([0.1, -0.2, 0.3]) * n, np.diag([1e-8, 2e-8, 3e-8]), float(n), 20.0 + n)
+    x = np.concatenate([np.array([0.1, -0.2, 0.3]) * n, np.zeros(3)])
+    return BiasState(x, np.diag([1e-8, 2e-8, 3e-8, 1e-12, 1e-12, 1e-12]), float(n), 20.0 + n)
 
 
 def fill(store: Store) -> None:

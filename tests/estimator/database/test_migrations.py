@@ -1,14 +1,21 @@
 """A store of an earlier schema is brought to the present one, with a backup before, or left as it was."""
 
+import json
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from estimator.database import SCHEMA_VERSION, inspect, schema
+from bridge.wire import keys
+from estimator.database import SCHEMA_VERSION, Change, inspect, schema
 from estimator.database.connection import connect
 from estimator.service.store import Store, StoreError
-from tests.estimator.database.kept import fill, loaded
+from estimator.session import DeviceSession
+from estimator.session_knobs import SessionKnobs
+from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
+from tests.estimator.stream import NAME, Stream, info
 
 
 def old(path: Path) -> set[object]:
@@ -42,9 +49,17 @@ def version(path: Path) -> int:
     return found
 
 
-def test_everything_is_there_afterwards_and_sealed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unmarked", [False, True], ids=["", "as the very first wrote it"])
+def test_everything_is_there_afterwards_and_sealed(tmp_path: Path, unmarked: bool) -> None:
     path = tmp_path / "a.sqlite3"
     kept = old(path)
+    if unmarked:
+        db = sqlite3.connect(path)
+        db.execute("PRAGMA application_id = 0")
+        db.close()
+    found = inspect(path)
+    assert (found.schema, found.sound, found.whole["calibrations"]) == (1, True, 3)
+    assert "earlier truerate" in found.notes[0]
     store = Store(path)
     assert loaded(store) == kept
     store.close()
@@ -53,6 +68,42 @@ def test_everything_is_there_afterwards_and_sealed(tmp_path: Path) -> None:
     before = tmp_path / "a.sqlite3.schema-1"
     assert version(before) == 1
     assert not before.with_name(before.name + "-wal").exists(), "the backup stands alone"
+
+
+#: as each truerate kept the latest bias of a boot: states, covariance, device time, temperature, and what it knew beside
+_THREE, _SIX, _MANY = ([n * [0.1], np.eye(n).tolist(), 5.0, 25.0] for n in (3, 6, 72))
+
+
+@pytest.mark.parametrize(
+    ("kept", "used"),
+    [
+        ([*_THREE, None], False),
+        ([*_THREE, 24.0], False),
+        ([*_THREE, 24.0, 1.5], False),
+        ([*_SIX, None], True),
+        ([*_MANY, 3.0], True),
+        ([*_MANY, 3.0, {"doubted": True, "asked": None}], True),
+        ([*_SIX, 3.0, {"doubted": True, "asked": ["nurse", "strap"]}], True),
+    ],
+)
+def test_a_bias_as_any_truerate_kept_it_is_gone_on_with_or_left(
+    tmp_path: Path, kept: list[object], used: bool, once: Stream
+) -> None:
+    store = Store(tmp_path / "a.sqlite3")
+    store.add_boot(info(1), 1)
+    calibration = replace(CALIBRATIONS[0], boot=1)
+    store.add_calibration(calibration)
+    row = {"device": NAME, "boot": keys.boot_id(1), "time_ns": 7, "state": json.dumps(kept)}
+    store.database.write(Change("bias", row, "REPLACE"))
+    remembered = store.recall(NAME, 1, 100)
+    assert remembered is not None
+    assert remembered.calibration is not None
+    assert (remembered.bias is not None) is used
+    session = DeviceSession(NAME, SessionKnobs())
+    session.begin_boot(1, 6.0, remembered)
+    assert session.calibration is not None
+    assert [session.take(batch) for batch in once.batches()[:20]]
+    store.close()
 
 
 def test_what_was_damaged_before_stays_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
