@@ -36,8 +36,8 @@ def router(args: argparse.Namespace) -> int:
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
     ends = Routers(file.listen, file.identity).until() if file else None
-    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as router:
-        _log.info("router: listening on %s", ", ".join(router.listen))
+    with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
+        _log.info("router: listening on %s", ", ".join(running.listen))
         while True:  # of the certificate that it began with: of a new one it knows nothing
             if ends and ends < datetime.now(UTC) + SOON:
                 _log.warning(_ENDS, f"{ends:%Y-%m-%d %H:%M} UTC")
