@@ -42,6 +42,9 @@ examples:
   truerate calibrate poses.csv --method transitions --json
   truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
 
+_NOISE, _WOBBLE = "white noise of a reading, °/s", "wobble of the turning hand"
+_WORKERS = "processes (default: one a processor)"
+
 Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 
 
@@ -83,44 +86,38 @@ def add_study(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     inner = verbs.add_parser(
         "study", help="measure the methods by simulation", description="Example: truerate study paper --runs 1000"
     ).add_subparsers(metavar="NAME", required=True)
-    verb = add_verb(
-        inner, "algorithm1", _study, "errors of Algorithm 1 over simulated sessions, with a table and a picture"
-    )
+    does = "errors of Algorithm 1 over simulated sessions, with a table and a picture"
+    verb = add_verb(inner, "algorithm1", _study, does)
     verb.add_argument("--sessions", type=_at_least_one, default=200)
-    verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help="white noise of a reading, °/s")
-    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
+    verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help=_NOISE)
+    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help=_WOBBLE)
     verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
-    verb = add_verb(
-        inner,
-        "paper",
-        _study_paper,
-        "the paper's simulation: Algorithm 1 and closure against truth and the best possible",
-    )
-    verb.add_argument(
-        "--runs", type=_at_least_one, default=15_000, help="sessions at each noise (default: %(default)s)"
-    )
-    verb.add_argument(
-        "--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help="white noise of a reading, °/s"
-    )
-    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help="wobble of the turning hand")
-    verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
-    verb.add_argument("--seed", type=int, default=1)
-    verb.add_argument("--workers", type=_at_least_one, default=None, help="processes (default: one a processor)")
-    verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
-
-    verb = add_verb(
-        inner,
-        "protocols",
-        _study_protocols,
-        "good and bad sessions at random: is a wrong one ever accepted, a good one refused?",
-    )
+    does = "the paper's simulation: Algorithm 1 and closure against truth and the best possible"
+    _add_paper(add_verb(inner, "paper", _study_paper, does))
+    does = "good and bad sessions at random: is a wrong one ever accepted, a good one refused?"
+    verb = add_verb(inner, "protocols", _study_protocols, does)
     verb.add_argument(
         "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
     )
     verb.add_argument("--method", default="closure")
-    verb.add_argument("--workers", type=_at_least_one, default=None, help="processes (default: one a processor)")
+    verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
+    does = "how many estimators a ward needs, and how many a region"
+    _add_scaling(add_verb(inner, "scaling", _study_scaling, does))
 
-    verb = add_verb(inner, "scaling", _study_scaling, "how many estimators a ward needs, and how many a region")
+
+def _add_paper(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--runs", type=_at_least_one, default=15_000, help="sessions at each noise (default: %(default)s)"
+    )
+    verb.add_argument("--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help=_NOISE)
+    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help=_WOBBLE)
+    verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
+    verb.add_argument("--seed", type=int, default=1)
+    verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
+    verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
+
+
+def _add_scaling(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--devices", type=_at_least_one, default=1000, help="of a ward (default: %(default)s)")
     verb.add_argument("--total", type=_at_least_one, default=100_000, help="of all wards (default: %(default)s)")
     verb.add_argument(

@@ -107,18 +107,17 @@ def correct(
 
     if calibration is not None or not recording.made:
         return passed(_known(calibration))
-    before = [one for one in recording.made if one.time_ns <= recording.begin_ns]
-    if before:
+    if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
-        said = f"calibration {before[-1].id} of this boot, which is in the recording, is used"
-        return passed(before[-1], said + (f"; {count(later, 'later one')} not" if later else ""))
+        return passed(before[-1], _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else ""))
     if (found := passed(None)).calibration:
         return found
     # Made while this was recorded, and yet not all of its turns are here.
-    first = recording.made[0]
-    return passed(
-        first, f"calibration {first.id} of this boot, which is in the recording without all of its turns, is used"
-    )
+    return passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
+
+
+def _used(one: Calibration, how: str = "") -> str:
+    return f"calibration {one.id} of this boot, which is in the recording{how}, is used"
 
 
 class _Pass:

@@ -6,16 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import replace
-
-from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
+from bridge.cli_ward import add_ward, ward_of
+from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.pki.member import Role
 from bridge.progress import Bar
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.toml_file import options
-from bridge.wire.keys import check_id
 
 Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 Run = Callable[[argparse.Namespace], int | None]
@@ -37,11 +35,7 @@ examples:
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `record` and `recording`; each sets `run(args) -> exit code`."""
     verb = _verb(verbs, "record", _record, "record all that a ward says, until Ctrl-C", RECORD)
-    verb.add_argument("--config", type=Path, help="the ward's file: its ward, its routers, its table [recorder]")
-    verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
-    verb.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"a router (default: the file's, else {LOCAL})"
-    )
+    add_ward(verb, "take ward, routers and the table [recorder] from this file")
     verb.add_argument("--out", dest="folder", metavar="DIR", help="where files go (default: recordings)")
     verb.add_argument("--device", dest="devices", action="append", metavar="ID", help="only this one; may be repeated")
     verb.add_argument("--rotate", metavar="TIME", help="a new file after so long: 10min, 1h, never (default: 1h)")
@@ -99,20 +93,19 @@ def _verb(
 def _record(given: argparse.Namespace) -> int:
     from bridge.record.record import record  # noqa: PLC0415 - only this verb needs a bus
 
-    root = load(given.config, Root) if given.config else Root(ward="ward")
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
     if "devices" in said:
         said["devices"] = tuple(said["devices"])
     try:
+        root = ward_of(given)
         settings = options({**_table(root.recorder), **said}, Recorder)
-        bus = replace(root.bus, connect=check_endpoints(given.connect, "--connect")) if given.connect else root.bus
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     return record(
-        check_id(given.ward or root.ward, "ward"),
-        bus.routers_as(Role.RECORDER),
+        root.ward,
+        root.bus.routers_as(Role.RECORDER),
         settings,
         plain_console(stderr=True),
         seconds=given.seconds,

@@ -55,11 +55,6 @@ class Trail:
         """(n, 7); NaN is not known."""
         return self._rows[: self._n]
 
-    @property
-    def last_rest_ns(self) -> int:
-        """When evidence last came; 0 when it never did."""
-        return self.rests[-1][1] if self.rests else 0
-
     def take(self, status: Status) -> None:
         """A status, said once a second and at every change; one that is not newer than the last is left out."""
         if self._n and status.time_ns <= self._times[self._n - 1]:

@@ -69,6 +69,33 @@ def test_the_rate_is_seldom_outside_its_interval() -> None:
     assert outside < 200 * 0.2
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_rate_near_one_is_taken_to_be_one_until_it_is_surely_another(seed: int) -> None:
+    def fit(skew: float, seconds: float) -> ClockFit:
+        device, host = bursts(np.random.default_rng(seed), seconds, 50.0, skew)
+        clock = ClockFit()
+        feed(clock, device, host)
+        return clock
+
+    too_early = fit(0.01, 4.5)
+    assert (too_early.rate, too_early.measured) == (1.0, False)
+    assert fit(0.01, 6.5).rate == pytest.approx(1.01, abs=2e-3)  # which 1 is not in the interval of
+    as_promised = fit(0.0, 8.5)
+    assert as_promised.measured
+    assert as_promised.rate == 1.0 or abs(as_promised.rate - 1) > as_promised.rate_error
+    assert fit(0.0, 12.5).rate != 1.0
+
+
+def test_a_rate_that_nothing_is_known_of_yet_is_not_taken() -> None:
+    clock = ClockFit()
+    host_s = np.arange(8) / 100 + [0, 0.03, 0, 0.05, 0.01, 0.04, 0, 0.03]
+    feed(clock, np.arange(8.0), host_s)
+    assert (clock.rate, clock.measured) == (1.0, False)
+    # Nor is one that no clock runs at.
+    feed(stopped := ClockFit(), np.arange(8.0) * 1e5, np.arange(8.0))
+    assert (stopped.rate, stopped.measured) == (1.0, False)
+
+
 def test_what_was_held_up_for_long_and_comes_at_once_moves_nothing() -> None:
     device = np.arange(0, 100, 0.02)
     host = device + 0.002

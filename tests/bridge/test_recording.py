@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge.record.recover import recover
 from bridge.record.survey import survey
@@ -232,3 +233,29 @@ def test_a_rate_that_contradicts_the_times_is_refused(tmp_path: Path) -> None:
     assert said in refusal(saved(tmp_path, **times), rate_hz=400.0)
     assert said in refusal(saved(tmp_path, **times, rate_hz=400.0))
     assert load(saved(tmp_path, **times, rate_hz=104.0)).rate_hz == 104.0  # what the device is sold as
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        pytest.param(np.append(np.arange(10) / 100, 5.0), id="a gap: by their median"),
+        pytest.param(np.arange(12) // 2 * 0.02 + np.arange(12) % 2 * 0.002, id="in pairs: by their mean"),
+    ],
+)
+def test_uneven_times_do_not_contradict_a_rate(tmp_path: Path, times: NDArray[np.float64]) -> None:
+    assert load(saved(tmp_path, gyro_rad_s=np.ones((len(times), 3)), t_s=times, rate_hz=100.0)).rate_hz == 100.0
+
+
+def test_times_that_step_by_next_to_nothing_are_not_taken_for_milliseconds(tmp_path: Path) -> None:
+    path = saved(tmp_path, gyro_rad_s=np.ones((9, 3)), t_s=np.arange(9) * 1e-5)
+    assert "20000 Hz is taken: is it in its column's unit?" in refusal(path)
+
+
+@pytest.mark.parametrize(("seconds", "taken"), [(0.2, True), (0.4, False)])
+def test_a_blow_is_no_sign_of_degrees(tmp_path: Path, seconds: float, *, taken: bool) -> None:
+    gyro = np.where(np.arange(200)[:, None] < seconds * 100, 100.0, 0.1) * [1, 0, 0]
+    path = saved(tmp_path, gyro_rad_s=gyro, t_s=np.arange(200) / 100)
+    if taken:
+        assert len(load(path)) == 200
+    else:
+        assert "readings of 100 rad/s are probably degrees per second" in refusal(path)

@@ -114,6 +114,15 @@ def test_the_same_numbers_at_another_time_are_other_samples() -> None:
     np.testing.assert_allclose(early.bias, [0.25, 0, 0.25])
 
 
+def test_a_second_about_the_first_and_the_last_point_is_theirs() -> None:
+    far = revision(times_ns=START_NS + np.array([0, 5, 24]) * SECOND)
+    covered = [
+        bool(covers(far, batch(sequence, 1, start_time_ns=START_NS + off_ns)).all())
+        for sequence, off_ns in [(100, -SECOND), (100, -SECOND - 1), (124, 25 * SECOND), (124, 25 * SECOND + 1)]
+    ]
+    assert covered == [True, False, True, False]
+
+
 def test_host_times_lose_nothing_to_rounding() -> None:
     times: NDArray[np.int64] = START_NS + np.array([0, 8, 16])  # float64 tells no 8 ns apart at this size
     sharp = revision(times_ns=times, sequences=np.array([100, 101, 102], np.uint64))

@@ -11,11 +11,11 @@ from bridge.wire.messages import Verdict
 from estimator import offline
 from estimator.batch.capture import Floats, Rest, Samples
 from estimator.batch.carry import Problem, TransitionKnobs, Transitions, collect
-from estimator.batch.hand_held import hand_held
 from estimator.batch.session import CalibrationSession
 from estimator.batch.transitions import estimate, fit
 from estimator.gyro import least_step
 from estimator.stillness import Stillness
+from tests.truth.hand_held import hand_held
 
 pytestmark = pytest.mark.data
 FULL, DIAGONAL = TransitionKnobs(), TransitionKnobs(misalignment=1e-7)

@@ -267,8 +267,8 @@ def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
             looked.append(timeout_s)
             return len(looked) == 2
 
-    monkeypatch.setattr("bridge.cli.Router.of_file", lambda _: Listening())
-    monkeypatch.setattr("bridge.cli.stopped_by_signal", lambda: nullcontext(Stop()))
+    monkeypatch.setattr("bridge.cli_router.Router.of_file", lambda _: Listening())
+    monkeypatch.setattr("bridge.cli_router.stopped_by_signal", lambda: nullcontext(Stop()))
     assert main(["router", "--config", str(file)]) == 0
     assert caplog.text.count("the certificate that this router began with ends on") == 2
     assert "with default_permission 'deny'" in caplog.text

@@ -27,8 +27,16 @@ def test_its_accelerometer_comes_out_unit_and_unbiased() -> None:
     np.testing.assert_allclose(found, true / np.linalg.norm(true, axis=1)[:, None], atol=2e-3)
 
 
+def test_what_its_accelerometer_takes_for_gravity_is_exact_without_noise() -> None:
+    g = np.random.default_rng(5).normal(size=(16, 3))
+    g /= np.linalg.norm(g, axis=1)[:, None]
+    scale = np.array([[1.02, 0.01, -0.02], [0.0, 0.99, 0.015], [0.0, 0.0, 0.98]])
+    np.testing.assert_allclose(gravity_of(9.80665 * g @ np.linalg.inv(scale).T + [0.1, -0.2, 0.3]), g, atol=1e-9)
+
+
 def test_few_poses_are_not_enough() -> None:
     for of in (in_poses(13, 4), calibration(seed=33)):
         result, _ = offline.calibrate(of.recording(), "accel_aided")
         assert result.verdict is Verdict.REPEAT
         assert "different pose" in result.reason
+        assert result.repeat == (0, 1, 2)

@@ -6,10 +6,10 @@ from bridge.sim.motion import Piece, Still, Swing, Turn
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from estimator.batch.capture import Rest, Samples
 from estimator.batch.carry import TransitionKnobs, collect
-from estimator.batch.hand_held import hand_held
 from estimator.batch.transitions import fit
 from estimator.gyro import least_step
 from tests.estimator.stream import Stream, stream
+from tests.truth.hand_held import hand_held
 
 
 def trembling(rng: np.random.Generator, seconds: float) -> Swing:
