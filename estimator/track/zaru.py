@@ -269,7 +269,10 @@ def _mean(evidence: list[Evidence]) -> Evidence:
     worth = np.array([1 / max(e.R.diagonal().tolist()) for e in evidence])
     worth /= worth.sum()
     z = worth @ np.array([e.z for e in evidence])
-    R = np.tensordot(worth**2, [e.R - common for e in evidence], 1) + common
+    R = (
+        np.add.reduce([w * w * e.R for w, e in zip(worth.tolist(), evidence, strict=True)])
+        + (1 - worth @ worth) * common
+    )
     return Evidence(last.kind, z, last.H, R, last.gate, last.common_var, last.soft)
 
 
