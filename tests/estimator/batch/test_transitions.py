@@ -163,13 +163,28 @@ def test_many_movements_that_show_no_misalignment_name_what_is_missing() -> None
     assert "other sides" in result.reason
 
 
-def test_poses_that_show_some_elements_together_only_give_the_diagonal(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (("CONDITION", 1.0), "the poses do not show the whole matrix (condition number"),
+        (("FEWEST", 99), "16 movements are too few for a full matrix (99 at least)"),
+    ],
+)
+def test_a_full_matrix_needs_poses_that_show_it_and_movements_enough(
+    monkeypatch: pytest.MonkeyPatch, limit: tuple[str, float], words: str
+) -> None:
     of = in_poses(4, 16)
     assert offline.calibrate(of.recording(), "transitions")[0].parameters == MATRIX_PARAMETERS
-    monkeypatch.setattr(transitions, "CONDITION", 1.0)
+    monkeypatch.setattr(transitions, *limit)
     result, _ = offline.calibrate(of.recording(), "transitions")
     assert (result.verdict, result.parameters) == (Verdict.ACCEPTED, PARAMETERS[:6])
-    assert "the poses do not show the whole matrix (condition number" in result.reason
+    assert words in result.reason
+
+
+def test_a_full_matrix_needs_each_element_known(session: tuple[Stream, Transitions]) -> None:
+    assert transitions.estimate(session[1]).full
+    found = transitions.estimate(session[1], TransitionKnobs(element_std=1e-6))
+    assert (found.full, len(found.unknown)) == (False, 6)
 
 
 @pytest.mark.parametrize("method", ["transitions", "accel_aided"])
