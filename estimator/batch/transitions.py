@@ -23,9 +23,9 @@ from estimator.gyro import AXES, reading_std
 #: fewer movements cannot determine nine elements, two equations each
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
+MISFIT = 4.0
 #: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
 CONDITION = 100.0
-MISFIT = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

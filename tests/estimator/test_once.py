@@ -157,7 +157,15 @@ def test_memory_is_bounded_whatever_comes() -> None:
     assert len(boots) <= KNOBS.devices * KNOBS.boots
     assert all(boot.samples <= KNOBS.window and len(boot.holes) <= KNOBS.holes for boot in boots)
     assert set(once.missing) <= set(once._devices)
-    assert all(len(missing.latest) <= KNOBS.holes for missing in once.missing.values())
+    for number in range(0, 3000, 10):
+        once.feed(batch(number, 5, device=f"lossy-{number // 10 % 9}"), float(number))
+        once.overdue(number + KNOBS.wait_s)
+    assert once.missing == {}, "of a device that is forgotten nothing is missing"
+    for number in range(3000, 6000, 10):
+        once.feed(batch(number, 5, device="lossy"), float(number))
+        once.overdue(number + KNOBS.wait_s)
+    assert [(device, len(one.latest)) for device, one in once.missing.items()] == [("lossy", KNOBS.holes)]
+    assert once.missing["lossy"].samples == 5 * 299
 
 
 @pytest.mark.soak

@@ -138,6 +138,38 @@ def test_residuals_larger_than_told_make_it_less_sure() -> None:
     assert np.all(np.abs(honest.k - of.truth.k) < 3 * std_of(honest)[3:])
 
 
+def test_rests_that_differ_by_more_than_told_make_the_bias_less_sure() -> None:
+    found = capture(calibration(seed=38))
+    off = np.radians(0.02) * np.array([1, -1, -1, 1])
+    rests = tuple(replace(rest, bias=rest.bias + by) for rest, by in zip(found.rests, off, strict=True))
+    by_rests_alone = replace(EXACT, replacement_std=np.radians(20.0))
+    std = std_of(closure.estimate(replace(found, rests=rests), by_rests_alone))[:3]
+    np.testing.assert_allclose(std, np.radians(0.02) / np.sqrt(3), rtol=0.1)  # of the mean of four
+
+
+def test_the_end_of_a_turn_is_tilted_as_gravity_says_and_as_surely() -> None:
+    turn = capture(calibration(seed=3), accel=True).turns[0]
+    up, then = np.array([0.0, 0.0, 9.8]), np.array([0.0, 9.8 * np.sin(0.3), 9.8 * np.cos(0.3)])
+    before = replace(turn.before, accel=up, accel_std=None)
+    noisy = replace(turn.after, accel=then, accel_std=np.full(3, 0.98), n=100)
+    end, cov = closure._end(replace(turn, before=before, after=noisy), ClosureKnobs())
+    np.testing.assert_allclose(end @ then, up, atol=1e-12)
+    np.testing.assert_allclose(end @ end.T, np.eye(3), atol=1e-12)
+    tilt_var = np.radians(0.1) ** 2 + (0.02 * 0.3) ** 2 + 0.01**2
+    np.testing.assert_allclose(cov, np.diag([tilt_var, tilt_var, np.radians(0.3) ** 2]), atol=1e-12)
+
+
+def test_a_bias_that_walks_varies_between_rests_and_turns_as_a_random_walk_does() -> None:
+    found = capture(calibration(seed=3))
+    spans = [(r.start, r.end) for r in found.rests] + [(t.before.end, t.after.start) for t in found.turns]
+    time = np.concatenate([a + (np.arange(200) + 0.5) * (b - a) / 200 for a, b in spans])
+    reference = found.rests[-1].middle
+    since = reference - time  # the walk is counted from the reference, both ways
+    together = np.where(np.sign(since)[:, None] == np.sign(since), np.minimum(*np.abs(np.meshgrid(since, since))), 0.0)
+    means = together.reshape(len(spans), 200, len(spans), 200).mean(axis=(1, 3))
+    np.testing.assert_allclose(closure._walk(found.rests, found.turns), means, atol=2e-3)
+
+
 def test_rounding_is_no_noise_to_be_averaged_away() -> None:
     step = 0.06
     of = calibration(seed=39, spec=ImuSpec(noise_dps=0.005, step_dps=step))

@@ -7,7 +7,7 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.wire.messages import Verdict
 from estimator.batch import turn360
 from estimator.batch.capture import Capture
-from estimator.batch.methods import METHODS, by_turn360
+from estimator.batch.methods import METHODS, Method, by_closure, by_turn360
 from estimator.batch.result import PARAMETERS, Result, judge, nothing
 from tests.estimator.batch.sessions import capture
 from tests.estimator.stream import calibration
@@ -70,6 +70,12 @@ def test_an_open_turn_is_repeated_and_named(good: tuple[Capture, turn360.Turn360
     assert "y by 18" in open_turn.reason
 
 
+def test_a_method_may_know_better_by_what_a_turn_misses(good: tuple[Capture, turn360.Turn360]) -> None:
+    missed = judged(good, unclosed=np.radians([0.1, 5.5, 0.2]))
+    assert (missed.verdict, missed.repeat) == (Verdict.REPEAT, (1,))
+    assert "y by 5.5°" in missed.reason
+
+
 def test_a_loose_scale_is_repeated(good: tuple[Capture, turn360.Turn360]) -> None:
     loose = good[1].covariance + np.diag([0, 0, 0, 0, 0, 0.03**2])
     result = judged(good, covariance=loose)
@@ -83,9 +89,10 @@ def test_nothing_claims_nothing() -> None:
     assert (result.verdict, result.reason, result.repeat, result.turns) == (Verdict.REPEAT, "why", (1, 2), ())
 
 
-def test_what_does_not_converge_is_refused_in_words(good: tuple[Capture, turn360.Turn360]) -> None:
+@pytest.mark.parametrize("method", [by_turn360, by_closure])
+def test_what_does_not_converge_is_refused_in_words(good: tuple[Capture, turn360.Turn360], method: Method) -> None:
     short = tuple(replace(t, samples=t.samples.between(t.samples.time[0], t.samples.time[40])) for t in good[0].turns)
-    result = by_turn360(Capture(good[0].rest, short))
+    result = method(Capture(good[0].rest, short))
     assert result.verdict is Verdict.REFUSED
     assert result.repeat == (0, 1, 2)
     assert "no scale factors" in result.reason

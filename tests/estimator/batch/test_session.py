@@ -4,7 +4,11 @@ import pytest
 from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import Verdict
-from estimator.batch.session import Finished, RestFound, TurnFound
+from estimator.batch.capture import Capture, Samples
+from estimator.batch.methods import METHODS
+from estimator.batch.result import Result, nothing
+from estimator.batch.session import CalibrationSession, Finished, RestFound, TurnFound
+from estimator.stillness import Stillness
 from tests.estimator.batch.sessions import progress
 from tests.estimator.stream import calibration
 
@@ -32,6 +36,19 @@ def test_the_last_turn_about_an_axis_counts() -> None:
     last = progress(of)[-1]
     assert isinstance(last, Finished)
     np.testing.assert_allclose(last.result.scale, of.truth.k, atol=1e-3)
+
+
+def test_only_the_turns_that_are_to_be_repeated_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_about_y(capture: Capture) -> Result:
+        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
+
+    monkeypatch.setitem(METHODS, "closure", open_about_y)
+    of = calibration(X, Y, Z, seed=8)
+    session = CalibrationSession()
+    session.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
+    found = [p for w in Stillness().feed(of.time, of.gyro, of.accel) for p in session.window(w)]
+    assert isinstance(found[-1], Finished)
+    assert (session.done(), session.missing()) == ((0, 2), (1,))
 
 
 def test_a_refused_movement_between_does_no_harm() -> None:

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan
-from estimator.batch.capture import History, Samples
+from estimator.batch.capture import History, Rest, Samples
 from estimator.batch.stages import Settled, StageKnobs, Stages
 from estimator.stillness import Stillness
 from tests.estimator.stream import Stream, calibration, stream
@@ -91,3 +93,11 @@ def test_history_keeps_what_it_must_and_forgets_the_rest() -> None:
     part = history.between(350.0, 360.0)
     np.testing.assert_array_equal(part.gyro, of.gyro[of.at(350.0) : of.at(360.0) + (of.time == 360.0).sum()])
     assert part.accel is not None
+    before = history.between(0.0, 10.0)
+    assert (len(before), before.gyro.shape, before.accel, before.clipped.shape) == (0, (0, 3), None, (0,)), "forgotten"
+
+
+def test_a_rest_that_wandered_is_so_much_less_sure() -> None:
+    rest = Rest(0.0, 4.0, np.zeros(3), np.full(3, 1e-3), np.zeros(3), 400, None)
+    wandered = replace(rest, wander=np.array([0.0, 3e-4, 1e-3]))
+    np.testing.assert_allclose(np.diag(wandered.bias_cov - rest.bias_cov), [0.0, 9e-8, 1e-6])

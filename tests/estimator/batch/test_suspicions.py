@@ -1,17 +1,22 @@
 """What speaks against a calibration although its turns close: axes, units, rates, pauses, a rest that is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from bridge.recording import Recording
+from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from bridge.wire.messages import Verdict
 from estimator import offline
-from estimator.batch.axes import MAPPINGS, in_words
+from estimator.batch.axes import MAPPINGS, foreign_axes, in_words, misfit
 from estimator.batch.result import Result
 from estimator.batch.stages import wander
+from tests.estimator.batch.sessions import capture as captured
+from tests.estimator.stream import calibration
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +38,32 @@ def test_every_swap_and_mirror_of_axes_is_named(number: int) -> None:
     else:
         assert result.verdict is Verdict.REFUSED
         assert in_words(MAPPINGS[number].T) in result.reason
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], "z is −z of what the gyro reports"),
+        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], "x is y, y is x of what the gyro reports"),
+        ([[0, 0, -1], [1, 0, 0], [0, 1, 0]], "x is −z, y is x, z is y of what the gyro reports"),
+    ],
+)
+def test_a_mapping_in_words_says_what_each_axis_is(mapping: list[list[int]], words: str) -> None:
+    assert in_words(np.array(mapping, float)) == words
+
+
+def test_gravity_carried_wrongly_misses_by_gravity_at_the_most() -> None:
+    of = calibration(seed=3, spec=ImuSpec(noise_dps=0.0, accel_noise=0.0))
+    turn = captured(of).turns[0]
+    found = misfit(turn.before, turn.samples, of.truth.matrix)
+    assert found[0] < 1e-3 < found.max() < 4.0, "of gravity squared"
+
+
+def test_of_a_movement_that_no_accelerometer_saw_axes_are_not_judged() -> None:
+    turn = captured(calibration(seed=3)).turns[0]
+    unseen = replace(turn.samples, accel=None)
+    mirrored = replace(turn.samples, gyro=turn.samples.gyro @ MAPPINGS[-1].T)
+    assert foreign_axes([(turn.before, unseen), (replace(turn.before, accel=None), mirrored)], np.eye(3)) is None
 
 
 @pytest.mark.data

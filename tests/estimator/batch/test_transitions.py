@@ -10,7 +10,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, State, Verdict
 from estimator import offline
 from estimator.batch import transitions
-from estimator.batch.carry import MATRIX_PARAMETERS, PARAMETERS, Problem, TransitionKnobs, Transitions
+from estimator.batch.carry import MATRIX_PARAMETERS, PARAMETERS, Problem, TransitionKnobs, Transitions, _biases
 from estimator.batch.gravity import AccelKnobs
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
@@ -82,6 +82,29 @@ def test_its_slopes_are_those_of_its_residuals(session: tuple[Stream, Transition
     assert len(r) == len(J)
 
 
+def test_a_bias_that_moved_from_rest_to_rest_is_seen_in_their_scatter(session: tuple[Stream, Transitions]) -> None:
+    data, rng, found = session[1].only(range(7)), np.random.default_rng(7), []
+    for _ in range(400):
+        moved = rng.normal(0.0, 1e-2, (len(data.rests), 3))
+        rests = tuple(replace(rest, bias=off) for rest, off in zip(data.rests, moved, strict=True))
+        found.append(_biases(replace(data, rests=rests), EXACT)[0].mean())
+    # Of n rests n - 1 tell of the scatter; their own noise is next to nothing beside it.
+    assert np.mean(found) == pytest.approx((1 - 1 / len(data.rests)) * 1e-4, rel=0.05)
+
+
+def test_rests_that_agree_show_no_bias_that_moved(session: tuple[Stream, Transitions]) -> None:
+    data, rng = session[1].only(range(7)), np.random.default_rng(8)
+    own = np.array([np.diag(rest.bias_cov) for rest in data.rests])
+    ratio = []
+    for _ in range(400):
+        rests = tuple(
+            replace(rest, bias=off) for rest, off in zip(data.rests, rng.normal(0.0, np.sqrt(own)), strict=True)
+        )
+        ratio.append((_biases(replace(data, rests=rests), EXACT)[0] / own).mean())
+    # Half of the time they scatter by chance a little more than their noise, which cannot be told from a bias that moved.
+    assert 1.1 < np.mean(ratio) < 1.35
+
+
 def test_a_movement_that_contradicts_is_left_out(session: tuple[Stream, Transitions]) -> None:
     of, data = session
     samples = list(data.samples)
@@ -138,6 +161,30 @@ def test_many_movements_that_show_no_misalignment_name_what_is_missing() -> None
     assert result.verdict is Verdict.ACCEPTED
     assert "m_" in result.reason
     assert "other sides" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (("CONDITION", 1.0), "the poses do not show the whole matrix (condition number"),
+        (("FEWEST", 99), "16 movements are too few for a full matrix (99 at least)"),
+    ],
+)
+def test_a_full_matrix_needs_poses_that_show_it_and_movements_enough(
+    monkeypatch: pytest.MonkeyPatch, limit: tuple[str, float], words: str
+) -> None:
+    of = in_poses(4, 16)
+    assert offline.calibrate(of.recording(), "transitions")[0].parameters == MATRIX_PARAMETERS
+    monkeypatch.setattr(transitions, *limit)
+    result, _ = offline.calibrate(of.recording(), "transitions")
+    assert (result.verdict, result.parameters) == (Verdict.ACCEPTED, PARAMETERS[:6])
+    assert words in result.reason
+
+
+def test_a_full_matrix_needs_each_element_known(session: tuple[Stream, Transitions]) -> None:
+    assert transitions.estimate(session[1]).full
+    found = transitions.estimate(session[1], TransitionKnobs(element_std=1e-6))
+    assert (found.full, len(found.unknown)) == (False, 6)
 
 
 @pytest.mark.parametrize("method", ["transitions", "accel_aided"])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,12 @@ def test_without_noise_it_is_the_truth() -> None:
     assert result.parameters == MATRIX_PARAMETERS
     np.testing.assert_allclose(result.matrix, of.truth.matrix, atol=1e-9)
     np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
+
+
+def test_it_needs_no_accelerometer() -> None:
+    of = samples(on_a_turntable(1))
+    blind = by_turntable(replace(of, accel=None), RATES)
+    np.testing.assert_array_equal(blind.matrix, by_turntable(of, RATES).matrix)
 
 
 def test_its_covariance_is_what_repeating_shows() -> None:
