@@ -16,7 +16,7 @@ from estimator.stillness import StillnessKnobs
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
 #: seconds of rest after which the estimator has judged a turn, or never will
-_JUDGED_S = 2.0
+_JUDGED_S = 3.0
 _FULL = 2 * pi
 _IGNORED = "movement ignored"
 #: what is wrong with a turn, and not with a movement between two poses

@@ -75,9 +75,9 @@ SCENES: Mapping[str, Scene] = {
     "twice the noise": Scene(noise_dps=0.1),
     "less than half of it": Scene(noise_dps=0.02),
     "a slower walk": Scene(walk_dps=8e-4),
-    "temperature steps": Scene(seconds=600.0, step_k=0.5),
+    "temperature steps": Scene(seconds=590.0, step_k=0.5),
     # Outside the model: a leap of over 2 K is not believed for ten seconds, while the bias has followed it at once.
-    "temperature leaps (*)": Scene(seconds=600.0, step_k=2.0),
+    "temperature leaps (*)": Scene(seconds=590.0, step_k=2.0),
     # Outside, too: what seems a rest is none, while the skin warms the device by what the tracker does not know yet.
     "a walk with pauses (*)": Scene(walk_dps=7e-4, other=walk_with_pauses),
 }

@@ -49,12 +49,16 @@ def keep(page: Page, name: str) -> None:
     page.screenshot(path=OUT / f"real-{name}.png", full_page=True)
 
 
-def test_a_newcomer_from_the_ward_page_to_the_verdict(ward: Ward, page: Page, tmp_path: Path) -> None:
+def test_a_newcomer_from_the_ward_page_to_the_verdict(
+    ward: Ward, page: Page, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     expect(page.locator(".tile")).to_have_count(1)
     words = [sys.executable, "-m", "estimator.cli", "calibrate", "--live", NAME, "--config", str(ward.config)]
     told = tmp_path / "terminal"
     with told.open("wb") as out:
         terminal = subprocess.Popen([*words, "--lang", "en", "--seconds", "100"], stdout=out, stdin=subprocess.DEVNULL)
+    request.addfinalizer(terminal.wait)
+    request.addfinalizer(terminal.kill)  # before that
     while not told.stat().st_size:  # it says that nothing is heard of it: it listens
         time.sleep(0.05)
         assert terminal.poll() is None
