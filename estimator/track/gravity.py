@@ -9,7 +9,8 @@ Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean
 what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The mean, for what
 goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. A walker's
 does not: it is the same for many seconds, and so many are believed no more than one (lasting.py). The gyro's scale and
-misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are known.
+misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are
+known.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
