@@ -137,8 +137,8 @@ class Gravity:
         return Evidence("gravity", z, H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
-        """Note what came of this evidence of a span."""
-        if resting or not receipt.accepted:
+        """Note what came of this evidence of a span; what is that unlikely is no walk: a mirrored accelerometer, say."""
+        if resting or receipt.test_ratio > 1:
             self._lasting.broken()
         else:
             self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.end, span.seconds)
