@@ -108,10 +108,11 @@ class Wearer:
 
     def leg_and_pause(self) -> Iterator[Stretch]:
         """Ten seconds to two minutes of walking, and a few in which to stand."""
-        yield self._leg(self._rng.uniform(10, 120))
+        yield self.leg(self._rng.uniform(10, 120))
         yield self.quiet(Activity.SITTING, self._rng.uniform(2, 15), breath=0.4, restless_deg=0.4)
 
-    def _leg(self, duration_s: float) -> Stretch:
+    def leg(self, duration_s: float) -> Stretch:
+        """Walking, at an even speed but round corners."""
         f, rng = self._stride_hz * self._rng.uniform(0.9, 1.1), self._rng
         times = np.array([1.0, 2.0, 1.0, 3.0])
         share = np.array([1.0, 0.3, 0.35, 0.15])[:, None]

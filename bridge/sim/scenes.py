@@ -95,6 +95,14 @@ def walk_with_pauses(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0,
     return recorded(body, Imperfection(worn_spec(rate_hz), sensor_rng), Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
+def steady_walk(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0) -> Day:
+    """On a table, then put on and walked with, round corners and without a pause; the skin warms the device."""
+    rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 5]).spawn(3)
+    wearer = Wearer(rng)
+    body = Body(iter([wearer.table(rest_s), wearer.leg(walk_s)]), attitude=anyhow(rng))
+    return recorded(body, Imperfection(worn_spec(rate_hz), sensor_rng), Warmth(warmth_rng), rest_s + walk_s, rate_hz)
+
+
 class Steps:
     """A temperature that jumps every few minutes by a normal step of that many K."""
 

@@ -7,14 +7,15 @@ velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's 
 
 Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, give or take
 what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The mean, for what
-goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. The gyro's
-scale and misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as
-they are known.
+goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. A walker's
+does not: it is the same for many seconds, and so many are believed no more than one (lasting.py). The gyro's scale and
+misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are
+known.
 Source: bounded-velocity aiding as in inertial navigation, P. D. Groves, "Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import exp, sqrt
 
 import numpy as np
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 from estimator.rotation import cross_matrix
 from estimator.strapdown import Span
 from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasState
-from estimator.track.evidence import Evidence
+from estimator.track.evidence import Evidence, Receipt
+from estimator.track.lasting import Lasting, LastingKnobs
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +45,8 @@ class GravityKnobs:
     speed: float = 0.1
     speed_per_unrest: float = 0.2
     fastest: float = 0.7
+    #: and of a wearer whose velocity lasts
+    lasting: LastingKnobs = field(default_factory=LastingKnobs)
     #: of a resting device
     resting_speed: float = 0.01
     #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
@@ -70,6 +74,7 @@ class Gravity:
         self.matrix = matrix
         #: whether g and v in the state are of now
         self.known = False
+        self._lasting = Lasting(knobs.lasting)
 
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
         """A state with this evidence's parts behind its own; relative deviations (3,) of the matrix's diagonal and rows."""
@@ -79,7 +84,7 @@ class Gravity:
         std = np.repeat(cross_std, 3)
         std[::4] = scale_std
         P[MATRIX, MATRIX] = np.diag(std**2)
-        self.known = False
+        self.lose()
         return replace(state, x=x, P=P)
 
     def matrix_now(self, x: Floats) -> Floats:
@@ -89,6 +94,7 @@ class Gravity:
     def lose(self) -> None:
         """The way gravity went is not known."""
         self.known = False
+        self._lasting.broken()
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
@@ -127,7 +133,15 @@ class Gravity:
         H = _VELOCITY_SEEN.copy()
         H[:, GRAVITY] = T / 2 * _ONE
         z = span.end.T @ (span.push - span.shift / T)
-        return Evidence("gravity", z, H, self._speed(span) ** 2 * _ONE, self.knobs.doubt, soft=True)
+        R = self._lasting.factor * self._speed(span) ** 2 * _ONE
+        return Evidence("gravity", z, H, R, self.knobs.doubt, soft=True)
+
+    def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
+        """Note what came of this evidence of a span; what is that unlikely is no walk: a mirrored accelerometer, say."""
+        if resting or receipt.test_ratio > 1:
+            self._lasting.broken()
+        else:
+            self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.end, span.seconds)
 
     def _speed(self, span: Span) -> float:
         return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)

@@ -291,7 +291,9 @@ class Tracker:
         )
         resting = quiet and self._zaru.at_rest(second)
         if span is not None:
-            self._accelerometer.heard(self._filter.update(self._gravity.evidence(span, resting=resting)))
+            said = self._filter.update(self._gravity.evidence(span, resting=resting))
+            self._gravity.heard(said, span, resting=resting)
+            self._accelerometer.heard(said)
         if not quiet:
             self._zaru.moved(self._filter)
             self._bounded.broken()

@@ -3,7 +3,7 @@
 White noise, a bias that is a random walk of the strength the tracker is told, true rests and free movement between them; it
 begins with an honest deviation. At the end of a scene, and on the way: the mean over every second of it. The band is that
 of so many independent seeds; on the way each seed counts as one, though its seconds make it scatter less. What is outside is
-marked with "!". (*): more than the filter's model holds; the walk, which is long, has a fourth of the seeds.
+marked with "!". (*): more than the filter's model holds; the walks, which are long, have a fourth of the seeds.
 Writes out/honesty.json. `make bench-tracking`.
 """
 
@@ -21,7 +21,7 @@ from rich.table import Table
 from scipy.stats import chi2
 
 from bridge.sim.day import Day
-from bridge.sim.scenes import rests_and_motion, walk_with_pauses
+from bridge.sim.scenes import rests_and_motion, steady_walk, walk_with_pauses
 from estimator.gyro import GyroModel
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasKnobs
@@ -78,6 +78,7 @@ SCENES: Mapping[str, Scene] = {
     "temperature steps": Scene(seconds=590.0, step_k=0.5),
     # Outside the model: a leap of over 2 K is not believed for ten seconds, while the bias has followed it at once.
     "temperature leaps (*)": Scene(seconds=590.0, step_k=2.0),
+    "a steady walk": Scene(walk_dps=7e-4, other=steady_walk),
     # Outside, too: what seems a rest is none, while the skin warms the device by what the tracker does not know yet.
     "a walk with pauses (*)": Scene(walk_dps=7e-4, other=walk_with_pauses),
 }

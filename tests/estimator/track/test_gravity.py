@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from estimator.strapdown import sum_up
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.evidence import Receipt
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, SIZE, VELOCITY, G, Gravity, GravityKnobs
 
 Floats = NDArray[np.float64]
@@ -99,3 +100,16 @@ def test_turning_does_not_make_the_accelerometer_worse_than_it_may_be() -> None:
     knobs = gravity.knobs
     assert knobs.accel_bias < stds[0] < stds[10]
     assert stds[-1] == pytest.approx(np.hypot(knobs.accel_bias, knobs.accel_pose), rel=0.02)
+
+
+@pytest.mark.parametrize(("ratio", "grows"), [(0.5, True), (2.0, False)], ids=["a walk", "too unlikely"])
+def test_a_velocity_that_lasts_is_believed_less_unless_it_cannot_be_one(*, ratio: float, grows: bool) -> None:
+    """A mirrored accelerometer contradicts for as long as it is there; believed less, it would be found out later."""
+    gravity, bias = resting()
+    span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
+    gravity.carry(span, bias, 1e-4)
+    first = gravity.evidence(span, resting=False).R[0, 0]
+    said = Receipt(0.0, "gravity", np.array([0.1, 0.0, 0.0]), np.eye(3), ratio, accepted=True)
+    for _ in range(120):
+        gravity.heard(said, span, resting=False)
+    assert (gravity.evidence(span, resting=False).R[0, 0] > first) == grows

@@ -1,0 +1,62 @@
+"""Whether a wearer goes on the same way from second to second, as a walker does, and how little his velocity says then.
+
+Gravity measures the mean velocity of each second as zero with an error of its own. A walker's is that of the second before, and
+of many before that: n of them tell no more than one, until a corner changes it and all of them were wrong by the same. It shows
+in the innovations: what two neighbours share, in the same axes, as a part of what the measurement's variance R lets each be,
+
+    c = mean over the last minute of (innovation · the one before) / (3 R),
+
+is some 0.2 in a walk already while the filter takes the walker's velocity for a tilt and hides it, 0.6 when it no longer does.
+Who moves about in one place stays below 0.1, as fast as he may be. R grows with what c is above that; the more it has grown, the
+more of a walk c shows.
+Source: innovation correlation as a measure of R, R. K. Mehra, "On the identification of variances and adaptive Kalman
+filtering", IEEE Trans. Automatic Control 15 (1970); the coefficients from tests/bench/honesty.py and tests/bench/tracking.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LastingKnobs:
+    """What neighbours share, c, and what follows from it."""
+
+    #: s of movement that c is the mean of
+    memory_s: float = 60.0
+    #: c of who moves about in one place, and how far R grows for each 1 of c above it, at the most so many times
+    bounded: float = 0.1
+    growth: float = 200.0
+    most: float = 80.0
+    #: what one second counts for at the most: a fall is no walk
+    one: float = 2.0
+
+
+class Lasting:
+    """Innovations in, one a second of movement; how much larger R is to be out."""
+
+    def __init__(self, knobs: LastingKnobs | None = None) -> None:
+        self.knobs = knobs or LastingKnobs()
+        self._shared = 0.0
+        self._before: Floats | None = None
+
+    @property
+    def factor(self) -> float:
+        """How many times R is what it would be of a velocity that is another each second."""
+        knobs = self.knobs
+        return min(knobs.most, 1.0 + knobs.growth * max(0.0, self._shared - knobs.bounded))
+
+    def heard(self, innovation: Floats, var: float, end: Floats, seconds: float) -> None:
+        """Take the next innovation (3,) m/s, in axes of its span's end (3, 3), of a measurement of variance var unmultiplied."""
+        if self._before is not None:
+            shared = float(innovation @ (end.T @ self._before)) / (3 * var)
+            one = self.knobs.one
+            self._shared += min(1.0, seconds / self.knobs.memory_s) * (max(-one, min(one, shared)) - self._shared)
+        self._before = innovation
+
+    def broken(self) -> None:
+        """The next innovation has no neighbour."""
+        self._before = None
