@@ -160,6 +160,7 @@ class Once:
             self._leave_out("repeated", min(last, end) - max(first, start))
         boot.samples = sum(len(piece) for piece, _ in boot.held)
         boot.lowest = min((piece.epoch for piece, _ in boot.held), default=batch.epoch)
+        boot.oldest = min((came for _, came in boot.held), default=boot.oldest)
 
     def _hold(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
         """Put what is new of a batch among what is held."""
