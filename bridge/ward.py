@@ -30,6 +30,11 @@ _TURN = 0.5  # of the time between batches: the most that one device may take of
 _log = logging.getLogger(__name__)
 
 
+def cached(batch_s: float) -> int:
+    """How many messages of a device are kept for who missed them, one each batch_s."""
+    return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
+
+
 class Outlet:
     """What one device has on the bus: its publishers, and a token for the boot that is there now."""
 
@@ -98,7 +103,7 @@ class Ward:
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
-        cache = min(max(1, round(_CACHE_S / self._batch_s)), _CACHE_MOST)
+        cache = cached(self._batch_s)
         self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
         # Who can send faster during a calibration must hear of it, and who sends for nothing.

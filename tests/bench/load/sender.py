@@ -8,17 +8,15 @@ import sys
 import time
 
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.ward import cached
 from tests.bench.load.stream import Fleet
-
-_CACHE_S = 5.0
 
 
 def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amount: str, warm_s: str) -> None:
     """Print, as JSON, what was sent and when it began."""
     fleet = Fleet(int(devices), float(rate_hz), int(batch))
     with ZenohBus([endpoint]) as bus:
-        cache = max(1, round(_CACHE_S / fleet.period_s))
-        publishers = [bus.publisher(key, cache=cache) for key in fleet.keys]
+        publishers = [bus.publisher(key, cache=cached(fleet.period_s)) for key in fleet.keys]
         time.sleep(1.0)  # for everybody to learn of so many
         rounds = round(float(amount) / fleet.period_s) if mode == "paced" else int(amount) // fleet.n
         made = [list(fleet.round(i, time.time_ns())) for i in range(rounds)] if mode == "burst" else None
