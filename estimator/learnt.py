@@ -206,6 +206,11 @@ class Learnt:
         """As it would be restored; of a calibrated boot, or one that is sure of it."""
         return self.tracker.worth_keeping if self.calibration is not None or self.tracker.sure else None
 
+    @property
+    def reached(self) -> tuple[int, int] | None:
+        """Sequence number and host time of the last sample that the bias knows of; None before there is one."""
+        return self._past.reached
+
     def correction(self) -> Correction:
         """What all of it says is to be applied."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None

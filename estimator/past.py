@@ -25,6 +25,11 @@ class Past:
         if not self._seconds or self._seconds[-1][0] < tracked:
             self._seconds += [window for window in self._windows if window[0] == tracked]
 
+    @property
+    def reached(self) -> tuple[int, int] | None:
+        """Sequence number and host time of the last sample that the tracker knows of; None before there is one."""
+        return self._seconds[-1][1:] if self._seconds else None
+
     def revision(
         self, batch: SampleBatch, calibration: str, matrix: NDArray[np.float64], gap_s: float, smoothed: Smoothed
     ) -> BiasRevision | None:

@@ -60,7 +60,8 @@ class Conservation:
     def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
         """What is newly wrong, by device, "" for all of them together: in words.
 
-        decoded: samples that came through the service's door; turned_away: those of devices there was no room for.
+        decoded: samples that came through the service's door; turned_away: those of them that went to no device, counted with
+        the reason.
         """
         for name in self._last.keys() - accounts.keys():
             self.leave(name)

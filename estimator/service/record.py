@@ -127,6 +127,14 @@ class Record:
         """Another's calibration, which may be gone for ever with it."""
         self._keep(device.session, lambda: self._store.add_calibration(calibration))
 
+    def reached(self, device: str) -> tuple[int, int, int] | None:
+        """See Store.reached; also None where the store does not say."""
+        try:
+            return self._store.reached(device)
+        except StoreError as error:
+            self._failing(error)
+            return None
+
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """The last calibration of the same hardware in an earlier boot, saved or not."""
         for unsaved in reversed(device.unsaved):
@@ -243,10 +251,10 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubt.stands and session.calibration is not None
-        row, asked = (device.name, boot, self._now_ns(), state), session.learnt.asked
+        row, asked, reached = (device.name, boot, self._now_ns(), state), session.learnt.asked, session.learnt.reached
         self._keep(
             session,
-            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked),
+            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),
             lambda _: self._noting.discard(device.name),
         )
 

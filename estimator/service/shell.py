@@ -34,6 +34,7 @@ from estimator.service.peers import MANY, Peers
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
+from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
 from estimator.service.silent import Silent
 from estimator.service.sources import Ruling
@@ -97,6 +98,7 @@ class Service:
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
+        self._resumed = Resumed(self._record.reached, self._stock.came, self.counts, time.monotonic())
         self._turns = Turns(self._lane.take, self._flooded)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
@@ -150,7 +152,7 @@ class Service:
         messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
-        messages = self._gate.admit(messages, began)
+        messages = self._resumed.left(self._gate.admit(messages, began), began)
         for message in self._gate.admit(self._info.drain(512, 0.0), began):
             info = self._info_door.take(message)
             if info is not None:

@@ -7,6 +7,7 @@ from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
+from estimator.service.resumed import DONE
 from estimator.service.roster import TOO_MANY, Roster
 from estimator.service.sources import ELSEWHERE
 from estimator.service.vitals import DeviceVitals, Note, Vitals
@@ -35,7 +36,8 @@ class Stock:
     def check(self) -> None:
         """Between two rounds: all that came is out, dropped, refused or waiting; else that is said, once, and counted."""
         accounts = {name: _account(device) for name, device in self._devices.items()}
-        turned_away = self._counts.as_dict().get(TOO_MANY, 0)
+        counts = self._counts.as_dict()
+        turned_away = counts.get(TOO_MANY, 0) + counts.get(DONE, 0)
         for name, words in self._law.check(accounts, self._decoded, turned_away).items():
             self._counts.add(EVENT)
             if self._law.violations[name] == 1:

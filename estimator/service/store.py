@@ -91,15 +91,16 @@ class Store:
         history: bool,
         doubted: bool = False,
         asked: tuple[str, str] | None = None,
+        reached: tuple[int, int] | None = None,
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered.
+        doubted, asked: see Remembered; reached: see Learnt.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        text = json.dumps([x, P, *at, {"doubted": doubted, "asked": asked}])
+        text = json.dumps([x, P, *at, {"doubted": doubted, "asked": asked, "reached": reached}])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
@@ -205,6 +206,23 @@ class Store:
                 asked = tuple(more["asked"]) if more.get("asked") else None
                 return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
+
+    def reached(self, device: str) -> tuple[int, int, int] | None:
+        """Of a device that is calibrated in its latest boot: the boot, and sequence number and host time that its bias knows of.
+
+        None where it is to be calibrated: its last turns may be in what a bridge still keeps.
+        """
+        for row in self.database.rows("bias", "device = ?", (device,), "time_ns DESC", 1):
+            kept = json.loads(row["state"])
+            more = kept[_STATE] if len(kept) > _STATE else {}
+            where = "device = ? AND boot = ?"
+            if (
+                more.get("reached")
+                and not more.get("asked")
+                and self.database.rows("calibrations", where, (device, row["boot"]))
+            ):
+                return int(row["boot"], 16), *more["reached"]
+        return None
 
     def prior(self, info: DeviceInfo, now_ns: int = MAX_TIME_NS) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""

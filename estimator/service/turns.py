@@ -22,6 +22,8 @@ _REMEMBERED = 1024
 FLOODED = "messages flooded"
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
+#: and where there is nothing else, as when all have something waiting after a restart
+ALONE_S = 0.01
 #: with so many waiting of all devices together nothing more is taken in
 FULL = 16384
 
@@ -74,8 +76,9 @@ class Turns:
 
     def round(self, messages: Sequence[Message]) -> None:
         """Handle what came, and some of what waits."""
-        self._take(self._prompt(messages))
-        until = self._clock() + ASIDE_S
+        prompt = self._prompt(messages)
+        self._take(prompt)
+        until = self._clock() + (ASIDE_S if prompt else ALONE_S)
         while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.

@@ -1,0 +1,72 @@
+"""What an estimator that was restarted need not do again.
+
+Bridges keep half a minute of what they sent, for whoever missed it. Of a calibrated device most of it had been corrected, said
+and learnt from before the restart; to do it again would keep what comes now waiting, of hundreds of devices for minutes.
+"""
+
+from collections.abc import Callable
+
+from google.protobuf.message import DecodeError
+
+from bridge.bus.contract import Message
+from bridge.wire import columns_pb2 as columns
+from bridge.wire import keys
+from bridge.wire.refusal import Refusal, Tally
+from estimator.service.roster import MAX_DEVICES
+
+#: under this, samples are counted that were corrected before the restart
+DONE = "samples corrected before the restart"
+#: longer than a bridge's cache goes back, and than it takes to come, s
+LASTS_S = 60.0
+#: so much of what was done is done again, s: it may not have reached everybody
+OVERLAP_S = 2.0
+
+#: of a device: boot, and sequence number and host time up to which it is done
+Reached = tuple[int, int, int]
+
+
+class Resumed:
+    """Messages in, those that are to be handled out; `reached` tells what was kept of a device, came takes numbers of samples."""
+
+    def __init__(
+        self, reached: Callable[[str], Reached | None], came: Callable[[int], None], counts: Tally, now: float
+    ) -> None:
+        self._reached, self._came, self._counts = reached, came, counts
+        self._until = now + LASTS_S
+        self._keys: dict[str, Reached | None] = {}
+
+    def left(self, messages: list[Message], now: float) -> list[Message]:
+        """Those that were not done before, in their order."""
+        if now >= self._until:
+            self._keys.clear()
+            return messages
+        return [message for message in messages if not self._done(message)]
+
+    def _done(self, message: Message) -> bool:
+        key = message.key
+        if key not in self._keys:
+            if len(self._keys) >= MAX_DEVICES:
+                return False
+            self._keys[key] = self._asked(key)
+        point = self._keys[key]
+        if point is None:
+            return False
+        boot, last, time_ns = point
+        try:
+            raw = columns.SampleBatch.FromString(message.payload)
+        except (DecodeError, UnicodeDecodeError, RuntimeWarning):
+            return False  # the door says why
+        n = len(raw.ticks) // 8
+        before = raw.receive_time_ns < time_ns - OVERLAP_S * 1e9  # else it is another run under the same boot number
+        if raw.boot == boot and raw.sequence + n <= last and before:
+            self._came(n)
+            self._counts.add(DONE, n)
+            return True
+        self._keys[key] = None
+        return False
+
+    def _asked(self, key: str) -> Reached | None:
+        try:
+            return self._reached(keys.parse(key).device)
+        except Refusal:
+            return None
