@@ -251,7 +251,8 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubt.stands and session.calibration is not None
-        row, asked, reached = (device.name, boot, self._now_ns(), state), session.learnt.asked, session.learnt.reached
+        row, learnt = (device.name, boot, self._now_ns(), state), session.learnt
+        asked, reached = learnt.asked, None if learnt.turned else learnt.reached
         self._keep(
             session,
             lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),

@@ -1,7 +1,8 @@
 """What an estimator that was restarted need not do again.
 
-Bridges keep half a minute of what they sent, for whoever missed it. Of a calibrated device most of it had been corrected, said
-and learnt from before the restart; to do it again would keep what comes now waiting, of hundreds of devices for minutes.
+Bridges keep half a minute of what they sent, for whoever missed it. Most of it had been corrected, said and learnt from before
+the restart; to do it again would keep what comes now waiting, of hundreds of devices for minutes. Where turns were taken of a
+calibration under way all of it is: they may be in it.
 """
 
 from collections.abc import Callable

@@ -95,7 +95,7 @@ class Store:
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered; reached: see Learnt.
+        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
@@ -208,19 +208,14 @@ class Store:
         return None if calibration is None else Remembered(calibration, None)
 
     def reached(self, device: str) -> tuple[int, int, int] | None:
-        """Of a device that is calibrated in its latest boot: the boot, and sequence number and host time that its bias knows of.
+        """Boot, sequence number and host time of the last sample that the latest bias of a device knows of.
 
-        None where it is to be calibrated: its last turns may be in what a bridge still keeps.
+        None where a calibration was under way: what a bridge still keeps may hold its turns.
         """
         for row in self.database.rows("bias", "device = ?", (device,), "time_ns DESC", 1):
             kept = json.loads(row["state"])
             more = kept[_STATE] if len(kept) > _STATE else {}
-            where = "device = ? AND boot = ?"
-            if (
-                more.get("reached")
-                and not more.get("asked")
-                and self.database.rows("calibrations", where, (device, row["boot"]))
-            ):
+            if more.get("reached") and not more.get("asked"):
                 return int(row["boot"], 16), *more["reached"]
         return None
 
