@@ -1,0 +1,135 @@
+"""An estimator that is restarted hears again what it had heard: what was done of it is not done again, and all else is."""
+
+from dataclasses import replace
+
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.wire import codec, keys
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, State
+from bridge.wire.refusal import Tally
+from estimator.service.law import EVENT
+from estimator.service.resumed import DONE, LASTS_S, OVERLAP_S, Resumed
+from estimator.service.store import Store
+from tests.estimator.served import BRIDGE, WARD, Served, numbers
+from tests.estimator.stream import NAME, Stream, calibration
+
+BOOT = 7
+
+
+@pytest.fixture(scope="module")
+def once() -> Stream:
+    return calibration(seed=1)
+
+
+def heard(served: Served, batches: list[SampleBatch]) -> list[CorrectedBatch]:
+    """What a service makes of batches, and of all it has to do once a second."""
+    said = []
+    for batch in batches:
+        served.put(batch)
+        said += served.round(len(batch) / 100)
+    return said + served.rest()
+
+
+def counted(served: Served) -> dict[str, int]:
+    served.round(2.0)
+    return served.service.counts.as_dict()
+
+
+def live(store: Store, batches: list[SampleBatch]) -> list[CorrectedBatch]:
+    """The life of an estimator up to where it is killed."""
+    with Served(store=store) as served:
+        said = heard(served, batches)
+        device = served.service._devices[NAME]
+        served.service._record.checkpoint(device, served.now, force=True)
+    return said
+
+
+def test_what_was_done_before_a_restart_is_not_done_again(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    live(store, batches)
+    after = replace(once, ticks=once.ticks + once.ticks[-1]).part(0, 200).batches(boot=BOOT, first=len(once))
+    with Served(store=store) as served:
+        said = heard(served, [*batches, *after])
+        done = counted(served)[DONE]
+        assert len(once) - 5 * once.rate_hz < done <= len(once) - OVERLAP_S * once.rate_hz
+        assert numbers(said) == [(BOOT, number) for number in range(done, len(once) + 200)]
+        assert said[0].flags[0] == 0, "nothing is missing before it"
+        assert all(batch.quality is Quality.GOOD for batch in said)
+        assert EVENT not in served.service.counts.as_dict()
+        assert served.service._devices[NAME].session.life.state is State.TRACKING
+    store.close()
+
+
+def test_while_it_is_turned_all_of_it_is_done_again(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    with Served(store=store) as served:
+        n = next(n for n, batch in enumerate(batches) if heard(served, [batch]) and turned(served)) + 10
+        heard(served, batches[n - 9 : n])
+        served.service._record.checkpoint(served.service._devices[NAME], served.now, force=True)
+    with Served(store=store) as served:
+        said = heard(served, batches)
+        assert DONE not in counted(served)
+        assert numbers(said) == [(BOOT, number) for number in range(len(once))]
+        assert said[-1].quality is Quality.GOOD
+    store.close()
+
+
+def turned(served: Served) -> bool:
+    return bool(served.service._devices[NAME].session.learnt.turned)
+
+
+def test_a_recalibration_that_was_asked_for_is_not_cut_short(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    with Served(store=store) as served:
+        heard(served, batches)
+        device = served.service._devices[NAME]
+        assert device.session.recalibrate("nurse", "") is None
+        served.service._record.checkpoint(device, served.now, force=True)
+    with Served(store=store) as served:
+        heard(served, batches)
+        assert DONE not in counted(served)
+    store.close()
+
+
+def test_another_run_under_the_same_boot_number_is_taken(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    live(store, batches)
+    later_ns = batches[-1].receive_time_ns - batches[0].receive_time_ns + 1_000_000_000
+    with Served(store=store) as served:
+        again = [replace(b, receive_time_ns=b.receive_time_ns + later_ns) for b in batches[:20]]
+        assert len(numbers(heard(served, again))) == 200
+        assert DONE not in counted(served)
+    store.close()
+
+
+def message(sequence: int, *, boot: int = BOOT, time_ns: int = 10**18, device: str = NAME) -> Message:
+    once = calibration(seed=1).part(0, 10).batches(boot=boot, first=sequence)[0]
+    batch = replace(once, device=device, receive_time_ns=time_ns, start_time_ns=time_ns)
+    return Message(keys.build(WARD, "raw", bridge=BRIDGE, device=device), codec.encode_samples(batch))
+
+
+def test_what_is_let_by() -> None:
+    asked, came, counts = list[str](), list[int](), Tally()
+
+    def reached(device: str) -> tuple[int, int, int] | None:
+        asked.append(device)
+        return (BOOT, 1000, 10**18 + 3 * 10**9) if device == NAME else None
+
+    def left(*messages: Message, now: float = 0.0) -> list[int]:
+        resumed = Resumed(reached, came.append, counts, 0.0)
+        return [messages.index(m) for m in resumed.left(list(messages), now)]
+
+    assert left(message(0), message(990), message(991), message(1001)) == [2, 3], "whole batches only"
+    assert counts.as_dict() == {DONE: 20}
+    assert came == [10, 10]
+    assert left(message(1001), message(0)) == [0, 1], "what comes after the first that is new is new"
+    assert left(message(0, boot=8)) == [0]
+    assert left(message(0, time_ns=10**18 + 10**9 + 1)) == [0], "it may not have reached everybody"
+    assert left(message(0, device="other")) == [0]
+    assert left(Message(message(0).key, b"\xff\xff"), Message("no/key", b"")) == [0, 1], "the door refuses them"
+    assert left(message(0), now=LASTS_S) == [0]
+    resumed, asked[:] = Resumed(reached, came.append, counts, 0.0), []
+    for number in range(5):
+        resumed.left([message(10 * number, device="other")], 1.0)
+    assert asked == ["other"], "the store is asked once"
