@@ -22,7 +22,7 @@ _REMEMBERED = 1024
 FLOODED = "messages flooded"
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
-#: and where there is nothing else, as when all have something waiting after a restart
+#: and where nothing came that could be handled at once, as when all have something waiting after a restart
 ALONE_S = 0.01
 #: with so many waiting of all devices together nothing more is taken in
 FULL = 16384
@@ -78,7 +78,7 @@ class Turns:
         """Handle what came, and some of what waits."""
         prompt = self._prompt(messages)
         self._take(prompt)
-        until = self._clock() + (ASIDE_S if prompt else ALONE_S)
+        began = self._clock()
         while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
@@ -92,7 +92,7 @@ class Turns:
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             self._take(part)
-            if self._clock() >= until:
+            if self._clock() >= began + (ASIDE_S if prompt or key in self._slow else ALONE_S):
                 return
 
     def _next(self) -> str | None:

@@ -64,6 +64,18 @@ def test_a_flood_waits_for_the_others_and_is_dropped_from_the_oldest_on() -> Non
     assert desk.dropped.keys() == {"flood"}
 
 
+def test_where_all_have_something_waiting_more_of_it_is_done_at_a_time() -> None:
+    desk = Desk(dict.fromkeys("abcd", 1e-4))
+    desk.turns.round([message for key in "abcd" for message in messages(key, 0, 200)])
+    rounds = 0
+    while desk.turns.waiting:
+        began, rounds = desk.now, rounds + 1
+        desk.turns.round([message for key in "abcd" for message in messages(key, 199 + rounds, 200 + rounds)])
+        assert desk.now - began < rules.ALONE_S + rules.SHARE * 1e-4
+    assert rounds < 10
+    assert [desk.numbers(key) for key in "abcd"] == [list(range(200 + rounds))] * 4
+
+
 def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
     desk = Desk()
     for millisecond in range(10_000):
