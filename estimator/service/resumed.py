@@ -19,8 +19,8 @@ from estimator.service.roster import MAX_DEVICES
 DONE = "samples corrected before the restart"
 #: longer than a bridge's cache goes back, and than it takes to come, s
 LASTS_S = 60.0
-#: so much of what was done is done again, s: it may not have reached everybody
-OVERLAP_S = 2.0
+#: so much of what was done is done again, s: so long a line may be dead before what was said over it counts as lost
+OVERLAP_S = 5.0
 
 #: of a device: boot, and sequence number and host time up to which it is done
 Reached = tuple[int, int, int]
