@@ -83,7 +83,7 @@ class Bus(Protocol):
     def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> Subscription:
         """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
 
-        A full queue drops its oldest message and counts it in `missed`.
+        A full queue drops its oldest message and counts it in `missed`; of what caches held at the start none is dropped.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:

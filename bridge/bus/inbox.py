@@ -11,13 +11,17 @@ MOST_KEYS = 1024
 
 
 class Inbox:
-    """First in, first out; when full the oldest message makes room and is counted as missed."""
+    """First in, first out; when full the oldest message makes room and is counted as missed.
+
+    What was asked for has room of its own until it is read: caches of a large ward hold more than a queue that is to be short.
+    """
 
     def __init__(self, capacity: int) -> None:
         if capacity < 1:
             raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
         self._capacity = capacity
         self._messages: deque[Message] = deque()
+        self._asked = 0  # of them at most
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
@@ -26,8 +30,8 @@ class Inbox:
         self._came: deque[tuple[float, int]] = deque()
         self._in = self._out = 0
 
-    def put(self, messages: Iterable[Message]) -> None:
-        """Take messages in; never waits. After close they are discarded."""
+    def put(self, messages: Iterable[Message], *, asked: bool = False) -> None:
+        """Take messages in, asked for or not; never waits. After close they are discarded."""
         with self._ready:
             if self._closed:
                 return
@@ -35,7 +39,9 @@ class Inbox:
             self._messages.extend(messages)
             self._in += len(self._messages) - before
             self._came.append((time.monotonic(), self._in))
-            while len(self._messages) > self._capacity:
+            if asked:
+                self._asked += len(self._messages) - before
+            while len(self._messages) > self._capacity + self._asked:
                 self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
                 self._out += 1
@@ -85,6 +91,7 @@ class Inbox:
             self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
             taken = min(limit, len(self._messages))
             self._out += taken
+            self._asked = max(0, self._asked - taken)
             self._forget()
             return [self._messages.popleft() for _ in range(taken)]
 

@@ -213,7 +213,7 @@ class _Subscription(Reading):
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
-            self._inbox.put(message for _, message in new)
+            self._inbox.put((message for _, message in new), asked=last is None)
 
     def close(self) -> None:
         with self._broker.lock:

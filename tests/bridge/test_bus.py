@@ -353,6 +353,23 @@ def test_a_full_queue_drops_its_oldest_and_counts_it(a: Bus, b: Bus) -> None:
     assert numbers(slow.drain(100, 1.0)) == list(range(990, 1000))
 
 
+def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None:
+    publishers = [a.publisher(f"t/past/{n}", cache=50) for n in range(2)]
+    for number in range(50):
+        for publisher in publishers:
+            publisher.put(str(number).encode())
+    subscription = b.subscribe("t/past/*", history=True, capacity=10)
+    time.sleep(0.5)  # all of it is there before any is read
+    past = collect(subscription, 100)
+    assert [numbers([m for m in past if m.key.endswith(str(n))]) for n in range(2)] == [list(range(50))] * 2
+    assert subscription.missed == 0
+    for number in range(50, 100):
+        publishers[0].put(str(number).encode())
+    eventually(lambda: subscription.missed == 40)
+    assert numbers(subscription.drain(100, 0.0)) == list(range(90, 100)), "its own length counts again"
+    subscription.close()
+
+
 def test_waiting_keeps_to_its_timeout(a: Bus) -> None:
     subscription = a.subscribe("t/none")
     for wait in (lambda: subscription.receive(0.2), lambda: subscription.drain(5, 0.2)):
