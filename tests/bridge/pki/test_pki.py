@@ -283,6 +283,12 @@ def open_key(pki: Path) -> Identity:
     return Folder(pki).identity(B1)
 
 
+def key_beside(pki: Path) -> Identity:
+    with (pki / "bridge.b1.pem").open("ab") as file:
+        file.write((pki / "bridge.b1.key").read_bytes())
+    return Folder(pki).identity(B1)
+
+
 def locked_key(pki: Path) -> Identity:
     key = rsa.generate_private_key(65537, 2048)
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
@@ -314,6 +320,7 @@ def for_a_viewer(pki: Path) -> Identity:
     [
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
+        (key_beside, "(mode 0644): chmod 600"),
         (locked_key, "locked with a password"),
         (other_authority, "not signed by"),
         (no_file, "there is no such file"),
