@@ -191,6 +191,18 @@ def test_a_copy_in_the_folder_is_no_second_member(pki: Path, capsys: pytest.Capt
     assert "bridge.b1-old.pem: it is for 'bridge:b1'; a copy?" in capsys.readouterr().err
 
 
+def test_a_reason_is_listed_without_what_moves_a_cursor(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["pki", "revoke", "bridge:b1", "--reason", "left\x1b[2J on a\nbus", "--folder", str(pki)]) == 0
+    capsys.readouterr()
+    assert main(["pki", "revoke-list", "--folder", str(pki)]) == 0
+    assert capsys.readouterr().out.endswith("left\\x1b[2J on a bus\n")
+    assert (
+        main(["pki", "check", *(word for name in ("ca", "certificate", "key") for word in (f"--{name}", "\x1b[2J"))])
+        == 1
+    )
+    assert "\x1b" not in capsys.readouterr().err
+
+
 def test_a_ward_or_member_that_is_named_twice_is_there_once(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "issue", "router:r", "--host", "localhost") == 0
     capsys.readouterr()
