@@ -51,7 +51,7 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """A router; idle connections lock nobody out, and on `shed` a slow reader loses instead of slowing others."""
+    """A router; idle connections are dropped (SECURITY.md, T7), and on `shed` a slow reader loses instead of slowing others."""
     settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {
         "mode": "router",
         "connect": {"endpoints": []},
