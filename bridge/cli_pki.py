@@ -11,6 +11,7 @@ from bridge.bus import router_file
 from bridge.columns import Column, Columns
 from bridge.config import ConfigError, check, check_endpoints
 from bridge.console import plain_console
+from bridge.logs import printable
 from bridge.pki.authority import DAYS
 from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import Identity, faults
@@ -171,7 +172,7 @@ def _revoke(given: argparse.Namespace) -> int:
 
 def _revoke_list(given: argparse.Namespace) -> int:
     for name, words in Folder(given.folder).revoked().items():
-        print(f"{name}  {words}")
+        print(printable(f"{name}  {words}"))
     return 0
 
 
@@ -202,7 +203,7 @@ def _check(given: argparse.Namespace) -> int:
     roles = (Role(given.role),) if given.role else tuple(Role)
     wrong = faults(Identity(given.ca, given.certificate, given.key), utc_now(), roles)
     for words in wrong:
-        print(words, file=sys.stderr)
+        print(printable(words), file=sys.stderr)
     if not wrong:
         print(f"{given.certificate}: right")
     return 1 if wrong else 0

@@ -7,6 +7,7 @@ from typing import Final
 
 from bridge.columns import Column, Columns
 from bridge.console import plain_console
+from bridge.logs import printable_lines
 from bridge.text.profile import load_profile, shipped
 from bridge.text.trial import attempt, report
 from bridge.wording import count
@@ -43,7 +44,7 @@ def try_profile(args: argparse.Namespace) -> int:
     with args.file.open("rb") as file:
         data = file.read(MAX_FILE)
     trial = attempt(profile, data, args.rate_hz or 0.0)
-    print("\n".join([f"{args.profile}: {profile.summary}", *report(trial, args.seconds or 0.0)]))
+    print(printable_lines("\n".join([f"{args.profile}: {profile.summary}", *report(trial, args.seconds or 0.0)])))
     if not trial.samples:
         print(f"\n{args.file}: {_came(data)}")
     return _DONE if trial.samples else _FAILED

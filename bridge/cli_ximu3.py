@@ -1,7 +1,9 @@
 """The verb `truerate bridge ximu3`: devices of a ward, shown as x-IMU3s."""
 
 import argparse
+import logging
 
+from bridge.bus.self_test import self_test
 from bridge.cli_ward import add_ward, ward_of
 from bridge.config import check
 from bridge.pki.member import Role
@@ -10,6 +12,7 @@ from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
 from bridge.virtual_ximu3.show import MOST_DEVICES, Wanted, show
 
 _DONE = 0
+_log = logging.getLogger(__name__)
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -50,6 +53,8 @@ def shown(args: argparse.Namespace) -> int:
         bus = connected(connect, stop, patient=True)
         if bus is not None:
             with bus:
+                for words in self_test(bus, connect, root.ward):
+                    _log.error("%s", words)
                 show(bus, wanted, stop)
     return _DONE
 

@@ -8,6 +8,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from bridge.logs import printable
+
 _GAP = 2
 
 
@@ -36,7 +38,7 @@ class Columns:
 
     def add(self, *cells: str | Text) -> None:
         """One row; of cells that are missing at its end nothing is shown."""
-        given = [cell if isinstance(cell, Text) else Text(cell) for cell in cells]
+        given = [cell if isinstance(cell, Text) else Text(printable(cell)) for cell in cells]
         self._rows.append((*given, *(Text() for _ in self._columns[len(given) :])))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:

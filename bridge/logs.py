@@ -40,6 +40,11 @@ def printable(text: str) -> str:
     return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
+def printable_lines(text: str) -> str:
+    """The same, each line by itself."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
 class People(logging.Formatter):
     """`LEVEL where: message`; lines of a traceback begin with a bar."""
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import Routers, secured
-from bridge.config import Root, Router
+from bridge.config import LOCAL, Root, Router, check_endpoints
 from bridge.pki.identity import by_authority, member_of
 from bridge.pki.identity import faults as identity_faults
 from bridge.pki.member import Member, Role
@@ -41,6 +41,11 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
     yield from router.faults
+    for key, endpoints in {"listen.endpoints": router.listen, "connect.endpoints": router.join}.items():
+        try:
+            check_endpoints(endpoints or (LOCAL,), key)
+        except ValueError as error:
+            yield str(error)
     if router.identity is not None:
         yield from identity_faults(router.identity, now, (Role.ROUTER,))
         if by_authority(router.identity):

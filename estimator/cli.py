@@ -94,7 +94,7 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
     if given.log_format == logs.JSON:
         log.error("%s", words)
     else:
-        print("\n  ".join(map(logs.printable, f"truerate: {words}".split("\n"))), file=sys.stderr)
+        print(logs.printable_lines(f"truerate: {words}").replace("\n", "\n  "), file=sys.stderr)
     return code
 
 

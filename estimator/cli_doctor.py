@@ -6,12 +6,13 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from rich.console import Console
+from rich.text import Text
 
 from bridge import captures, rivals
 from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import ConfigError, load
+from bridge.console import plain_console
 from bridge.doctor import machine, terminals
 from bridge.doctor.finding import Finding, Level, ok, trouble
 from bridge.doctor.router import answers, certificate, router
@@ -145,10 +146,10 @@ def _places(ward: Ward) -> dict[str, Path]:
 
 
 def _show(findings: Iterable[Finding]) -> None:
-    console = Console(highlight=False, emoji=False)
+    console = plain_console()
     for finding in findings:
         mark, colour = _MARKS[finding.level]
-        console.print(f"[{colour}]{mark}[/]", end=" ")
-        console.print(f"{finding.check}: {finding.said}", markup=False, soft_wrap=True)
+        said = f"{finding.check}: {finding.said}"
+        console.print(Text(mark, colour), said, highlight=False, soft_wrap=True)
         if finding.do:
-            console.print(f"    do: {finding.do}", markup=False, soft_wrap=True)
+            console.print(f"    do: {finding.do}", highlight=False, soft_wrap=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bridge.bus import zenoh_settings
+from bridge.bus import router_limits, zenoh_settings
 from bridge.bus.access import access_control
 from bridge.bus.router import endpoints_of
 from bridge.bus.routers import secured
@@ -17,13 +17,6 @@ from bridge.wire import keys
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.refusal import Refusal
 
-_OURS_US = round(zenoh_settings.CUT_OFF_S * 1e6)
-#: so many times as long is not complained of: files of earlier truerates say so
-_BEARABLE = 2
-#: nor is what is so many times as short
-_HASTY = 10
-#: so many may be about to connect at once, at least
-_PENDING = 100
 #: what an endpoint may say behind its `#`
 _ITS_OWN = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
 
@@ -74,68 +67,27 @@ def _faults(said: dict[str, Any]) -> Iterator[str]:
             yield f"scouting.{what}.enabled must be false: else this router tells the whole network that it is here"
     if said["adminspace"]["enabled"]:
         yield "adminspace.enabled must be false: else its settings can be read over the network"
-    if said["adminspace"]["permissions"]["write"]:
-        yield "adminspace.permissions.write must be false: else its settings can be changed over the network, with zenohd"
+    for may, done in (("read", "read"), ("write", "changed")):
+        if said["adminspace"]["permissions"][may]:
+            yield f"adminspace.permissions.{may} must be false: else its settings can be {done} over the network, with zenohd"
     if said["plugins"]:
         yield f"plugins: {', '.join(said['plugins'])}: zenohd loads them, and no rule holds for what they open: leave them out"
     if said["transport"]["shared_memory"]["enabled"]:
         yield "transport.shared_memory.enabled must be false: what lies in there passes by every limit of size"
     if said["timestamping"]["enabled"] is not False:
         yield "timestamping.enabled must be false: else subscribers with history drop messages"
-    yield from _of_limits(said["transport"])
-    yield from _of_what_is_lost(said)
+    yield from router_limits.faults(said)
     yield from _of_endpoints(said)
-
-
-def _of_what_is_lost(said: dict[str, Any]) -> Iterator[str]:
-    if said["namespace"]:
-        yield f"namespace is {said['namespace']!r}: all would go under keys that nobody reads: leave it out"
-    if said["downsampling"]:
-        yield "downsampling: samples would be lost, silently: leave it out"
-    small = [one["size_limit"] for one in said["low_pass_filter"] if one["size_limit"] < MAX_PAYLOAD]
-    if small:
-        yield f"low_pass_filter: size_limit is {small[0]}: what is larger is lost, silently; ours is {MAX_PAYLOAD}"
-    dropped = {
-        key
-        for one in said["qos"]["network"]
-        if one["overwrite"]["congestion_control"] == "drop" and "egress" in (one["flows"] or ("egress",))
-        for key in one["key_exprs"]
-    }
-    if kept := [key for key in keys.VIEWED if key not in dropped]:
-        yield f"qos.network: on {', '.join(kept)} a slow viewer holds up all others; `truerate pki router` writes it"
-
-
-def _of_limits(transport: dict[str, Any]) -> Iterator[str]:
-    unicast, link = transport["unicast"], transport["link"]
-    wait_us = link["tx"]["queue"]["congestion_control"]["block"]["wait_before_close"]
-    if wait_us > _BEARABLE * _OURS_US:
-        yield f"wait_before_close is {wait_us} µs: one frozen reader silences a ward for so long; {_OURS_US} is ours"
-    if wait_us < _OURS_US // _HASTY:
-        yield f"wait_before_close is {wait_us} µs: who is busy for a moment is cut off; {_OURS_US} is ours"
-    longest_ms = round(_BEARABLE * zenoh_settings.ACCEPT_S * 1000)
-    if unicast["accept_timeout"] > longest_ms or unicast["accept_pending"] < _PENDING:
-        yield (
-            f"accept_timeout is {unicast['accept_timeout']} ms, accept_pending {unicast['accept_pending']}: connections that say"
-            f" nothing lock others out; at most {longest_ms} and at least {_PENDING}"
-        )
-    shortest_ms, longest_ms = (
-        round(1000 * s) for s in (zenoh_settings.ROUTER_LEASE_S, _BEARABLE * zenoh_settings.NETWORK_LEASE_S)
-    )
-    if not shortest_ms <= (lease_ms := link["tx"]["lease"]) <= longest_ms:
-        yield (
-            f"lease is {lease_ms} ms: who says nothing for so long is taken for gone, whoever hangs is not before;"
-            f" {shortest_ms} to {longest_ms} is sensible"
-        )
-    if (most := unicast["max_sessions"]) < _PENDING:
-        yield f"max_sessions is {most}: who comes after so many is not let in; {_PENDING} at least"
-    if (most := link["rx"]["max_message_size"]) < MAX_PAYLOAD:
-        yield f"max_message_size is {most}: what is larger would be lost; messages have up to {MAX_PAYLOAD} bytes"
 
 
 def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
     listen, join = (endpoints_of(said[way]["endpoints"]) for way in ("listen", "connect"))
     if not listen:
         yield "listen.endpoints is empty: it listens nowhere"
+    if said["listen"]["exit_on_failure"] is False:
+        yield "listen.exit_on_failure must be true: else it runs on where its port is taken, and nobody finds it"
+    if join and (said["connect"]["exit_on_failure"] or said["connect"]["timeout_ms"] not in (None, -1)):
+        yield "connect: timeout_ms must be -1 and exit_on_failure false: else it ends, or stays alone, while the other is away"
     open_to_others = [endpoint for endpoint in listen if not secured(endpoint) and not _loopback(endpoint)]
     if open_to_others:
         yield f"{', '.join(open_to_others)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"

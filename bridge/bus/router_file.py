@@ -14,7 +14,7 @@ _WHY = {
     "connect": "other routers, which this one joins",
     "scouting": "nobody is looked for, and nobody is told that we are here",
     "adminspace": "nobody sees or changes this router's settings over the network",
-    "transport": "quick to notice who is gone; who takes nothing for 100 ms is cut off; idle connections lock nobody out",
+    "transport": "quick to notice who is gone; who takes nothing for 100 ms is cut off; idle connections are dropped",
     "timestamping": "with zenoh's own, a subscriber with history takes messages of two publishers that cross for old",
     "qos": "what people look at: a slow viewer loses its own, and holds up nobody",
     "low_pass_filter": "nothing larger than the largest message of the wire",

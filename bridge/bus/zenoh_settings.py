@@ -51,7 +51,7 @@ def client(endpoints: Sequence[str], identity: Identity | None = None) -> Settin
 
 
 def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
-    """A router; idle connections lock nobody out, and on `shed` a slow reader loses instead of slowing others."""
+    """A router; idle connections are dropped (SECURITY.md, T7), and on `shed` a slow reader loses instead of slowing others."""
     settings = _common(CUT_OFF_S, ROUTER_LEASE_S) | {
         "mode": "router",
         "connect": {"endpoints": []},
@@ -61,17 +61,7 @@ def router(listen: Sequence[str], shed: Sequence[str]) -> Settings:
     settings["timestamping"] = {"enabled": False}
     settings["transport"]["unicast"] |= {"accept_timeout": round(ACCEPT_S * 1000), "accept_pending": 1000}
     if shed:
-        settings["qos"] = {
-            "network": [
-                {
-                    # A cached publisher's heartbeats insist on being delivered, too.
-                    "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
-                    "flows": ["egress"],
-                    "messages": ["put", "delete"],
-                    "overwrite": {"congestion_control": "drop"},
-                }
-            ]
-        }
+        settings["qos"] = {"network": [shedding(shed)]}
     return settings
 
 
@@ -87,6 +77,17 @@ def secured_router(
     settings["access_control"] = access_control
     settings["low_pass_filter"] = [size_limit()]
     return joined(settings, join) if join else settings
+
+
+def shedding(shed: Sequence[str]) -> Settings:
+    """A router's rule: a reader that cannot keep up with these loses them, and holds up nobody."""
+    return {
+        # A cached publisher's heartbeats insist on being delivered, too.
+        "key_exprs": [key for pattern in shed for key in (pattern, f"{pattern}/@adv/**")],
+        "flows": ["egress"],
+        "messages": ["put", "delete"],
+        "overwrite": {"congestion_control": "drop"},
+    }
 
 
 def size_limit() -> Settings:

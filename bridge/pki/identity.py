@@ -117,6 +117,7 @@ def faults(identity: Identity, now: datetime, roles: tuple[Role, ...] = tuple(Ro
     try:
         return [
             *_text_faults(identity.ca, identity.certificate),
+            *_keys_beside(identity),
             *_key_faults(identity, given[0]),
             *_certificate_faults(identity, Chain.of(given, trusted), now, roles),
         ]
@@ -132,6 +133,13 @@ def _text_faults(*paths: str) -> Iterator[str]:
                 f"{path}: there is something before -----BEGIN on its line, maybe a mark that an editor has put there (BOM):"
                 " zenoh sees nothing in it"
             )
+
+
+def _keys_beside(identity: Identity) -> Iterator[str]:
+    """Of files that were put together for programs that take one alone."""
+    for path in (identity.ca, identity.certificate):
+        if path != identity.key and b" PRIVATE KEY-----" in Path(path).read_bytes() and (words := exposed(path)):
+            yield f"{words}; there is a private key in it"
 
 
 def exposed(key: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from bridge.cli_ward import add_ward, ward_of
 from bridge.config import ConfigError
 from bridge.console import plain_console
+from bridge.logs import printable
 from bridge.pki.member import Role
 from bridge.progress import Bar
 from bridge.record.settings import Recorder
@@ -135,7 +136,7 @@ def _recover(given: argparse.Namespace) -> None:
     with Bar() as bar:
         recovered = recover(given.file, given.out, bar.on("recovering"))
     for line in recovered.said():
-        print(line)
+        print(printable(line))
 
 
 def _export(given: argparse.Namespace) -> None:
@@ -155,4 +156,4 @@ def _export(given: argparse.Namespace) -> None:
     for path in paths:
         print(path)
     for words in recorded.trouble:
-        print(f"note: {words}")
+        print(printable(f"note: {words}"))

@@ -9,6 +9,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bridge.bus.contract import Bus, BusError, Message, Subscription
+from bridge.bus.routers import Routers
+from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
 from bridge.record.files import Folder, recorded_in
@@ -55,6 +57,8 @@ def record(
         deadline = time.monotonic() + settings.wait_s
         with _connected(open_bus, endpoints, stop, deadline) as bus:
             subscription = bus.subscribe(keys.everything(ward), history=True, capacity=QUEUE)
+            for words in self_test(bus, Routers.of(endpoints), ward, open_bus):
+                _log.error("%s", words)
             first = _first(subscription, settings.devices, stop, deadline)
             if first is None:
                 if stop.is_set():

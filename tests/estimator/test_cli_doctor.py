@@ -128,3 +128,10 @@ def test_trouble_is_an_exit_code(
     monkeypatch.setattr(terminals, "busy", lambda _: [trouble("busy ports", "[taken]", "close it")])
     assert main(["doctor"]) == 1
     assert "✗ busy ports: [taken]\n    do: close it\n" in capsys.readouterr().out
+
+
+def test_what_moves_a_cursor_is_shown_as_an_escape(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "\x1b[2J.toml"]) == 1
+    printed = capsys.readouterr().out
+    assert r"\x1b[2J.toml: there is no such file" in printed
+    assert "\x1b[2J" not in printed

@@ -191,6 +191,18 @@ def test_a_copy_in_the_folder_is_no_second_member(pki: Path, capsys: pytest.Capt
     assert "bridge.b1-old.pem: it is for 'bridge:b1'; a copy?" in capsys.readouterr().err
 
 
+def test_a_reason_is_listed_without_what_moves_a_cursor(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["pki", "revoke", "bridge:b1", "--reason", "left\x1b[2J on a\nbus", "--folder", str(pki)]) == 0
+    capsys.readouterr()
+    assert main(["pki", "revoke-list", "--folder", str(pki)]) == 0
+    assert capsys.readouterr().out.endswith("left\\x1b[2J on a bus\n")
+    assert (
+        main(["pki", "check", *(word for name in ("ca", "certificate", "key") for word in (f"--{name}", "\x1b[2J"))])
+        == 1
+    )
+    assert "\x1b" not in capsys.readouterr().err
+
+
 def test_a_ward_or_member_that_is_named_twice_is_there_once(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "issue", "router:r", "--host", "localhost") == 0
     capsys.readouterr()
@@ -283,6 +295,12 @@ def open_key(pki: Path) -> Identity:
     return Folder(pki).identity(B1)
 
 
+def key_beside(pki: Path) -> Identity:
+    with (pki / "bridge.b1.pem").open("ab") as file:
+        file.write((pki / "bridge.b1.key").read_bytes())
+    return Folder(pki).identity(B1)
+
+
 def locked_key(pki: Path) -> Identity:
     key = rsa.generate_private_key(65537, 2048)
     form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
@@ -314,6 +332,7 @@ def for_a_viewer(pki: Path) -> Identity:
     [
         (other_key, "not the key of"),
         (open_key, "chmod 600"),
+        (key_beside, "(mode 0644): chmod 600"),
         (locked_key, "locked with a password"),
         (other_authority, "not signed by"),
         (no_file, "there is no such file"),

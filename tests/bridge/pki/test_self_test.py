@@ -12,6 +12,7 @@ from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.pki.folder import utc_now
 from bridge.pki.member import Member
+from estimator.cli import main
 from estimator.client import Client
 from tests.bridge.pki.guarded_ward import MEMBERS, WARD, GuardedWard
 
@@ -66,6 +67,24 @@ def test_a_subscriber_is_told_that_it_is_denied(tmp_path: Path, caplog: pytest.L
         with Client(ward.routers("bridge:b1"), ward=WARD) as client:
             [words] = client.denied
         assert "is for bridge:b1" in words
+
+
+def test_a_recorder_and_a_virtual_ximu3_are_told_that_they_are_denied(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward, config = GuardedWard(tmp_path / "pki"), tmp_path / "late.toml"
+    ward.write(by_issuers=False)
+    files = ward.folder.issue(Member.parse("recorder:late"), utc_now())
+    config.write_text(
+        f'ward = "{WARD}"\n[bus]\nconnect = ["{ward.endpoint}"]\nca = "{files.ca}"\ncertificate = "{files.certificate}"\n'
+        f'key = "{files.key}"\n[recorder]\nfolder = "{tmp_path}"\n'
+    )
+    monkeypatch.setattr("bridge.cli_ximu3.show", lambda *_: None)
+    with ward.running():
+        for verb in (["record", "--wait", "1"], ["bridge", "ximu3"]):
+            caplog.clear()
+            main([*verb, "--config", str(config)])
+            assert caplog.text.count("drops all that recorder:late says and hears") == 1, verb
 
 
 def test_a_router_without_rules_is_told_of(tmp_path: Path) -> None:

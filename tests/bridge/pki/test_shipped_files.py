@@ -110,11 +110,33 @@ BREAKS = [
         "samples would be lost, silently",
     ),
     ('"congestion_control": "drop"', '"congestion_control": "block"', "a slow viewer holds up all others"),
+    ('"block": {', '"drop": {"wait_before_drop": 5000000}, "block": {', "wait_before_drop is 5000000"),
+    ('"overwrite"', '"link_protocols": ["tcp"], "overwrite"', "a slow viewer holds up all others"),
+    ('"messages": ["put", "delete"],', '"messages": ["delete"],', "a slow viewer holds up all others"),
+    (
+        '"network": [',
+        '"network": [{"key_exprs": ["truerate/**"], "messages": ["put"], "overwrite": {"congestion_control": "drop"}},',
+        "qos.network: a rule that is not ours",
+    ),
+    ('"max_message_size": 1048576', '"max_message_size": 1073741824', "max_message_size is 1073741824"),
+    ('"accept_timeout": 2000', '"accept_timeout": 20', "nobody shows a certificate so fast"),
+    ('"keep_alive": 10', '"keep_alive": 0', "keep_alive is 0"),
+    ('"keep_alive": 10', '"keep_alive": 1', "keep_alive is 1"),
+    ('"unicast": {', '"unicast": {"lowlatency": true, ', "lowlatency must be false"),
+    (
+        '"transport": {',
+        '"transport": {"auth": {"usrpwd": {"user": "ward", "password": "3"}}, ',
+        "transport.auth: nobody of a ward has passwords",
+    ),
+    ('"read": false', '"read": true', "adminspace.permissions.read must be false"),
+    ('"exit_on_failure": true', '"exit_on_failure": false', "listen.exit_on_failure must be true"),
     ('"id": "bridge:bridge-2 says', '"id": "bridge:bridge-1 says', "two rules have the same id"),
 ]
 JOINED = [
     ('"connect_certificate": "/etc/truerate/pki/router.hospital.pem",', "", "connect_certificate is missing"),
     ('"verify_name_on_connect": true', '"verify_name_on_connect": false', "verify_name_on_connect must be true"),
+    ('"timeout_ms": -1', '"timeout_ms": 0', "ends, or stays alone, while the other is away"),
+    ('"exit_on_failure": false', '"exit_on_failure": true', "ends, or stays alone, while the other is away"),
     ('"tls/ward-3.example:7447"', '"tcp/10.0.0.5:7447"', "all of the ward would go there for everybody to read"),
     (
         '"tls/ward-3.example:7447"',

@@ -289,9 +289,19 @@ def joins_as_nobody(two: TwoRouters) -> None:
     two.second.write_text(text.replace('"connect_private_key": "', '"connect_private_key": "/nowhere'), "utf-8")
 
 
+def no_port(two: TwoRouters) -> None:
+    two.first.write_text(two.first.read_text("utf-8").replace("tls/0.0.0.0:7447", "tls/0.0.0.0"), "utf-8")
+
+
+def joined_without_a_port(two: TwoRouters) -> None:
+    two.write("r1", "r2", [], ["tls/10.0.0.5"])
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
+        (no_port, "listen.endpoints: 'tls/0.0.0.0' has no port"),
+        (joined_without_a_port, "connect.endpoints: 'tls/10.0.0.5' has no port"),
         (nobody_joins, "nothing joins it to"),
         (joins_nobody, "nothing joins it to"),
         (joins_itself, "tls/10.0.0.6:7447 is this router itself"),
