@@ -31,8 +31,7 @@ methods:
   transitions  any movements between poses, each held still for 3 s: bias, scale and misalignment from gravity before and
                after; the diagonal alone where the poses do not show the rest. Needs an accelerometer. Lay the device on each
                of its six sides, turning it by a quarter or a half between, about every axis; full turns help the scale.
-  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014); its deviations
-               know of no error that all poses share: simulated, they are 1.5 times too small.
+  accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
   turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
                against the fixture. Say the rates.
   servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each

@@ -7,7 +7,7 @@ same samples gives the same corrected rates, and whoever runs it may learn meanw
 
 import numpy as np
 
-from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch, State, Status
+from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
@@ -339,7 +339,7 @@ class DeviceSession:
             scale=tuple(map(float, np.diag(known.model.matrix))),
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
-            evidence_age_s=self.tracker.evidence_age(learnt.now),
+            evidence_age_s=min(self.tracker.evidence_age(learnt.now), NO_REST_S),
             temperature_c=self.tracker.thermometer.reading,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,

@@ -13,6 +13,7 @@ from bridge.wire.messages import DeviceInfo, State, Status
 #: every device's status comes once a second; after so long it is news that none does
 SILENT_S = 3.5
 LOW_BATTERY_PERCENT = 15.0
+#: no rest is this long ago: none is known of
 NEVER_S = 1e9
 SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
 #: what needs a person most comes first

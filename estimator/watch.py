@@ -19,6 +19,7 @@ from estimator.client import Client
 from estimator.glance import Glance
 from estimator.gyro import AXES
 from estimator.screen import table, word
+from estimator.ward_view import NEVER_S
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
@@ -193,7 +194,9 @@ def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> 
     if status.progress < 1:
         parts.append(ProgressBar(total=1.0, completed=status.progress, width=40))
     temperature = "" if np.isnan(status.temperature_c) else f"   {status.temperature_c:.1f} °C"
-    parts.append(Text(f"{status.rate_hz:.1f} Hz   last rest {status.evidence_age_s:.0f} s ago{temperature}", "dim"))
+    age_s = status.evidence_age_s
+    rest = f"last rest {age_s:.0f} s ago" if age_s < NEVER_S else "no rest known yet"
+    parts.append(Text(f"{status.rate_hz:.1f} Hz   {rest}{temperature}", "dim"))
     return Group(*parts)
 
 

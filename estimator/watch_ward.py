@@ -157,7 +157,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         row.quality,
         f"{row.rate_hz:.1f}" if row.rate_hz else "",
         f"{row.gaps}" if row.quality else "",
-        "" if row.evidence_age_s is None else age(row.evidence_age_s),
+        age(row.evidence_age_s) if row.evidence_age_s is not None else "none" if row.quality else "",
         battery,
         "; ".join(_once([part for words in (*first, *then) for part in words.split("; ")])),
     )

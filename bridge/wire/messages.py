@@ -215,6 +215,10 @@ class DeviceInfo:
     has_clock: bool = True  # its ticks are its own time, not made by the bridge of the count of its samples
 
 
+#: age of the evidence of a device of which no rest is known
+NO_REST_S = 1e12
+
+
 @dataclass(frozen=True, slots=True)
 class Status:
     """Where a device is in its life, and why. Vectors are tuples of three."""
@@ -232,7 +236,7 @@ class Status:
     scale: tuple[float, ...]
     calibration: str
     calibrated_time_ns: int
-    evidence_age_s: float
+    evidence_age_s: float  # NO_REST_S when no rest is known in this boot
     temperature_c: float
     rate_hz: float
     samples_in: int

@@ -11,6 +11,7 @@ from bridge.health import Asked, Family, certificate
 from bridge.wire.messages import State, Status
 from estimator.lifecycle import AWAY
 from estimator.service.law import Account
+from estimator.ward_view import NEVER_S
 
 #: a loop that has not turned for so long is stuck
 STUCK_S = 5.0
@@ -124,7 +125,7 @@ def _of_devices(devices: Mapping[str, DeviceVitals]) -> Iterator[Family]:
     yield family("law_violations", "Samples that are neither out nor dropped.", lambda d: d.violations, counter=True)
     yield family("rate_hz", "Samples a second, by the device's clock.", lambda d: d.status.rate_hz)
     yield family("latency_seconds", "From a sample's receipt at the bridge to its publication.", lambda d: d.latency_s)
-    yield family("evidence_age_seconds", "Since the bias was measured last.", lambda d: d.status.evidence_age_s)
+    yield family("evidence_age_seconds", "Since the bias was measured last; none where it never was.", _evidence_age)
     yield family(
         "nis", "Mean normalised innovation squared per degree of freedom; 1 when all is well.", lambda d: d.nis
     )
@@ -134,6 +135,11 @@ def _of_devices(devices: Mapping[str, DeviceVitals]) -> Iterator[Family]:
     yield Family("state", "1 for the state a device is in.", ("device", "state"), state)
     quality = {(name, d.status.quality.name.lower()): 1.0 for name, d in devices.items()}
     yield Family("quality", "1 for the quality of a device's corrected rates.", ("device", "quality"), quality)
+
+
+def _evidence_age(of: DeviceVitals) -> float:
+    age_s = of.status.evidence_age_s
+    return age_s if age_s < NEVER_S else math.nan
 
 
 def _by(counts: Mapping[str, int]) -> dict[tuple[str, ...], float]:

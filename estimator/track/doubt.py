@@ -55,7 +55,7 @@ class Doubt:
     def news(self, age_s: float, *, gravity: bool) -> str | None:
         """Why it is doubted from now on, in words; None when that is no news, or there is no reason.
 
-        age_s: since the last evidence of rest. gravity: whether the accelerometer is against it.
+        age_s: since the last evidence of rest, or since one was waited for. gravity: whether the accelerometer is against it.
         """
         reason = None
         if self.last_receipt is not None and self._contradictions >= self.knobs.contradictions:

@@ -83,7 +83,7 @@ class Tracker:
         self.doubt = Doubt(knobs.doubt)
         self._history = History(knobs.history)
         self._accelerometer = Accelerometer(knobs.accelerometer)
-        self._evidenced = False  # whether the bias has ever been measured in this boot
+        self._evidenced = False  # whether a rest has ever been seen in this boot, as far as is known
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
         self._law = law
@@ -139,8 +139,8 @@ class Tracker:
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
 
     def evidence_age(self, now: float) -> float:
-        """Seconds since a rest was last accepted, or since the boot."""
-        return now - self._evidence_time
+        """Seconds since a rest was last accepted; infinite where none is known of: what was restored does not tell."""
+        return now - self._evidence_time if self._evidenced else np.inf
 
     @property
     def events(self) -> dict[str, int]:
@@ -312,7 +312,7 @@ class Tracker:
 
     def doubts(self, now: float) -> str | None:
         """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
-        return self.doubt.news(self.evidence_age(now), gravity=self._accelerometer.contradicts)
+        return self.doubt.news(now - self._evidence_time, gravity=self._accelerometer.contradicts)
 
     def trusts(self) -> bool:
         """Whether the last rest has made the bias certain again."""

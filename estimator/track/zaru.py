@@ -137,9 +137,8 @@ class Zaru:
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         self._ever_proven |= proven
         checked = up is not None and self._ever_proven
-        unproven = self.knobs.unproven if checked else self.knobs.unproven_at_most
-        motion = self.knobs.quasi_static if proven else unproven
-        var = mean_var(second.std, second.step, len(second)) + motion**2
+        motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
+        var = mean_var(second.std, second.step, len(second)) + motion_var
         common = rounding_var(second.std, second.step)
         if up is None or second.accel_mean is None:
             evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
@@ -155,6 +154,14 @@ class Zaru:
         evidence = self._evidence("zaru vertical", second, bias, up[None], var, common, self.knobs.vertical_gate)
         receipts = [level, *self._gated(evidence, second, bias)]
         return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
+
+    def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
+        """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
+        if not checked:
+            return self.knobs.unproven_at_most**2
+        half = len(second) // 2
+        change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
+        return np.asarray(self.knobs.unproven**2 + change**2 / 4)
 
     def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
         """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""

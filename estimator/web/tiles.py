@@ -137,7 +137,7 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
         quality=t(f"quality.{row.quality.replace(' ', '_')}") if row.quality else "",
         bias=words.bias(status.bias, status.bias_std) if status and row.quality != "none" else "",
         calibrated=words.ago(calibrated_ns, now_ns, t) if calibrated_ns else t("words.uncalibrated") if status else "",
-        rest=words.ago(now_ns - round(row.evidence_age_s * 1e9), now_ns, t) if row.evidence_age_s is not None else "",
+        rest=_rest(row, now_ns, t) if status else "",
         rate=words.rate(measured_hz or row.rate_hz, told_hz, t),
         gaps=words.gaps(row.gaps, row.missing_samples, t) if status else "",
         battery=words.battery(row.battery_percent, t, charging=row.charging),
@@ -158,6 +158,11 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
 def toned(row: Row) -> str:
     """The tone of a device: a low battery asks for a person however well it is."""
     return "ask" if row.low_battery and TONES[row.state] not in NEEDS else TONES[row.state]
+
+
+def _rest(row: Row, now_ns: int, t: Texts) -> str:
+    age_s = row.evidence_age_s
+    return t("words.no_rest") if age_s is None else words.ago(now_ns - round(age_s * 1e9), now_ns, t)
 
 
 def _rebooted(story: Story, now_ns: int, t: Texts) -> str:

@@ -11,7 +11,7 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire import codec, keys
-from bridge.wire.messages import Quality, State, Verdict
+from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
@@ -110,6 +110,9 @@ def test_status_can_be_published_at_any_time(once: Stream) -> None:
         assert status.samples_in == status.samples_out + sum(status.dropped.values())
         assert 0 <= status.progress <= 1
         assert status.evidence_age_s >= 0
+        if device.life.state in {State.UNKNOWN, State.WARMING}:
+            assert status.evidence_age_s == NO_REST_S
+    assert 0 <= status.evidence_age_s < 60
     assert status.progress == 1
     assert status.axes_done == ()
     np.testing.assert_allclose(status.scale, once.truth.k, atol=2e-4)

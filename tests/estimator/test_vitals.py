@@ -52,6 +52,18 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     )
 
 
+def test_a_rest_that_never_was_has_no_age(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    ward.send(once.batches()[:2], info(1))
+    ward.latest()
+    (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
+    assert not ages
+    ward.send(once.batches()[2:])
+    ward.latest()
+    (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
+    assert list(ages) == [(NAME,)]
+
+
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     assert vitals.unready() == ["no router yet"]

@@ -75,6 +75,9 @@ def test_a_row_has_all_that_is_known() -> None:
     }  # fmt: skip
     [bare] = view(status("a", evidence_age_s=1e12), about("a", battery_percent=math.nan)).rows(10.0)
     assert (bare.evidence_age_s, bare.battery_percent) == (None, None)
+    rest = watch_ward.HEADINGS.index("rest")
+    [unheard] = view(about("a")).rows(10.0)
+    assert [watch_ward._cells(one)[rest] for one in (row, bare, unheard)] == ["65 s", "none", ""]
 
 
 def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:

@@ -79,6 +79,11 @@ def test_what_does_not_fit_is_folded_or_left_out_and_no_number_is_cut(width: int
     assert "103.9 of 104" in printed(watch._hardware({INFO.device: INFO}), width)
 
 
+def test_a_rest_is_said_only_where_there_was_one() -> None:
+    assert "no rest known yet" in printed(watch._panel("a", None, STATUS), 80)
+    assert "last rest 12 s ago" in printed(watch._panel("a", None, replace(STATUS, evidence_age_s=12.0)), 80)
+
+
 def printed(table: RenderableType, width: int) -> str:
     console = Console(file=io.StringIO(), width=width)
     console.print(table)

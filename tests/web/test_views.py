@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.codec import Rates
-from bridge.wire.messages import BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
+from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
 from estimator.web.device_page import device_page
@@ -78,6 +78,12 @@ def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
     assert {tile.state for tile in ward_page(ward, 100.0, NOW, EN).tiles} == {"tracking", "lost", "unknown"}
 
 
+def test_a_rest_is_said_only_where_there_was_one() -> None:
+    ward = known(said("a"), said("b", evidence_age_s=5.0), about("c"))
+    rests = {tile.id: tile.rest for tile in ward_page(ward, 100.0, NOW, EN).tiles}
+    assert rests == {"a": "none known yet", "b": "5 s ago", "c": ""}
+
+
 def test_too_many_devices_are_said() -> None:
     ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
     assert len(ward.stories) == DEVICES
@@ -114,6 +120,9 @@ def test_rests_are_told_by_the_age_of_evidence() -> None:
     for i, age_s in enumerate([0.2, 0.2, 0.2, 1.2, 2.2, 3.2, 4.2, 5.2, 0.2, 0.2]):
         trail.take(said("a", boot=1, time_ns=NOW + i * S, evidence_age_s=age_s))
     assert [(round((a - NOW) / S, 1), round((b - NOW) / S, 1)) for a, b in trail.rests] == [(-1.2, 1.8), (6.8, 8.8)]
+    never = Trail()
+    never.take(said("a", boot=1, time_ns=NOW, evidence_age_s=NO_REST_S))
+    assert not never.rests
 
 
 def test_boots_and_refused_evidence_are_marked() -> None:

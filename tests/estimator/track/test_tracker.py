@@ -192,6 +192,18 @@ def test_what_a_restored_bias_knows_of_is_not_learnt_again(seed: int) -> None:
     assert (np.abs(worn.error_dps(day.part(0, day.at(worn.tracker.time)))) < 4 * np.degrees(worn.tracker.std)).all()
 
 
+def test_before_any_rest_there_is_no_last_one() -> None:
+    """Pages said "last rest" of the moment of power-up, and after a restart of the estimator's."""
+    worn = Worn.new().lives(busy(12.0))
+    assert worn.tracker.evidence_age(12.0) == np.inf
+    assert worn.tracker.doubts(12.0) is None
+    assert "no rest for 31 minutes" in str(worn.tracker.doubts(1860.0))
+    worn = Worn.new()
+    worn.tracker.restored(model(), replace(Worn.new().tracker.state, time=20.0), 21.0)
+    assert worn.tracker.evidence_age(21.0) == np.inf
+    assert Worn.new().lives(rest(10.0)).tracker.evidence_age(11.0) < 3.0
+
+
 def test_a_restored_bias_is_that_of_the_temperature_now() -> None:
     """Without one it was as sure as before, 0.01 °/s off for each third of a kelvin, until a second had passed."""
     day = warming(1)
