@@ -211,6 +211,19 @@ def test_check_says_what_is_damaged_and_what_is_left(store: Store, capsys: pytes
     assert list(path.parent.iterdir()) == [path], "looking leaves nothing behind"
 
 
+@pytest.mark.parametrize("left", [1, 50, 100, 4095, 4096, 9000])
+def test_check_of_what_is_torn_early(store: Store, left: int, capsys: pytest.CaptureFixture[str]) -> None:
+    store.close()
+    torn = Path(store.path).with_name("torn.sqlite3")
+    torn.write_bytes(Path(store.path).read_bytes()[:left])
+    assert main(["store", "check", str(torn)]) == 1
+    said = capsys.readouterr().out
+    assert "damaged: " in said
+    assert "an earlier truerate" not in said
+    assert "syntax error" not in said
+    assert "nothing of it can be used: put a backup in its place" in said
+
+
 def test_check_of_what_is_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.txt").write_text("this is no store " * 100)
     assert main(["store", "check", str(tmp_path / "a.txt")]) == 1
