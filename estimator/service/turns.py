@@ -1,4 +1,4 @@
-"""Whose turn it is: neither a device that floods the bus nor fifty that are calibrated at once keep the others waiting.
+"""Whose turn it is: nobody waits for a device that floods the bus, for fifty that are calibrated at once, for a thousand new ones.
 
 What all others sent is handled first; those set aside then get a little time in every round, one after the other. What one
 device says keeps its order, so what comes of it is the same whenever its turn is.
@@ -7,6 +7,7 @@ device says keeps its order, so what comes of it is the same whenever its turn i
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from operator import itemgetter
 
 from bridge.bus.contract import Message
@@ -31,14 +32,18 @@ Take = Callable[[Sequence[Message]], None]
 class Turns:
     """Rounds of messages in, handed on to `take` in the order that is fair.
 
-    dropped is told of a key and how many of its messages went unread.
+    dropped is told of a key and how many of its messages went unread; a message under a key that is not known yet may take long.
     """
 
     def __init__(
-        self, take: Take, dropped: Callable[[str, int], None], clock: Callable[[], float] = time.monotonic
+        self,
+        take: Take,
+        dropped: Callable[[str, int], None],
+        known: AbstractSet[str],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._take, self._dropped, self._clock = take, dropped, clock
-        self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
+        self._take, self._dropped, self._known, self._clock = take, dropped, known, clock
+        self._queues: dict[str, deque[Message]] = {}  # of those that wait, are new, or are slow
         self._slow: set[str] = set()
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
         self._came, self._second = Counter[str](), 0
@@ -115,12 +120,13 @@ class Turns:
         came = self._came_now()
         came.update(counts)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
-        if not often and not self._queues.keys() & counts.keys() and max(counts.values(), default=0) <= SHARE:
+        usual = counts.keys() <= self._known and not self._queues.keys() & counts.keys()
+        if usual and not often and max(counts.values(), default=0) <= SHARE:
             return messages
         prompt, taken = [], Counter[str]()
         for message in messages:
             key = message.key
-            if key not in self._queues and taken[key] < SHARE and came[key] <= A_SECOND:
+            if key not in self._queues and key in self._known and taken[key] < SHARE and came[key] <= A_SECOND:
                 taken[key] += 1
                 prompt.append(message)
                 continue

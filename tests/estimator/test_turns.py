@@ -11,6 +11,19 @@ from estimator.service import turns as rules
 from estimator.service.turns import Turns
 
 
+class _All(frozenset[str]):
+    """Every key but those that begin with "new"."""
+
+    def __contains__(self, key: object) -> bool:
+        return not str(key).startswith("new")
+
+    def __ge__(self, other: object) -> bool:
+        return all(map(self.__contains__, other))  # type: ignore[call-overload]
+
+
+KNOWN = _All()
+
+
 class Desk:
     """Turns whose work takes time by a clock of its own: cost_s of each message by key."""
 
@@ -18,7 +31,7 @@ class Desk:
         self.now, self.done = 0.0, list[Message]()
         self.dropped: dict[str, int] = {}
         self._cost_s = cost_s or {}
-        self.turns = Turns(self.take, self.drop, lambda: self.now)
+        self.turns = Turns(self.take, self.drop, KNOWN, lambda: self.now)
 
     def take(self, messages: Sequence[Message]) -> None:
         self.done += messages
@@ -45,6 +58,20 @@ def test_who_sends_little_never_waits() -> None:
     sent = [*messages("a", 0, 5), *messages("b", 0, 5)]
     desk.turns.round(sent)
     assert desk.done == sent
+
+
+def test_who_is_new_waits_for_those_that_are_known() -> None:
+    """A device takes milliseconds to begin: of five hundred that come at once the others do not wait for each."""
+    desk = Desk({f"new{n}": 0.008 for n in range(500)})
+    desk.turns.round([*(m for n in range(500) for m in messages(f"new{n}", 0, 1)), *messages("a", 0, 1)])
+    assert desk.numbers("a") == [0]
+    assert desk.now < 0.01
+    desk.turns.round([*messages("new499", 1, 3), *messages("a", 1, 2)])
+    assert desk.numbers("a") == [0, 1]
+    assert desk.now < 0.02
+    desk.finish()
+    assert len(desk.done) == 504
+    assert desk.numbers("new499") == [0, 1, 2]
 
 
 def test_a_flood_waits_for_the_others_and_is_dropped_from_the_oldest_on() -> None:
