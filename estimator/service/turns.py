@@ -1,4 +1,4 @@
-"""Whose turn it is: nobody waits for a device that floods the bus, for fifty that are calibrated at once, for a thousand new ones.
+"""Whose turn it is: nobody waits for a device that floods the bus, for fifty that are calibrated at once, or a thousand new ones.
 
 What all others sent is handled first; those set aside then get a little time in every round, one after the other. What one
 device says keeps its order, so what comes of it is the same whenever its turn is.
