@@ -395,7 +395,8 @@ class Service:
 
     def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
-        if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
+        silent = silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now))
+        if silent and not self._turns.waits(device.key):
             self._silence(device, now)
         device.say_status(self._now_ns())
         device.look_round()

@@ -45,6 +45,7 @@ class Turns:
         self._take, self._dropped, self._known, self._clock = take, dropped, known, clock
         self._queues: dict[str, deque[Message]] = {}  # of those that wait, are new, or are slow
         self._slow: set[str] = set()
+        self._begun: list[str] = []  # those that were new until now: what waits of them is as that of others
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
         self._came, self._second = Counter[str](), 0
         #: how many messages wait
@@ -68,6 +69,10 @@ class Turns:
         else:
             self._slow.discard(key)
 
+    def waits(self, key: str) -> bool:
+        """Whether something under this key came and is still to be handled."""
+        return bool(self._queues.get(key))
+
     def withdraw(self, device: str) -> list[Message]:
         """What waits of a device that is ours no more."""
         found: list[Message] = []
@@ -84,7 +89,8 @@ class Turns:
         while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
-            part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
+            new = key not in self._known
+            part = [queue.popleft() for _ in range(1 if new or key in self._slow else min(SHARE, len(queue)))]
             self.waiting -= len(part)
             self._allowed[key] = self._left(key) - len(part), self._clock()
             if len(self._allowed) > _REMEMBERED:
@@ -94,8 +100,20 @@ class Turns:
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             self._take(part)
+            if new and len(queue) <= SHARE:
+                self._begun.append(key)
             if self._clock() >= until:
                 return
+
+    def _waited(self) -> list[Message]:
+        """What waited only because its device was new."""
+        found: list[Message] = []
+        for key in self._begun:
+            if key in self._known and key not in self._slow:
+                found += self._queues.pop(key, ())
+        self._begun.clear()
+        self.waiting -= len(found)
+        return found
 
     def _next(self) -> str | None:
         if not self.waiting:
@@ -120,10 +138,10 @@ class Turns:
         came = self._came_now()
         came.update(counts)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
+        prompt, taken = self._waited(), Counter[str]()
         usual = counts.keys() <= self._known and not self._queues.keys() & counts.keys()
         if usual and not often and max(counts.values(), default=0) <= SHARE:
-            return messages
-        prompt, taken = [], Counter[str]()
+            return [*prompt, *messages]
         for message in messages:
             key = message.key
             if key not in self._queues and key in self._known and taken[key] < SHARE and came[key] <= A_SECOND:
