@@ -43,7 +43,9 @@ class Turns:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._take, self._dropped, self._known, self._clock = take, dropped, known, clock
-        self._queues: dict[str, deque[Message]] = {}  # of those that wait, are new, or are slow
+        self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
+        self._new: dict[str, deque[Message]] = {}  # of those that are not known yet
+        self._news = False  # whose turn it is of the two
         self._slow: set[str] = set()
         self._begun: list[str] = []  # those that were new until now: what waits of them is as that of others
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
@@ -71,14 +73,15 @@ class Turns:
 
     def waits(self, key: str) -> bool:
         """Whether something under this key came and is still to be handled."""
-        return bool(self._queues.get(key))
+        return bool(self._queues.get(key) or self._new.get(key))
 
     def withdraw(self, device: str) -> list[Message]:
         """What waits of a device that is ours no more."""
         found: list[Message] = []
-        for key in [key for key in self._queues if key.rpartition("/")[2] == device]:
-            found += self._queues.pop(key)
-            self._slow.discard(key)
+        for queues in (self._queues, self._new):
+            for key in [key for key in queues if key.rpartition("/")[2] == device]:
+                found += queues.pop(key)
+                self._slow.discard(key)
         self.waiting -= len(found)
         return found
 
@@ -87,7 +90,8 @@ class Turns:
         self._take(self._prompt(messages))
         until = self._clock() + ASIDE_S
         while (key := self._next()) is not None:
-            queue = self._queues.pop(key)
+            self._news = not self._news
+            queue = self._new.pop(key) if key in self._new else self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
             new = key not in self._known
             part = [queue.popleft() for _ in range(1 if new or key in self._slow else min(SHARE, len(queue)))]
@@ -98,10 +102,11 @@ class Turns:
                     k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
                 }
             if queue or key in self._slow:
-                self._queues[key] = queue  # behind the others
+                (self._new if new else self._queues)[key] = queue  # behind the others
             self._take(part)
-            if new and len(queue) <= SHARE:
-                self._begun.append(key)
+            if new and key in self._known and key in self._new:
+                self._queues[key] = self._new.pop(key)
+                self._begun += [key] if len(queue) <= SHARE else []
             if self._clock() >= until:
                 return
 
@@ -118,7 +123,8 @@ class Turns:
     def _next(self) -> str | None:
         if not self.waiting:
             return None
-        return next((key for key, queue in self._queues.items() if queue and self._left(key) > 0), None)
+        both = (self._new, self._queues) if self._news else (self._queues, self._new)
+        return next((key for one in both for key, queue in one.items() if queue and self._left(key) > 0), None)
 
     def _came_now(self) -> Counter[str]:
         """How many messages of each key came in this second."""
@@ -139,16 +145,22 @@ class Turns:
         came.update(counts)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
         prompt, taken = self._waited(), Counter[str]()
-        usual = counts.keys() <= self._known and not self._queues.keys() & counts.keys()
+        usual = (
+            counts.keys() <= self._known
+            and self._queues.keys().isdisjoint(counts)
+            and self._new.keys().isdisjoint(counts)
+        )
         if usual and not often and max(counts.values(), default=0) <= SHARE:
             return [*prompt, *messages]
         for message in messages:
             key = message.key
-            if key not in self._queues and key in self._known and taken[key] < SHARE and came[key] <= A_SECOND:
+            known = key in self._known and key not in self._new and key not in self._queues
+            if known and taken[key] < SHARE and came[key] <= A_SECOND:
                 taken[key] += 1
                 prompt.append(message)
                 continue
-            queue = self._queues.setdefault(key, deque())
+            new = key in self._new or (key not in self._known and key not in self._queues)
+            queue = (self._new if new else self._queues).setdefault(key, deque())
             queue.append(message)
             self.waiting += 1
             if len(queue) > MOST:

@@ -77,6 +77,17 @@ def test_who_is_new_waits_for_those_that_are_known() -> None:
     assert desk.numbers("new499") == [0, 1, 2]
 
 
+def test_who_is_calibrated_does_not_wait_for_thousands_that_are_new() -> None:
+    desk = Desk({f"new{n}": 0.008 for n in range(1000)})
+    desk.turns.slow("a", now=True)
+    desk.turns.round([m for n in range(1000) for m in messages(f"new{n}", 0, 1)])
+    for number in range(10):
+        desk.turns.round(messages("a", number, number + 1))
+    assert len(desk.numbers("a")) >= 5
+    desk.finish()
+    assert desk.numbers("a") == list(range(10))
+
+
 def test_all_that_are_new_begin_before_any_goes_on() -> None:
     """After a restart every device is new and has a past that waits: it is the others' turn before the past of the first is."""
     names, known = ["new1", "new2", "new3"], set[str]()
