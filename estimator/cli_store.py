@@ -161,7 +161,12 @@ def _check(given: argparse.Namespace) -> int:
     for note in found.notes:
         print(note)
     wrong = _damage(found)
-    print("what is whole can be used: the estimator takes it when it is started" if wrong else "every row is whole")
+    if not wrong:
+        print("every row is whole")
+    elif any(found.whole.values()):
+        print("what is whole can be used: the estimator takes it when it is started")
+    else:
+        print("nothing of it can be used: put a backup in its place, before the estimator is started")
     return wrong
 
 

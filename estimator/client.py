@@ -49,6 +49,8 @@ Devices = str | Iterable[str] | None
 QUEUE = 65536
 #: a router that does not answer for so long is said to be looked for, s
 LOOKED_S = 1.0
+#: nobody is said to be there who may only be slow to show it, s
+NONE_S = 2.0
 
 #: whose certificates let them hear what a ward says
 SUBSCRIBERS = (Role.VIEWER, Role.COMMANDER, Role.RECORDER)
@@ -150,11 +152,14 @@ class Client:
         return found
 
     def alive(self, what: str, wait_s: float = 0.3) -> list[str]:
-        """The ids of every `bridge` or `estimator` there is now."""
+        """The ids of every `bridge` or `estimator` there is now; that there is none is said after a second look of NONE_S."""
         found: dict[str, bool] = {}
         watch = self._bus.watch_alive(keys.pattern(self.ward, f"alive/{what}"), found.__setitem__)
         try:
             time.sleep(wait_s)
+            deadline = time.monotonic() + NONE_S
+            while not any(found.copy().values()) and time.monotonic() < deadline:
+                time.sleep(0.05)  # on a busy machine the answer takes its time, and that nobody is there alarms people
         finally:
             watch.close()
         return sorted(_id(key, what) for key, there in found.copy().items() if there and _id(key, what))

@@ -3,12 +3,12 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
 from bridge import rivals
-from bridge.wire.messages import DeviceInfo, State, Status
+from bridge.wire.messages import DeviceInfo, Quality, State, Status
 
 #: every device's status comes once a second; after so long it is news that none does
 SILENT_S = 3.5
@@ -60,10 +60,15 @@ class WardView:
 
     def __init__(self) -> None:
         self._statuses: dict[str, tuple[Status, float]] = {}
+        self._anew: set[str] = (
+            set()
+        )  # devices that were spoken of again: the first word may be one that the bus remembers
         self._infos: dict[str, dict[str, DeviceInfo]] = {}  # by device and bridge
 
     def take_status(self, status: Status, now: float) -> None:
         """The estimator's word on a device, heard at `now` seconds."""
+        if status.device in self._statuses:
+            self._anew.add(status.device)
         self._statuses[status.device] = status, now
 
     def take_info(self, info: DeviceInfo) -> None:
@@ -76,6 +81,20 @@ class WardView:
         """Every device, those that need a person first."""
         names = self._statuses.keys() | self._infos.keys()
         return sorted((self.row(name, now) for name in names), key=lambda row: row.order)
+
+    def settled(self, now: float) -> bool:
+        """Whether of every device it is known that it is still spoken of, or is not."""
+        return all(name in self._anew or _silence(now - heard) for name, (_, heard) in self._statuses.items())
+
+    def statuses(self, now: float) -> dict[str, Status]:
+        """The latest of each; a device of which no word comes any more is unknown."""
+        return {name: _unless_silent(status, now - heard) for name, (status, heard) in self._statuses.items()}
+
+    def infos(self) -> dict[str, DeviceInfo]:
+        """Of each device what the bridge says that has the word."""
+        owners = {name: status.bridge for name, (status, _) in self._statuses.items()}
+        found = {name: self._info(name, owners.get(name, "")) for name in self._infos}
+        return {name: info for name, info in found.items() if info is not None}
 
     def _info(self, name: str, owner: str) -> DeviceInfo | None:
         """Of the bridges that list a device the one whose samples are taken has the word, or else one that hears it."""
@@ -96,8 +115,8 @@ class WardView:
             reason = trouble or "a bridge lists it, but no estimator has said anything of it"
             return Row(name, UNKNOWN, reason, **about)
         state, reason = WORDS[status.state], status.reason
-        if now - heard > SILENT_S:
-            state, reason = SILENT, f"no word of it for {now - heard:.0f} s: is the estimator running?"
+        if silence := _silence(now - heard):
+            state, reason = SILENT, silence
         elif trouble:
             reason = f"{reason}: {trouble}" if reason else trouble
         if clash := rivals.found([status]):
@@ -113,6 +132,18 @@ class WardView:
             status.evidence_age_s if status.evidence_age_s < NEVER_S else None,
             **about,
         )
+
+
+def _silence(for_s: float) -> str:
+    """What to say where no word came for so long; nothing where that is no news."""
+    return f"no word of it for {for_s:.0f} s: is the estimator running?" if for_s > SILENT_S else ""
+
+
+def _unless_silent(status: Status, for_s: float) -> Status:
+    if not (silence := _silence(for_s)):
+        return status
+    quality = Quality.DEGRADED if status.quality is Quality.GOOD else status.quality
+    return replace(status, state=State.UNKNOWN, quality=quality, reason=silence)
 
 
 def charge_it(percent: float) -> str:

@@ -18,15 +18,15 @@ from estimator import glance
 from estimator.client import Client
 from estimator.glance import Glance
 from estimator.gyro import AXES
+from estimator.listening import Ears
 from estimator.screen import table, word
-from estimator.ward_view import NEVER_S
+from estimator.ward_view import NEVER_S, WardView
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
     """Everything known of every device of a ward; 1 when there is none."""
     with Client(endpoints, ward=ward) as client:
-        statuses = client.statuses(0.5)
-        infos = client.infos(1.5, {name: status.bridge for name, status in statuses.items()})
+        statuses, infos = _said(client)
     if not infos and not statuses:
         console.print(f"ward {ward}: no device is heard. Is a bridge running? Is the ward's name right?")
         return 1
@@ -42,14 +42,20 @@ def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_jso
     """A ward at one look; 1 when somebody has to do something."""
     with Client(endpoints, ward=ward) as client:
         bridges, estimators = client.alive("bridge"), client.alive("estimator")
-        statuses = client.statuses(0.5)
-        infos = client.infos(0.5, {name: status.bridge for name, status in statuses.items()})
+        statuses, infos = _said(client)
     seen = glance.glance(ward, statuses, infos, bridges, estimators)
     if as_json:
         console.print_json(data=glance.as_json(seen))
     else:
         console.print(_glance(seen), highlight=False)
     return 0 if seen.well else 1
+
+
+def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
+    """What is said of a ward now."""
+    ears = Ears(client)
+    ears.settle()
+    return ears.view.statuses(time.monotonic()), ears.view.infos()
 
 
 def _glance(seen: Glance) -> Group:
@@ -121,7 +127,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         status = client.follow(device)
         revisions = client.revisions(device, history=False)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
-        latest: Status | None = None
+        view, latest = WardView(), None
         heard = False
         shown_at = begin = time.monotonic()
         if live:
@@ -129,7 +135,9 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         try:
             while seconds is None or time.monotonic() - begin < seconds:
                 batch = corrected.receive(0.2)
-                latest = status.latest() or latest
+                if (said := status.latest()) is not None:
+                    view.take_status(said, time.monotonic())
+                latest = view.statuses(time.monotonic()).get(device)
                 heard = heard or batch is not None
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)

@@ -10,14 +10,12 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from bridge.wire.messages import DeviceInfo, Status
 from estimator.client import Client
+from estimator.listening import FIRST_S, Ears
 from estimator.screen import STYLES
-from estimator.streams import Stream
-from estimator.ward_view import TRACKING, WORDS, Row, WardView, age, chosen, counted, head_line, strangers
+from estimator.ward_view import TRACKING, WORDS, Row, age, chosen, counted, head_line, strangers
 
 _REDRAW_S = 1.0
-_FIRST_S = 1.5  # every device is heard of once a second
 _STYLE = {WORDS[state]: style for state, style in STYLES.items()}
 _TROUBLE = "bold red"
 HEADINGS = ("device", "state", "quality", "Hz", "gaps", "rest", "battery", "why")
@@ -37,8 +35,8 @@ def watch_ward(
     seconds: float | None = None,
 ) -> int:
     """The client's ward until Ctrl-C, for so many seconds, or once; 1 when no device was heard of."""
-    view, heard, said, strange = WardView(), False, dict[str, str](), list[str]()
-    statuses, infos = client.follow(), client.follow_infos()
+    ears, heard, said, strange = Ears(client), False, dict[str, str](), list[str]()
+    listen = ears.settle if once else ears.listen
     begin = time.monotonic()
     screen = Live(console=console, auto_refresh=False, screen=True)
     live = console.is_terminal and not once and not as_json
@@ -47,9 +45,9 @@ def watch_ward(
             screen.start()
             screen.update(_text(f"{client.ward}: listening …"), refresh=True)
         while True:
-            _listen(view, statuses, infos, _REDRAW_S if heard else _FIRST_S)
+            listen(_REDRAW_S if heard else FIRST_S)
             now = time.monotonic()
-            everything = view.rows(now)
+            everything = ears.view.rows(now)
             rows = chosen(everything, only)
             heard = heard or bool(everything)
             head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
@@ -167,16 +165,6 @@ def _once(parts: Sequence[str]) -> list[str]:
     """In their order, without what is said already, or within a longer one."""
     parts = list(dict.fromkeys(parts))
     return [part for part in parts if not any(part != other and part in other for other in parts)]
-
-
-def _listen(view: WardView, statuses: Stream[Status], infos: Stream[DeviceInfo], for_s: float) -> None:
-    """What is said in so many seconds."""
-    time.sleep(for_s)
-    for info in infos.drain():
-        view.take_info(info)
-    now = time.monotonic()
-    for status in statuses.drain():
-        view.take_status(status, now)
 
 
 def _print_json(ward: str, everything: Sequence[Row], rows: Sequence[Row]) -> None:

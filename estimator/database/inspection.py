@@ -51,7 +51,9 @@ def _inspected(path: Path, head: bytes, faults: list[str]) -> Inspection:
     with closing(_copy(path)) as db:
         version = salvage.version_of(head)
         try:
-            version = look(db, path)
+            if not (said := look(db, path)):
+                raise Damaged("its tables are gone")
+            version = said
             look_through(db)
         except (Damaged, *FAULTS) as error:
             faults.append(str(error))

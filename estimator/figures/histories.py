@@ -1,7 +1,7 @@
 """A device over days: its bias, and what happened to it."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime, tzinfo
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,6 +14,8 @@ from bridge.wording import count
 from estimator.figures.style import AXES, COLOURS
 from estimator.history import History
 
+#: of a device that was just switched on
+_LEAST = timedelta(minutes=2)
 #: dates without the name of a month: of years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
@@ -39,9 +41,14 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
                 label=name if not number else None,
             )
         below.plot(when, boot.temperature_c, color=COLOURS[5], marker="." if len(when) < 30 else "")
-    _across(above, _dates([row["time_ns"] for row in of.boots], zone), "boot" if words else "", "grey", ":")
+    begun = _dates([row["time_ns"] for row in of.boots], zone)
+    _across(above, begun, "boot" if words else "", "grey", ":")
     made = _dates([c.time_ns for c in of.calibrations], zone)
     _across(above, made, "calibration" if words else "", "black", "--")
+    all_of_it = sorted([*begun, *made, *(when for boot in of.biases for when in _dates(boot.time_ns[[0, -1]], zone))])
+    if all_of_it:  # lines across are no data to matplotlib
+        margin = max(_LEAST / 2, (all_of_it[-1] - all_of_it[0]) / 20)
+        below.set_xlim(all_of_it[0] - margin, all_of_it[-1] + margin)
     above.set(ylabel="bias, °/s; band: 95 %" if words else "°/s")
     below.set(ylabel="temperature, °C" if words else "°C")
     locator = AutoDateLocator(tz=zone)  # type: ignore[no-untyped-call]

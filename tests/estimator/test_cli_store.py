@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from estimator import figures
 from estimator.cli import main
-from estimator.history import read, since
+from estimator.history import History, read, since
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
@@ -90,6 +92,17 @@ def test_history_draws(store: Store, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(picture) in capsys.readouterr().out
     assert history(store, "--plot", str(tmp_path / "a.txt")) == 2
+
+
+def test_a_device_that_was_just_switched_on_is_drawn_by_the_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
+    figures.history(History(NAME, [], [{"time_ns": 10**18}], [], []), Path("a.png"))
+    figures.history(
+        History(NAME, [], [{"time_ns": 10**18}, {"time_ns": 10**18 + 4 * 3600 * 10**9}], [], []), Path("a.png")
+    )
+    hours = [24 * np.ptp(figure.axes[0].get_xlim()) for figure in drawn]
+    assert hours == [pytest.approx(1 / 30), pytest.approx(4.4)]
 
 
 def test_history_of_nothing_says_what_there_is(
@@ -196,6 +209,19 @@ def test_check_says_what_is_damaged_and_what_is_left(store: Store, capsys: pytes
     assert "damaged: " in said
     assert "what is whole can be used" in said
     assert list(path.parent.iterdir()) == [path], "looking leaves nothing behind"
+
+
+@pytest.mark.parametrize("left", [1, 50, 100, 4095, 4096, 9000])
+def test_check_of_what_is_torn_early(store: Store, left: int, capsys: pytest.CaptureFixture[str]) -> None:
+    store.close()
+    torn = Path(store.path).with_name("torn.sqlite3")
+    torn.write_bytes(Path(store.path).read_bytes()[:left])
+    assert main(["store", "check", str(torn)]) == 1
+    said = capsys.readouterr().out
+    assert "damaged: " in said
+    assert "an earlier truerate" not in said
+    assert "syntax error" not in said
+    assert "nothing of it can be used: put a backup in its place" in said
 
 
 def test_check_of_what_is_no_store(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

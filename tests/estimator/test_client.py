@@ -1,3 +1,5 @@
+import threading
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +11,7 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
 from bridge.wire.refusal import Refusal
-from estimator.client import Client
+from estimator.client import NONE_S, Client
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, info, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
@@ -141,6 +143,17 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
     assert follow.latest() is not None
     assert follow.latest() is None
     follow.close()
+
+
+def test_who_is_slow_to_show_that_he_is_there_is_not_said_to_be_gone(broker: MemoryBroker, client: Client) -> None:
+    key = keys.build(WARD, "alive/estimator", estimator="e")
+    timer = threading.Timer(0.2, lambda: MemoryBus(broker).declare_alive(key))
+    timer.start()
+    assert client.alive("estimator", 0.0) == ["e"]
+    timer.join()
+    began = time.monotonic()
+    assert client.alive("bridge", 0.0) == []
+    assert time.monotonic() - began >= NONE_S
 
 
 def test_revisions_come_as_they_are_made(broker: MemoryBroker, client: Client) -> None:

@@ -10,11 +10,12 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from bridge.bus.contract import Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo, Quality, State, Status
-from estimator import watch_ward
-from estimator.client import Client
+from estimator import listening, watch, watch_ward
+from estimator.client import Client, Corrected
 from estimator.session import DeviceSession
 from estimator.ward_view import SILENT_S, WardView, age, chosen, head_line
 from tests.estimator.stream import info
@@ -180,20 +181,49 @@ def test_ages_are_short(seconds: float, said: str) -> None:
     assert age(seconds) == said
 
 
+class Speaking:
+    """Time that passes only while somebody sleeps; meanwhile devices are spoken of, each once."""
+
+    def __init__(self, broker: MemoryBroker) -> None:
+        self.now, self.bus = 100.0, MemoryBus(broker)
+        self._said: dict[str, tuple[Publisher, bytes]] = {}
+
+    def say(self, *statuses: Status) -> None:
+        """Now, and while time passes."""
+        for one in statuses:
+            publisher = self.bus.publisher(keys.build(WARD, "status", device=one.device), cache=1)
+            self._said[one.device] = publisher, codec.encode_status(one)
+            publisher.put(self._said[one.device][1])
+
+    def hang(self, device: str) -> None:
+        """What was said of it is remembered, and nothing more is said."""
+        del self._said[device]
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        for publisher, payload in self._said.values():
+            publisher.put(payload)
+
+
 @pytest.fixture
-def client(monkeypatch: pytest.MonkeyPatch) -> Client:
-    broker = MemoryBroker()
-    bus = MemoryBus(broker)
-    monkeypatch.setattr(watch_ward, "_FIRST_S", 0.0)
-    monkeypatch.setattr(watch_ward, "_REDRAW_S", 0.0)
-    for n in range(120):
-        state = State.DEGRADED if n == 77 else State.TRACKING
-        key = keys.build(WARD, "status", device=f"d{n}")
-        bus.publisher(key, cache=1).put(codec.encode_status(status(f"d{n}", state)))
+def speaking(monkeypatch: pytest.MonkeyPatch) -> Speaking:
+    made = Speaking(MemoryBroker())
+    for module in (listening, watch_ward, watch):
+        monkeypatch.setattr(module, "time", made)
+    return made
+
+
+@pytest.fixture
+def client(speaking: Speaking) -> Client:
+    bus = speaking.bus
+    speaking.say(*(status(f"d{n}", State.DEGRADED if n == 77 else State.TRACKING) for n in range(120)))
     bus.publisher(keys.build(WARD, "info", bridge="bridge", device="d5"), cache=1).put(
         codec.encode_info(about("d5", battery_percent=3.0))
     )
-    return Client(ward=WARD, bus=MemoryBus(broker))
+    return Client(ward=WARD, bus=bus)
 
 
 def terminal(**kind: Any) -> tuple[Console, io.StringIO]:
@@ -210,6 +240,35 @@ def test_once_it_is_all_there(client: Client) -> None:
     assert first.split()[0] == "d5"
     assert last.split()[0] == "d99"
     assert len(file.getvalue().splitlines()) == 122
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_of_whom_only_a_memory_is_left_it_is_said_at_once(speaking: Speaking, client: Client, *, hangs: bool) -> None:
+    """An estimator whose loop hangs is alive on the bus, which goes on telling what was said last."""
+    if hangs:
+        speaking.hang("d3")
+    began, (console, file) = speaking.now, terminal()
+    statuses, infos = watch._said(client)
+    assert speaking.now - began == pytest.approx(SILENT_S + 1.6 if hangs else 1.5), "no longer than it takes to know"
+    assert (len(statuses), list(infos)) == (120, ["d5"])
+    assert (statuses["d4"].state, statuses["d4"].reason) == (State.TRACKING, "all is well")
+    assert (statuses["d3"].state is State.UNKNOWN) is hangs
+    assert (statuses["d3"].quality is Quality.DEGRADED) is hangs
+    assert ("is the estimator running?" in statuses["d3"].reason) is hangs
+    assert watch_ward.watch_ward(console, client, once=True) == 0
+    assert ("1 silent" in file.getvalue()) is hangs
+
+
+def test_one_device_that_is_watched_is_not_what_it_was_either(
+    speaking: Speaking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speaking.say(status("d0"))
+    speaking.hang("d0")
+    bus, (console, file) = speaking.bus, terminal()
+    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
+    monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
+    assert watch.watch(console, WARD, (), "d0", 5.0) == 1
+    assert "it is unknown: no word of it for 5 s" in file.getvalue()
 
 
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
