@@ -38,6 +38,8 @@ SCRATCH = "from scratch"
 REPLIES = 256
 #: so many boots of a device are known again after a restart
 BOOTS_KNOWN = 48
+#: longer than a bridge keeps what it has sent
+CACHE_NS = 60_000_000_000
 #: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
 AHEAD_S = 60.0
 #: so long nothing that names a calibration is said while the disk has not answered, s
@@ -127,13 +129,13 @@ class Record:
         """Another's calibration, which may be gone for ever with it."""
         self._keep(device.session, lambda: self._store.add_calibration(calibration))
 
-    def reached(self, device: str) -> tuple[int, int, int] | None:
-        """See Store.reached; also None where the store does not say."""
+    def reached(self) -> dict[str, tuple[int, int, int]]:
+        """See Store.reached: of what bridges may still have of before this estimator was started."""
         try:
-            return self._store.reached(device)
+            return self._store.reached(self._now_ns() - CACHE_NS)
         except StoreError as error:
             self._failing(error)
-            return None
+            return {}
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """The last calibration of the same hardware in an earlier boot, saved or not."""

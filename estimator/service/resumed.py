@@ -5,7 +5,7 @@ the restart; to do it again would keep what comes now waiting, of hundreds of de
 calibration under way all of it is: they may be in it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from google.protobuf.message import DecodeError
 
@@ -27,29 +27,25 @@ Reached = tuple[int, int, int]
 
 
 class Resumed:
-    """Messages in, those that are to be handled out; `reached` tells what was kept of a device, came takes numbers of samples."""
+    """Messages in, those that are to be handled out; `reached` is what was kept of devices, came takes numbers of samples."""
 
-    def __init__(
-        self, reached: Callable[[str], Reached | None], came: Callable[[int], None], counts: Tally, now: float
-    ) -> None:
+    def __init__(self, reached: Mapping[str, Reached], came: Callable[[int], None], counts: Tally, now: float) -> None:
         self._reached, self._came, self._counts = reached, came, counts
         self._until = now + LASTS_S
+        #: of each key where it is done up to; None from the first message on that is not
         self._keys: dict[str, Reached | None] = {}
 
     def left(self, messages: list[Message], now: float) -> list[Message]:
         """Those that were not done before, in their order."""
+        if not self._reached:
+            return messages
         if now >= self._until:
-            self._keys.clear()
+            self._reached, self._keys = {}, {}
             return messages
         return [message for message in messages if not self._done(message)]
 
     def _done(self, message: Message) -> bool:
-        key = message.key
-        if key not in self._keys:
-            if len(self._keys) >= MAX_DEVICES:
-                return False
-            self._keys[key] = self._asked(key)
-        point = self._keys[key]
+        point = self._point(message.key)
         if point is None:
             return False
         boot, last, time_ns = point
@@ -63,11 +59,17 @@ class Resumed:
             self._came(n)
             self._counts.add(DONE, n)
             return True
-        self._keys[key] = None
+        self._keys[message.key] = None
         return False
 
-    def _asked(self, key: str) -> Reached | None:
-        try:
-            return self._reached(keys.parse(key).device)
-        except Refusal:
+    def _point(self, key: str) -> Reached | None:
+        if key in self._keys:
+            return self._keys[key]
+        if len(self._keys) >= MAX_DEVICES:
             return None
+        try:
+            found = self._reached.get(keys.parse(key).device)
+        except Refusal:
+            found = None
+        self._keys[key] = found
+        return found

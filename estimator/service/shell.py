@@ -98,7 +98,7 @@ class Service:
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
-        self._resumed = Resumed(self._record.reached, self._stock.came, self.counts, time.monotonic())
+        self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, time.monotonic())
         self._turns = Turns(self._lane.take, self._flooded, self._lane.keys)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)

@@ -207,17 +207,19 @@ class Store:
                 return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
 
-    def reached(self, device: str) -> tuple[int, int, int] | None:
-        """Boot, sequence number and host time of the last sample that the latest bias of a device knows of.
+    def reached(self, since_ns: int) -> dict[str, tuple[int, int, int]]:
+        """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.
 
-        None where a calibration was under way: what a bridge still keeps may hold its turns.
+        Without those of which a calibration was under way: what bridges still keep may hold its turns.
         """
-        for row in self.database.rows("bias", "device = ?", (device,), "time_ns DESC", 1):
+        found: dict[str, tuple[int, int, int]] = {}
+        for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
             kept = json.loads(row["state"])
             more = kept[_STATE] if len(kept) > _STATE else {}
+            found.pop(row["device"], None)
             if more.get("reached") and not more.get("asked"):
-                return int(row["boot"], 16), *more["reached"]
-        return None
+                found[row["device"]] = int(row["boot"], 16), *more["reached"]
+        return found
 
     def prior(self, info: DeviceInfo, now_ns: int = MAX_TIME_NS) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""

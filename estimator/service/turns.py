@@ -110,7 +110,7 @@ class Turns:
             if new and key in self._known and key in self._new:
                 self._queues[key] = self._new.pop(key)
                 self._begun += [key] if len(queue) <= SHARE else []
-            if self._clock() >= began + (ASIDE_S if prompt or key in self._slow else ALONE_S):
+            if self._clock() >= began + (ASIDE_S if prompt or new or key in self._slow else ALONE_S):
                 return
 
     def _waited(self) -> list[Message]:

@@ -11,7 +11,7 @@ from bridge.wire.refusal import Tally
 from estimator.service.law import EVENT
 from estimator.service.resumed import DONE, LASTS_S, OVERLAP_S, Resumed
 from estimator.service.store import Store
-from tests.estimator.served import BRIDGE, WARD, Served, numbers
+from tests.estimator.served import BRIDGE, NOW_NS, WARD, Served, numbers
 from tests.estimator.stream import NAME, Stream, calibration
 
 BOOT = 7
@@ -110,11 +110,8 @@ def message(sequence: int, *, boot: int = BOOT, time_ns: int = 10**18, device: s
 
 
 def test_what_is_let_by() -> None:
-    asked, came, counts = list[str](), list[int](), Tally()
-
-    def reached(device: str) -> tuple[int, int, int] | None:
-        asked.append(device)
-        return (BOOT, 1000, 10**18 + 6 * 10**9) if device == NAME else None
+    came, counts = list[int](), Tally()
+    reached = {NAME: (BOOT, 1000, 10**18 + 6 * 10**9)}
 
     def left(*messages: Message, now: float = 0.0) -> list[int]:
         resumed = Resumed(reached, came.append, counts, 0.0)
@@ -129,7 +126,11 @@ def test_what_is_let_by() -> None:
     assert left(message(0, device="other")) == [0]
     assert left(Message(message(0).key, b"\xff\xff"), Message("no/key", b"")) == [0, 1], "the door refuses them"
     assert left(message(0), now=LASTS_S) == [0]
-    resumed, asked[:] = Resumed(reached, came.append, counts, 0.0), []
-    for number in range(5):
-        resumed.left([message(10 * number, device="other")], 1.0)
-    assert asked == ["other"], "the store is asked once"
+
+
+def test_what_the_store_says_of_long_ago_is_no_reason(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    live(store, batches)
+    assert set(store.reached(NOW_NS)) == {NAME}
+    assert store.reached(NOW_NS + 1) == {}
+    store.close()
