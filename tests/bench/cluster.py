@@ -7,6 +7,7 @@ new to the subscriber, beside what it is for the devices of the others at the sa
 """
 
 import argparse
+import gc
 import itertools
 import os
 import signal
@@ -227,6 +228,7 @@ def main() -> int:
     parser.add_argument("--pinned", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
+    gc.disable()  # it keeps all that comes: to look through that would hold up everything, and be taken for the ward's
     if args.pinned:
         return pinned(console, args.devices, args.rounds)
     table = Columns(
