@@ -16,11 +16,11 @@ from google.protobuf.message import DecodeError
 from bridge.bus.contract import Message
 from bridge.wire import columns_pb2 as columns
 
-#: as far as who has a device may be behind when it dies or loses it; shorter than a bridge's cache, from which more would come
-HELD_S = 28.0
+#: longer than it takes to notice that an estimator hangs; shorter than a bridge's cache, from which more would come
+HELD_S = 12.0
 OVERLAP_S = 0.5
 #: of one device; bytes of all together, of which those of the device that has most go first
-MOST, MOST_BYTES = 1500, 128 * 2**20
+MOST, MOST_BYTES = 640, 64 * 2**20
 
 
 @dataclass(slots=True)
