@@ -4,9 +4,8 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -17,7 +16,6 @@ from bridge.bus.sequences import Sequences
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, said
 
 _log = logging.getLogger(__name__)
-_T = TypeVar("_T")
 
 _BATCH = 512
 _EVERYBODY = ""
@@ -45,7 +43,9 @@ class Subscription(Reading, Declared):
         try:
             self._begin()
             while True:
-                batch = [self._samples.recv(), *_there(self._samples)]
+                batch = [self._samples.recv()]
+                while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
+                    batch.append(sample)
                 self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
         except zenoh.ZError:
             _log.debug("subscription closed")
@@ -83,26 +83,18 @@ class Repaired(Subscription):
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
-        self._first = _Answer(bus.past(f"{pattern}/@adv/**"))
+        self._first = bus.past(f"{pattern}/@adv/**")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
         bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
         bus.run(self._go_on_repairing, f"repair {pattern}")
 
     def _begin(self) -> None:
-        # The past of a large ward takes seconds. What comes now must not wait for it: a router disconnects who takes nothing.
-        live: list[zenoh.Sample] = []
-        while not self._first.drained():
-            now = _there(self._samples)
-            live += now
-            if not (now or self._first.more):
-                time.sleep(_TURN_S)
-        for source, found in self._first.by_source.items():
-            live += _there(self._samples)
+        first: list[zenoh.Sample] = []
+        while not _drained(self._first, first):
+            time.sleep(_TURN_S)
+        for source, found in _by_source(first).items():
             key = next(iter(found.values())).key
-            self._hand_on(partial(self._sequences.history, source, key, found))
-        self._first.by_source.clear()
-        for at in range(0, len(live), _BATCH):
-            self._take([sample for sample in live[at : at + _BATCH] if sample.kind == zenoh.SampleKind.PUT])
+            self._hand_on(partial(self._sequences.history, source, key, found), asked=True)
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         now_s, ready, cached = time.monotonic(), list[Message](), set[str]()
@@ -152,27 +144,26 @@ class Repaired(Subscription):
 
     def _repair(self) -> None:
         """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
-        asked: dict[str, _Answer] = {}
+        asked: dict[str, tuple[Channel[zenoh.Reply], list[zenoh.Sample]]] = {}
         while not self._inbox.closed:
             if self._away.is_set() and _EVERYBODY not in asked:
                 self._away.clear()
-                asked[_EVERYBODY] = _Answer(self._bus.past(f"{self._pattern}/@adv/**", "_max=1"))
+                asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
             with self._order:
                 gaps = self._sequences.due(time.monotonic())
             for gap in gaps:
-                asked[gap.source] = _Answer(self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.."))
-            for source in [source for source, answer in asked.items() if answer.drained()]:
-                self._answered(source, asked.pop(source).by_source)
+                asked[gap.source] = (self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.."), [])
+            for source in [source for source, answer in asked.items() if _drained(*answer)]:
+                self._answered(source, asked.pop(source)[1])
             with self._order:
                 due_s = self._sequences.next_due_s()
-            if any(answer.more for answer in asked.values()):
-                continue
             wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
             self._news.wait(wait_s)
             self._news.clear()
 
-    def _answered(self, source: str, by_source: "_BySource") -> None:
+    def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
         now_s = time.monotonic()
+        by_source = _by_source(found)
         if source != _EVERYBODY:
             self._hand_on(partial(self._sequences.answered, source, by_source.get(source, {}), now_s))
             return
@@ -181,9 +172,9 @@ class Repaired(Subscription):
                 number, message = max(last.items())
                 self._sequences.heard(each, message.key, number, now_s)
 
-    def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
+    def _hand_on(self, ready: Callable[[], Sequence[Message]], *, asked: bool = False) -> None:
         with self._order:
-            self._inbox.put(ready(), asked=True)
+            self._inbox.put(ready(), asked=asked)
             for key, count in self._sequences.missed.items():
                 self._inbox.add_missed(count, key)
             self._sequences.missed.clear()
@@ -199,47 +190,25 @@ def _message(sample: zenoh.Sample) -> Message:
     return Message(str(sample.key_expr), sample.payload.to_bytes())
 
 
-#: of each publisher its messages by number
-_BySource = dict[str, dict[int, Message]]
-
-
-class _Answer:
-    """What caches say, as it comes."""
-
-    def __init__(self, replies: Channel[zenoh.Reply]) -> None:
-        self._replies = replies
-        self.by_source: _BySource = {}
-        #: whether there may be more at once
-        self.more = True
-
-    def drained(self) -> bool:
-        """Take some of it; whether that was all."""
-        try:
-            replies = _there(self._replies)
-        except zenoh.ZError:
-            return True
-        self.more = len(replies) >= _BATCH - 1
-        for reply in replies:
-            if (sample := reply.ok) is not None and (info := sample.source_info) is not None:
-                message = _message(sample)
-                self.by_source.setdefault(_source(message.key, info), {})[info.source_sn] = message
-        return False
-
-
-def _there(channel: Channel[_T]) -> list[_T]:
-    """Some of what has come and waits; raises ZError where nothing does, and nothing will."""
-    found: list[_T] = []
-    while len(found) < _BATCH - 1:
-        try:
-            one = channel.try_recv()
-        except zenoh.ZError:
-            if not found:
-                raise
-            break
-        if one is None:
-            break
-        found.append(one)
+def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, Message]]:
+    """Of each publisher its messages by number."""
+    found: dict[str, dict[int, Message]] = {}
+    for sample in samples:
+        if (info := sample.source_info) is not None:
+            message = _message(sample)
+            found.setdefault(_source(message.key, info), {})[info.source_sn] = message
     return found
+
+
+def _drained(replies: Channel[zenoh.Reply], into: list[zenoh.Sample]) -> bool:
+    """Take what has been answered; whether that was all."""
+    try:
+        while (reply := replies.try_recv()) is not None:
+            if reply.ok is not None:
+                into.append(reply.ok)
+    except zenoh.ZError:
+        return True
+    return False
 
 
 def _source(key: str, info: zenoh.SourceInfo) -> str:
