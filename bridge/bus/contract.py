@@ -80,10 +80,13 @@ class Bus(Protocol):
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
         """Declare a publisher. With cache > 0 the last `cache` messages are kept for late and returning subscribers."""
 
-    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> Subscription:
+    def subscribe(
+        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+    ) -> Subscription:
         """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
 
-        A full queue drops its oldest message and counts it in `missed`; of what caches held at the start none is dropped.
+        A full queue drops its oldest message and counts it in `missed`; of what caches held none is
+        dropped, but with all_past=False.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:

@@ -13,15 +13,15 @@ MOST_KEYS = 1024
 class Inbox:
     """First in, first out; when full the oldest message makes room and is counted as missed.
 
-    What was asked for has room of its own until it is read: caches of a large ward hold more than a queue that is to be short.
+    With all_past the past has room of its own until it is read: caches of a large ward hold more than a queue that is short.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, *, all_past: bool = True) -> None:
         if capacity < 1:
             raise ValueError(f"a queue of {capacity} messages holds nothing; give 1 or more")
-        self._capacity = capacity
+        self._capacity, self._all_past = capacity, all_past
         self._messages: deque[Message] = deque()
-        self._asked = 0  # of them at most
+        self._past = 0  # of them at most
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
@@ -30,8 +30,8 @@ class Inbox:
         self._came: deque[tuple[float, int]] = deque()
         self._in = self._out = 0
 
-    def put(self, messages: Iterable[Message], *, asked: bool = False) -> None:
-        """Take messages in, asked for or not; never waits. After close they are discarded."""
+    def put(self, messages: Iterable[Message], *, past: bool = False) -> None:
+        """Take messages in, of the past or of now; never waits. After close they are discarded."""
         with self._ready:
             if self._closed:
                 return
@@ -39,9 +39,9 @@ class Inbox:
             self._messages.extend(messages)
             self._in += len(self._messages) - before
             self._came.append((time.monotonic(), self._in))
-            if asked:
-                self._asked += len(self._messages) - before
-            while len(self._messages) > self._capacity + self._asked:
+            if past and self._all_past:
+                self._past += len(self._messages) - before
+            while len(self._messages) > self._capacity + self._past:
                 self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
                 self._out += 1
@@ -91,7 +91,7 @@ class Inbox:
             self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
             taken = min(limit, len(self._messages))
             self._out += taken
-            self._asked = max(0, self._asked - taken)
+            self._past = max(0, self._past - taken)
             self._forget()
             return [self._messages.popleft() for _ in range(taken)]
 

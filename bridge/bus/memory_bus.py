@@ -61,9 +61,13 @@ class MemoryBus:
         """See contract.Bus."""
         return _Publisher(self, self._open(), check_key(key), cache)
 
-    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "_Subscription":
+    def subscribe(
+        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+    ) -> "_Subscription":
         """See contract.Bus."""
-        return _Subscription(self, self._open(), check_pattern(pattern), Inbox(capacity), history=history)
+        return _Subscription(
+            self, self._open(), check_pattern(pattern), Inbox(capacity, all_past=all_past), history=history
+        )
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
         """See contract.Bus."""
@@ -213,7 +217,7 @@ class _Subscription(Reading):
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
-            self._inbox.put((message for _, message in new), asked=last is None)
+            self._inbox.put((message for _, message in new), past=last is None)
 
     def close(self) -> None:
         with self._broker.lock:

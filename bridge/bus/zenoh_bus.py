@@ -87,12 +87,14 @@ class ZenohBus:
             )
             return _Publisher(self, publisher, key)
 
-    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536) -> "Subscription":
+    def subscribe(
+        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+    ) -> "Subscription":
         """See contract.Bus. Ask for history only where publishers have a cache.
 
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
         """
-        inbox = Inbox(capacity)
+        inbox = Inbox(capacity, all_past=all_past)
         channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL)
         with self._doing(f"subscribe to {check_pattern(pattern)}"):
             if not history:

@@ -94,7 +94,7 @@ class Repaired(Subscription):
             time.sleep(_TURN_S)
         for source, found in _by_source(first).items():
             key = next(iter(found.values())).key
-            self._hand_on(partial(self._sequences.history, source, key, found), asked=True)
+            self._hand_on(partial(self._sequences.history, source, key, found))
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         now_s, ready, cached = time.monotonic(), list[Message](), set[str]()
@@ -172,9 +172,9 @@ class Repaired(Subscription):
                 number, message = max(last.items())
                 self._sequences.heard(each, message.key, number, now_s)
 
-    def _hand_on(self, ready: Callable[[], Sequence[Message]], *, asked: bool = False) -> None:
+    def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
         with self._order:
-            self._inbox.put(ready(), asked=asked)
+            self._inbox.put(ready(), past=True)
             for key, count in self._sequences.missed.items():
                 self._inbox.add_missed(count, key)
             self._sequences.missed.clear()

@@ -105,7 +105,8 @@ class Service:
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True)
+        # Of a past that there is no room for the oldest is what others, or we before a restart, have corrected.
+        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, all_past=False)
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [

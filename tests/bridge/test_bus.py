@@ -368,6 +368,10 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
     eventually(lambda: subscription.missed == 40)
     assert numbers(subscription.drain(100, 0.0)) == list(range(90, 100)), "its own length counts again"
     subscription.close()
+    short = b.subscribe("t/past/0", history=True, capacity=10, all_past=False)
+    eventually(lambda: short.missed == 40)
+    assert numbers(collect(short, 10)) == list(range(90, 100)), "the newest of it"
+    short.close()
 
 
 def test_waiting_keeps_to_its_timeout(a: Bus) -> None:
