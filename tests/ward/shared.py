@@ -151,6 +151,11 @@ class Shared:
         """How many devices each has."""
         return [len(one.devices) for one in self.running.values()]
 
+    def settled(self) -> bool:
+        """Whether each device is with one of them, and with no other."""
+        had = sorted(name for one in self.running.values() for name in one.devices)
+        return had == self.names
+
     def finish(self) -> None:
         """The bridge says no more, and all it said has come."""
         self.bridge.stop()

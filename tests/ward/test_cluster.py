@@ -57,10 +57,10 @@ def assert_each_sample_once(ward: Shared) -> None:
 def test_who_is_killed_or_hangs_is_missed_by_nobody(ward: Shared) -> None:
     for name in ("e1", "e2", "e3"):
         ward.start(name)
-    ward.until(lambda: sum(ward.split()) == DEVICES and min(ward.split()) > 0 and ward.reached > 100)
+    ward.until(lambda: ward.settled() and min(ward.split()) > 0 and ward.reached > 100)
     lost = ward.running["e2"].devices
     ward.kill("e2")
-    ward.until(lambda: sum(ward.split()) == DEVICES)
+    ward.until(ward.settled)
     ward.until(lambda: ward.reached >= ward.bridge.sent - 20)
     assert lost <= ward.running["e1"].devices | ward.running["e3"].devices
 
@@ -69,7 +69,7 @@ def test_who_is_killed_or_hangs_is_missed_by_nobody(ward: Shared) -> None:
     ward.until(lambda: ward.reached >= ward.bridge.sent - 20)
     newest = {batch.device: batch.epoch for batch in ward.taken}
     ward.running["e1"].wake()
-    ward.until(lambda: sum(ward.split()) == DEVICES and min(ward.split()) > 0)
+    ward.until(lambda: ward.settled() and min(ward.split()) > 0)
     ward.finish()
     assert_each_sample_once(ward)
     assert all(batch.epoch >= newest[batch.device] for batch in ward.taken[-DEVICES:])
@@ -80,7 +80,7 @@ def test_who_is_killed_or_hangs_is_missed_by_nobody(ward: Shared) -> None:
 def test_a_router_that_was_away_leaves_every_device_with_one_estimator(ward: Shared, place: Place) -> None:
     for name in ("e1", "e2"):
         ward.start(name)
-    ward.until(lambda: sum(ward.split()) == DEVICES and min(ward.split()) > 0 and ward.reached > 100)
+    ward.until(lambda: ward.settled() and min(ward.split()) > 0 and ward.reached > 100)
     ward.listen(1.0)
     epochs = {name: dict(one.service._peers.cluster.held) for name, one in ward.running.items()}
     place.stop()
