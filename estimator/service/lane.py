@@ -6,7 +6,7 @@ to the bit. What one device says keeps its order.
 """
 
 import time
-from collections.abc import Callable, KeysView, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -75,8 +75,6 @@ class Lane:
     ) -> None:
         self._slow, self._guarded, self._tell, self._count = slow, guarded, tell, count
         self._devices: dict[str, tuple[Device, str]] = {}
-        #: those that are known
-        self.keys: KeysView[str] = self._devices.keys()
 
     def admit(self, key: str, device: Device, bridge: str) -> None:
         """What comes under this key is of this device, from this bridge."""

@@ -1,7 +1,7 @@
 """What waits for a quiet moment, so that no sample waits for it: learning, and looking after each device once a second.
 
-Nothing waits for ever: a session learns at the latest where it needs to know, at the end of its next half second, and of those
-who were not looked after for a second some are in every round: for four thousand at once samples would wait for seconds.
+Nothing waits for ever: a session learns at the latest where it needs to know, at the end of its next half second, and who was
+not looked after for a second is looked after then.
 """
 
 import time
@@ -17,7 +17,6 @@ class Kind(IntEnum):
 
     LEARN = 0
     LOOK = auto()
-    NOTE = auto()
     CALIBRATE = auto()
 
 
@@ -27,7 +26,6 @@ class Quiet:
     def __init__(self, busy: Callable[[], bool], clock: Callable[[], float] = time.monotonic) -> None:
         self._busy, self._clock = busy, clock
         self._due: list[dict[str, Callable[[], object]]] = [{} for _ in Kind]
-        self._late = [0 for _ in Kind]  # how many of them, the first, wait for no quiet moment any more
 
     def __bool__(self) -> bool:
         return any(self._due)
@@ -36,24 +34,19 @@ class Quiet:
         """It is to be done; instead of what is to be done already."""
         self._due[kind][name] = work
 
-    def hurry(self, kind: Kind) -> None:
-        """What there is of a kind is late: some of it is done in every round, whether samples wait or not."""
-        self._late[kind] = len(self._due[kind])
-
     def work(self) -> None:
         """Do one after the other until a sample comes, or for as long as that may take."""
         until = self._clock() + AT_ONCE_S
-        for kind in Kind:
-            while self._due[kind] and (self._late[kind] or not self._busy()) and self._clock() < until:
-                self._do(kind)
+        for due in self._due:
+            while due and not self._busy() and self._clock() < until:
+                _next(due)
 
     def finish(self, *kinds: Kind) -> None:
         """Do all there is, of some kinds or of all."""
         for kind in kinds or Kind:
-            while self._due[kind]:
-                self._do(kind)
+            while due := self._due[kind]:
+                _next(due)
 
-    def _do(self, kind: Kind) -> None:
-        due = self._due[kind]
-        self._late[kind] = max(0, self._late[kind] - 1)
-        due.pop(next(iter(due)))()
+
+def _next(due: dict[str, Callable[[], object]]) -> None:
+    due.pop(next(iter(due)))()

@@ -99,7 +99,7 @@ class Service:
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
         self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, time.monotonic())
-        self._turns = Turns(self._lane.take, self._flooded, self._lane.keys)
+        self._turns = Turns(self._lane.take, self._flooded)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
@@ -186,7 +186,7 @@ class Service:
         if not queues:
             return self._peers.sift(messages, now)
         # The first of each device comes first: then the others are known to the fast lane.
-        self._lane.take([queue[0] for queue in queues if queue])
+        self._turns.round([queue[0] for queue in queues if queue])
         return [*(message for queue in queues for message in queue[1:]), *self._peers.sift(messages, now)]
 
     def _give_away(self, names: list[str], now: float) -> None:
@@ -373,8 +373,7 @@ class Service:
                 device.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
-        self._quiet.hurry(Kind.LOOK)  # where there was no quiet moment
-        self._quiet.finish(Kind.NOTE)
+        self._quiet.finish(Kind.LOOK)  # where there was no quiet moment
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
         self._silent.say(self._now_ns())
@@ -382,7 +381,7 @@ class Service:
         counts = self._count_all()
         self._totals.tell(now, counts)
         note = partial(self._stock.note, now, self._record.trouble, counts)
-        self._quiet.add(Kind.NOTE, _WARD, partial(note, connected=connected, busy=self._overload.ratio))
+        self._quiet.add(Kind.LOOK, _WARD, partial(note, connected=connected, busy=self._overload.ratio))
 
     def _weigh(self, now: float) -> None:
         """Whether it all is more than can be done."""
@@ -398,8 +397,7 @@ class Service:
 
     def _looked_after(self, device: Device, now: float) -> None:
         silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
-        silent = silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now))
-        if silent and not self._turns.waits(device.key):
+        if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             self._silence(device, now)
         device.say_status(self._now_ns())
         device.look_round()

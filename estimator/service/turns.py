@@ -1,4 +1,4 @@
-"""Whose turn it is: nobody waits for a device that floods the bus, for fifty that are calibrated at once, or a thousand new ones.
+"""Whose turn it is: neither a device that floods the bus nor fifty that are calibrated at once keep the others waiting.
 
 What all others sent is handled first; those set aside then get a little time in every round, one after the other. What one
 device says keeps its order, so what comes of it is the same whenever its turn is.
@@ -7,7 +7,6 @@ device says keeps its order, so what comes of it is the same whenever its turn i
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from collections.abc import Set as AbstractSet
 from operator import itemgetter
 
 from bridge.bus.contract import Message
@@ -34,22 +33,15 @@ Take = Callable[[Sequence[Message]], None]
 class Turns:
     """Rounds of messages in, handed on to `take` in the order that is fair.
 
-    dropped is told of a key and how many of its messages went unread; a message under a key that is not known yet may take long.
+    dropped is told of a key and how many of its messages went unread.
     """
 
     def __init__(
-        self,
-        take: Take,
-        dropped: Callable[[str, int], None],
-        known: AbstractSet[str],
-        clock: Callable[[], float] = time.monotonic,
+        self, take: Take, dropped: Callable[[str, int], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._take, self._dropped, self._known, self._clock = take, dropped, known, clock
+        self._take, self._dropped, self._clock = take, dropped, clock
         self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
-        self._new: dict[str, deque[Message]] = {}  # of those that are not known yet
-        self._news = False  # whose turn it is of the two
         self._slow: set[str] = set()
-        self._begun: list[str] = []  # those that were new until now: what waits of them is as that of others
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
         self._came, self._second = Counter[str](), 0
         #: how many messages wait
@@ -73,17 +65,12 @@ class Turns:
         else:
             self._slow.discard(key)
 
-    def waits(self, key: str) -> bool:
-        """Whether something under this key came and is still to be handled."""
-        return bool(self._queues.get(key) or self._new.get(key))
-
     def withdraw(self, device: str) -> list[Message]:
         """What waits of a device that is ours no more."""
         found: list[Message] = []
-        for queues in (self._queues, self._new):
-            for key in [key for key in queues if key.rpartition("/")[2] == device]:
-                found += queues.pop(key)
-                self._slow.discard(key)
+        for key in [key for key in self._queues if key.rpartition("/")[2] == device]:
+            found += self._queues.pop(key)
+            self._slow.discard(key)
         self.waiting -= len(found)
         return found
 
@@ -93,11 +80,9 @@ class Turns:
         self._take(prompt)
         began = self._clock()
         while (key := self._next()) is not None:
-            self._news = not self._news
-            queue = self._new.pop(key) if key in self._new else self._queues.pop(key)
+            queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
-            new = key not in self._known
-            part = [queue.popleft() for _ in range(1 if new or key in self._slow else min(SHARE, len(queue)))]
+            part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
             self.waiting -= len(part)
             self._allowed[key] = self._left(key) - len(part), self._clock()
             if len(self._allowed) > _REMEMBERED:
@@ -105,29 +90,15 @@ class Turns:
                     k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
                 }
             if queue or key in self._slow:
-                (self._new if new else self._queues)[key] = queue  # behind the others
+                self._queues[key] = queue  # behind the others
             self._take(part)
-            if new and key in self._known and key in self._new:
-                self._queues[key] = self._new.pop(key)
-                self._begun += [key] if len(queue) <= SHARE else []
-            if self._clock() >= began + (ASIDE_S if prompt or new or key in self._slow else ALONE_S):
+            if self._clock() >= began + (ASIDE_S if prompt or key in self._slow else ALONE_S):
                 return
-
-    def _waited(self) -> list[Message]:
-        """What waited only because its device was new."""
-        found: list[Message] = []
-        for key in self._begun:
-            if key in self._known and key not in self._slow:
-                found += self._queues.pop(key, ())
-        self._begun.clear()
-        self.waiting -= len(found)
-        return found
 
     def _next(self) -> str | None:
         if not self.waiting:
             return None
-        both = (self._new, self._queues) if self._news else (self._queues, self._new)
-        return next((key for one in both for key, queue in one.items() if queue and self._left(key) > 0), None)
+        return next((key for key, queue in self._queues.items() if queue and self._left(key) > 0), None)
 
     def _came_now(self) -> Counter[str]:
         """How many messages of each key came in this second."""
@@ -147,23 +118,16 @@ class Turns:
         came = self._came_now()
         came.update(counts)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
-        prompt, taken = self._waited(), Counter[str]()
-        usual = (
-            counts.keys() <= self._known
-            and self._queues.keys().isdisjoint(counts)
-            and self._new.keys().isdisjoint(counts)
-        )
-        if usual and not often and max(counts.values(), default=0) <= SHARE:
-            return [*prompt, *messages]
+        if not often and not self._queues.keys() & counts.keys() and max(counts.values(), default=0) <= SHARE:
+            return messages
+        prompt, taken = [], Counter[str]()
         for message in messages:
             key = message.key
-            known = key in self._known and key not in self._new and key not in self._queues
-            if known and taken[key] < SHARE and came[key] <= A_SECOND:
+            if key not in self._queues and taken[key] < SHARE and came[key] <= A_SECOND:
                 taken[key] += 1
                 prompt.append(message)
                 continue
-            new = key in self._new or (key not in self._known and key not in self._queues)
-            queue = (self._new if new else self._queues).setdefault(key, deque())
+            queue = self._queues.setdefault(key, deque())
             queue.append(message)
             self.waiting += 1
             if len(queue) > MOST:

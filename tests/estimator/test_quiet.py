@@ -55,17 +55,6 @@ def test_other_things_are_seen_to_now_and_then() -> None:
     assert desk.done == "abcde"
 
 
-def test_what_is_late_is_done_though_samples_wait_and_never_all_at_once() -> None:
-    desk = Desk(cost_s=0.4 * AT_ONCE_S, samples_at=0.0)
-    desk.quiet.hurry(Kind.LEARN)
-    desk.add(Kind.LEARN, "f")
-    desk.quiet.work()
-    assert desk.done == "abc", "samples are seen to in between"
-    for _ in range(3):
-        desk.quiet.work()
-    assert desk.done == "abcde", "what was added since is not late"
-
-
 def test_what_takes_long_is_last() -> None:
     desk = Desk()
     desk.add(Kind.CALIBRATE, "x")

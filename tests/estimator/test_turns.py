@@ -11,33 +11,17 @@ from estimator.service import turns as rules
 from estimator.service.turns import Turns
 
 
-class _All(frozenset[str]):
-    """Every key but those that begin with "new"."""
-
-    def __contains__(self, key: object) -> bool:
-        return not str(key).startswith("new")
-
-    def __ge__(self, other: object) -> bool:
-        return all(map(self.__contains__, other))  # type: ignore[call-overload]
-
-
-KNOWN = _All()
-
-
 class Desk:
     """Turns whose work takes time by a clock of its own: cost_s of each message by key."""
 
-    def __init__(self, cost_s: dict[str, float] | None = None, known: set[str] | None = None) -> None:
+    def __init__(self, cost_s: dict[str, float] | None = None) -> None:
         self.now, self.done = 0.0, list[Message]()
         self.dropped: dict[str, int] = {}
         self._cost_s = cost_s or {}
-        self.turns = Turns(self.take, self.drop, KNOWN if known is None else known, lambda: self.now)
-        self._known = known
+        self.turns = Turns(self.take, self.drop, lambda: self.now)
 
     def take(self, messages: Sequence[Message]) -> None:
         self.done += messages
-        if self._known is not None:
-            self._known |= {message.key for message in messages}
         self.now += sum(self._cost_s.get(message.key, 1e-5) for message in messages)
 
     def drop(self, key: str, n: int) -> None:
@@ -61,46 +45,6 @@ def test_who_sends_little_never_waits() -> None:
     sent = [*messages("a", 0, 5), *messages("b", 0, 5)]
     desk.turns.round(sent)
     assert desk.done == sent
-
-
-def test_who_is_new_waits_for_those_that_are_known() -> None:
-    """A device takes milliseconds to begin: of five hundred that come at once the others do not wait for each."""
-    desk = Desk({f"new{n}": 0.008 for n in range(500)})
-    desk.turns.round([*(m for n in range(500) for m in messages(f"new{n}", 0, 1)), *messages("a", 0, 1)])
-    assert desk.numbers("a") == [0]
-    assert desk.now < 0.01
-    desk.turns.round([*messages("new499", 1, 3), *messages("a", 1, 2)])
-    assert desk.numbers("a") == [0, 1]
-    assert desk.now < 0.02
-    desk.finish()
-    assert len(desk.done) == 504
-    assert desk.numbers("new499") == [0, 1, 2]
-
-
-def test_who_is_calibrated_does_not_wait_for_thousands_that_are_new() -> None:
-    desk = Desk({f"new{n}": 0.008 for n in range(1000)})
-    desk.turns.slow("a", now=True)
-    desk.turns.round([m for n in range(1000) for m in messages(f"new{n}", 0, 1)])
-    for number in range(10):
-        desk.turns.round(messages("a", number, number + 1))
-    assert len(desk.numbers("a")) >= 5
-    desk.finish()
-    assert desk.numbers("a") == list(range(10))
-
-
-def test_all_that_are_new_begin_before_any_goes_on() -> None:
-    """After a restart every device is new and has a past that waits: it is the others' turn before the past of the first is."""
-    names, known = ["new1", "new2", "new3"], set[str]()
-    desk = Desk(dict.fromkeys(names, 0.001), known)
-    desk.turns.round([message for name in names for message in messages(name, 0, 20)])
-    assert [desk.numbers(name) for name in names] == [[0], [0], []], "as many as there is time for"
-    assert desk.turns.waits("new3")
-    assert desk.turns.waits("new1"), "its past"
-    desk.turns.round(messages("new1", 20, 21))
-    assert [len(desk.numbers(name)) for name in names] == [21, 20, 20]
-    desk.finish()
-    assert [desk.numbers(name) for name in names] == [[*range(21)], [*range(20)], [*range(20)]]
-    assert not desk.turns.waits("new1")
 
 
 def test_a_flood_waits_for_the_others_and_is_dropped_from_the_oldest_on() -> None:
