@@ -271,4 +271,4 @@ def test_no_thread_and_no_port_is_left_behind(udp: int) -> None:
     before = threading.active_count()
     for _ in range(50):
         opened(f":{udp}").close()
-    assert threading.active_count() == before
+    assert threading.active_count() <= before  # one of an earlier test may end meanwhile
