@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import rotation
+from estimator.loops.span import summed
 
 Floats = NDArray[np.float64]
 
@@ -40,28 +40,19 @@ class Span:
 
 def sum_up(dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats) -> Span:
     """The span of n samples, each holding for dt (n,) s: gyro (n, 3) rad/s and accel (n, 3) m/s² as read."""
-    n = len(dt)
-    reading = gyro - bias
-    rate = reading @ matrix.T
-    attitude = rotation.attitudes(rate, dt)
-    mid = 0.5 * (attitude[:-1] + attitude[1:])
-    carried = mid * dt[:, None, None]
-    force = np.matmul(mid, (accel - accel_bias)[:, :, None])[:, :, 0]
-    pushes = force * dt[:, None]
-    # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
-    ahead = np.add.accumulate(pushes[::-1])[::-1]
-    moved = np.matmul(-rotation.cross_matrix(ahead), carried)
-    by_bias = np.add.reduce(carried)
+    scalars, vectors, by_bias, by_matrix = summed(dt, gyro, accel, matrix, bias, accel_bias)
+    seconds, way, unrest = scalars.tolist()
+    end, push, shift = vectors[:3], vectors[3], vectors[4]
     return Span(
-        seconds=float(dt.sum()),
-        end=attitude[-1],
-        push=ahead[0],
-        shift=dt @ (ahead[0] - ahead + 0.5 * pushes),
-        by_bias=-by_bias @ matrix,
-        by_matrix=(carried.reshape(n, 9).T @ rate).reshape(3, 9),
-        push_by_bias=-np.add.reduce(moved) @ matrix,
-        push_by_matrix=(moved.reshape(n, 9).T @ rate).reshape(3, 9),
-        push_by_accel=-by_bias,
-        way=float(np.sqrt(np.einsum("ij,ij->i", rate, rate)) @ dt),
-        unrest=float(np.sqrt(np.square(force - np.add.reduce(force) / n).sum() / n)),
+        seconds=seconds,
+        end=end,
+        push=push,
+        shift=shift,
+        by_bias=-by_bias[:3] @ matrix,
+        by_matrix=by_matrix[:3],
+        push_by_bias=-by_bias[3:] @ matrix,
+        push_by_matrix=by_matrix[3:],
+        push_by_accel=-by_bias[:3],
+        way=way,
+        unrest=unrest,
     )

@@ -1,0 +1,94 @@
+"""The loop behind strapdown.py."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.loops.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:], f8[:])")
+def summed(
+    dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Seconds, way and unrest; end, push and shift (5, 3); the turn, then the push, by turns (6, 3) and by the matrix (6, 9)."""
+    n = len(dt)
+    rate, force, carried = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+    before, after = np.eye(3), np.eye(3)
+    by_bias, by_matrix = np.zeros((6, 3)), np.zeros((6, 9))
+    scalars, vectors = np.zeros(3), np.zeros((5, 3))
+    qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        h = dt[i]
+        for r in range(3):
+            rate[i, r] = 0.0
+            for c in range(3):
+                rate[i, r] += matrix[r, c] * (gyro[i, c] - bias[c])
+        # The next attitude, by the quaternion of the step.
+        speed = np.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2 + rate[i, 2] ** 2)
+        scalars[0] += h
+        scalars[1] += speed * h
+        sine = np.sin(speed * h / 2) / speed if speed > 0.0 else h / 2
+        w, x, y, z = np.cos(speed * h / 2), sine * rate[i, 0], sine * rate[i, 1], sine * rate[i, 2]
+        qw, qx, qy, qz = (
+            qw * w - qx * x - qy * y - qz * z,
+            qw * x + qx * w + qy * z - qz * y,
+            qw * y - qx * z + qy * w + qz * x,
+            qw * z + qx * y - qy * x + qz * w,
+        )
+        after[0, 0], after[0, 1], after[0, 2] = (
+            qw * qw + qx * qx - qy * qy - qz * qz,
+            2 * (qx * qy - qw * qz),
+            2 * (qx * qz + qw * qy),
+        )
+        after[1, 0], after[1, 1], after[1, 2] = (
+            2 * (qx * qy + qw * qz),
+            qw * qw - qx * qx + qy * qy - qz * qz,
+            2 * (qy * qz - qw * qx),
+        )
+        after[2, 0], after[2, 1], after[2, 2] = (
+            2 * (qx * qz - qw * qy),
+            2 * (qy * qz + qw * qx),
+            qw * qw - qx * qx - qy * qy + qz * qz,
+        )
+        for r in range(3):
+            for c in range(3):
+                mid = 0.5 * (before[r, c] + after[r, c])
+                before[r, c] = after[r, c]
+                carried[i, r, c] = mid * h
+                by_bias[r, c] += mid * h
+                for k in range(3):
+                    by_matrix[r, 3 * c + k] += mid * h * rate[i, k]
+        for r in range(3):
+            force[i, r] = 0.0
+            for c in range(3):
+                force[i, r] += carried[i, r, c] / h * (accel[i, c] - accel_bias[c])
+    # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
+    ahead = vectors[3]
+    for i in range(n - 1, -1, -1):
+        for r in range(3):
+            ahead[r] += force[i, r] * dt[i]
+        for c in range(3):
+            x, y, z = carried[i, 0, c], carried[i, 1, c], carried[i, 2, c]
+            moved = ahead[2] * y - ahead[1] * z, ahead[0] * z - ahead[2] * x, ahead[1] * x - ahead[0] * y
+            for r in range(3):
+                by_bias[3 + r, c] += moved[r]
+                for k in range(3):
+                    by_matrix[3 + r, 3 * c + k] += moved[r] * rate[i, k]
+    pushed = np.zeros(3)
+    strayed = 0.0
+    for i in range(n):
+        for r in range(3):
+            vectors[4, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
+            pushed[r] += force[i, r] * dt[i]
+    for r in range(3):
+        mean = 0.0
+        for i in range(n):
+            mean += force[i, r]
+        mean /= n
+        for i in range(n):
+            strayed += (force[i, r] - mean) ** 2
+    scalars[2] = np.sqrt(strayed / n)
+    vectors[:3] = after
+    return scalars, vectors, by_bias, by_matrix
