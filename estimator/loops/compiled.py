@@ -54,10 +54,13 @@ def ready() -> None:
 
 def _made(function: Callable[..., Any], signature: str) -> Any:
     from numba import njit  # noqa: PLC0415
+    from numba.core.errors import NumbaError  # noqa: PLC0415
 
     begun = time.monotonic()
     try:
         made = njit(signature, cache=True, error_model="numpy")(function)
+    except NumbaError:
+        raise
     except Exception:  # noqa: BLE001 - no place to keep it, or what was kept is damaged; numba does not say which by type
         made = njit(signature, error_model="numpy")(function)
     if time.monotonic() - begun > _PATIENCE_S:

@@ -5,8 +5,6 @@ One that is mirrored or swapped looks well by itself; but then gravity carried b
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
 
@@ -38,10 +36,9 @@ class Accelerometer:
         """Whether the readings of a second can be gravity and a wearer's movement."""
         if self.disbelieved or second.accel is None or second.accel_std is None:
             return False
-        changing = bool(second.accel_std.any())
+        changing = any(second.accel_std.tolist())
         self._alive |= changing
-        strength = float(np.sqrt(np.einsum("ij,ij->i", second.accel, second.accel)).mean())
-        return (changing or not self._alive) and self.knobs.weakest < strength < self.knobs.strongest
+        return (changing or not self._alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
 
     def heard(self, receipt: Receipt) -> None:
         """Note what gravity said of a second."""

@@ -10,7 +10,6 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var, rounding_var
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
@@ -68,8 +67,9 @@ class Bounded:
 
         up (3,) is the direction of gravity's reading, None without an accelerometer.
         """
-        variance, common = mean_var(second.std, second.step, len(second)), rounding_var(second.std, second.step)
-        self._seconds.append((second.start, second.end, second.mean, variance, common, bias.temperature_c))
+        self._seconds.append(
+            (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
+        )
         seconds = self._seconds[-1][1] - self._seconds[0][0]
         if seconds < self.knobs.stretch_s:
             return []

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.refusal import Tally
-from estimator.gyro import least_step, spread
+from estimator.loops import second as loop
 from estimator.stillness import Window
-from estimator.track.unseen import unseen
+from estimator.track.unseen import HOLE, unseen
 
 Floats = NDArray[np.float64]
 #: a window, and whether it is still for all that is known of those around it
 Judged = tuple[Window, bool]
 #: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
 _COARSEST = radians(2.0)
+_NONE = np.empty((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class Second:
     """A second of n samples from `start` (the time of the one before) to `end`: dt (n,) s, gyro and accel (n, 3).
 
     still: all of it was judged so. flaw: why it tells nothing of rotation, or nothing.
-    mean, std, step (3,) of the readings; accel_mean, accel_std (3,) or None.
+    mean, std (3,) of the readings; mean_var (3,) of the mean, if it rests, and what of that rounding leaves in all means alike.
+    accel_mean, accel_std (3,) or None; accel_strength: the mean of its length, m/s², NaN without.
     unseen_turn rad, unseen_push m/s: what lost samples leave unknown of the way turned and of the speed gained, rms.
     """
 
@@ -53,9 +55,11 @@ class Second:
     flaw: str
     mean: Floats
     std: Floats
-    step: Floats
+    mean_var: Floats
+    common_var: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
+    accel_strength: float = float("nan")
     unseen_turn: float = 0.0
     unseen_push: float = 0.0
 
@@ -76,6 +80,7 @@ class Seconds:
         self._last: tuple[Floats, Floats | None] | None = None  # the reading at that time
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
+        self._all_noisy = False
 
     def window(self, window: Window, noise_std: Floats) -> Iterator[Second]:
         """The seconds that are known whole after the next window; noise_std (3,) rad/s of a reading."""
@@ -115,22 +120,16 @@ class Seconds:
         forces = [w.accel for w in windows if w.accel is not None]
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
         first = self._last_time if isfinite(self._last_time) else float(time[0] - np.median(np.diff(time)))
-        dt = time.copy()
-        dt[1:] -= time[:-1]
-        dt[0] -= first
+        dt, rows = loop.measured(time, gyro, _NONE if accel is None else accel, first, _COARSEST, self._step)
+        least_std, longest, strength = rows[loop.SCALARS].tolist()
         self._last_time = float(time[-1])
         before, self._last = self._last or _first(windows[0]), _last(windows[-1])
-        mean, std = spread(gyro)
-        accel_mean, accel_std = (None, None) if accel is None else spread(accel)
-        if float(std.min()) < _COARSEST or not np.isfinite(self._step).all():
-            step = least_step(gyro)
-            self._step = np.minimum(self._step, step)
-        else:
-            step = self._step  # none could be told from noise
-        if still and not self._noisy.all():
+        if still and not self._all_noisy:
             # From one reading to the next: a slow sway is no noise.
-            self._noisy |= spread(np.diff(gyro, axis=0))[1] > np.sqrt(2) * self._step
-        flaw = self._flaw(windows, dt, gyro, std, noise_std)
+            self._noisy |= rows[loop.JITTER] > np.sqrt(2) * self._step
+            self._all_noisy = bool(self._noisy.all())
+        flaw = self._flaw(windows, longest, least_std, rows, noise_std)
+        whole = longest * len(dt) <= HOLE * (self._last_time - first)
         return Second(
             start=first,
             end=self._last_time,
@@ -139,25 +138,29 @@ class Seconds:
             accel=accel,
             still=still,
             flaw=flaw,
-            mean=mean,
-            std=std,
-            step=step,
-            accel_mean=accel_mean,
-            accel_std=accel_std,
-            unseen_turn=unseen(dt, gyro, before[0]),
-            unseen_push=0.0 if accel is None else unseen(dt, accel, accel[0] if before[1] is None else before[1]),
+            mean=rows[loop.MEAN],
+            std=rows[loop.STD],
+            mean_var=rows[loop.MEAN_VAR],
+            common_var=rows[loop.COMMON_VAR],
+            accel_mean=None if accel is None else rows[loop.ACCEL_MEAN],
+            accel_std=None if accel is None else rows[loop.ACCEL_STD],
+            accel_strength=strength,
+            unseen_turn=0.0 if whole else unseen(dt, gyro, before[0]),
+            unseen_push=0.0
+            if whole or accel is None
+            else unseen(dt, accel, accel[0] if before[1] is None else before[1]),
         )
 
-    def _flaw(self, windows: list[Window], dt: Floats, gyro: Floats, std: Floats, noise_std: Floats) -> str:
+    def _flaw(self, windows: list[Window], longest: float, least_std: float, rows: Floats, noise_std: Floats) -> str:
         if np.concatenate([window.clipped for window in windows]).any():
             return "clipped"
-        if dt.max() > self.knobs.gap_s:
+        if longest > self.knobs.gap_s:
             return "gap"
-        if float(std.min()) > 1e-9:
+        if least_std > 1e-9:
             return ""
         # A gyro coarser than its noise may well repeat itself at rest; one that showed noise before may not.
         noisy = self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6)
-        return "stuck" if ((gyro == gyro[0]).all(axis=0) & noisy).any() else ""
+        return "stuck" if ((rows[loop.HELD] == 1) & noisy).any() else ""
 
 
 def _first(window: Window) -> tuple[Floats, Floats | None]:

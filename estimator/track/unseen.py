@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 #: longer than so many of the usual steps from sample to sample, a step is a hole
-_HOLE = 1.5
+HOLE = 1.5
 
 
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
@@ -18,10 +18,10 @@ def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
 
     before (k,): the reading before the first.
     """
-    if float(dt.max()) * len(dt) <= _HOLE * float(dt.sum()):
+    if float(dt.max()) * len(dt) <= HOLE * float(dt.sum()):
         return 0.0
     usual = float(np.median(dt))
-    holes = dt > _HOLE * usual
+    holes = dt > HOLE * usual
     lost_s = dt[holes] - usual
     steps = np.square(np.diff(reading, axis=0, prepend=before[None])).sum(axis=1)
     wander = (lost_s / usual) ** 2 * (steps[~holes].mean() if not holes.all() else 0.0)

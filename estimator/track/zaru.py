@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import mean_var, rounding_var, spread
+from estimator.gyro import spread
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
@@ -113,7 +113,7 @@ class Zaru:
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
-        self._means[self._quiet % _RECENT] = second.mean, mean_var(second.std, second.step, len(second))
+        self._means[self._quiet % _RECENT] = second.mean, second.mean_var
         self._quiet += 1
         if self._tilt.watch(second):
             self._waiting.clear()
@@ -138,8 +138,8 @@ class Zaru:
         self._ever_proven |= proven
         checked = up is not None and self._ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
-        var = mean_var(second.std, second.step, len(second)) + motion_var
-        common = rounding_var(second.std, second.step)
+        var = second.mean_var + motion_var
+        common = second.common_var
         if up is None or second.accel_mean is None:
             evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
             receipts = self._gated(evidence, second, bias)

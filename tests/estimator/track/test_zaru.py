@@ -35,11 +35,11 @@ class Rest:
         accel_std = None if self.up is None else np.full(3, 0.02)
         for _ in range(round(seconds)):
             mean = BIAS + offset + self.noise / np.sqrt(N) * self.rng.normal(size=3)
-            std, step, none = np.full(3, self.noise), np.full(3, 1e-7), np.zeros((N, 3))
+            std, none = np.full(3, self.noise), np.zeros((N, 3))
             begin, self.time = self.time, self.time + 1.0
             accel = None if self.up is None else 9.81 * self.up + 0.02 / np.sqrt(N) * self.rng.normal(size=3)
             yield Second(
-                begin, self.time, np.full(N, 1 / N), none, None, still, "", mean, std, step, accel, accel_std
+                begin, self.time, np.full(N, 1 / N), none, None, still, "", mean, std, std**2 / N, np.zeros(3), accel, accel_std
             )  # fmt: skip
 
     def take(self, second: Second) -> list[Receipt]:
@@ -196,8 +196,12 @@ def test_a_noisier_rest_weighs_less() -> None:
 def test_readings_that_never_differ_are_no_perfect_measurement() -> None:
     rest = Rest()
     step = np.radians(0.061)
+    rounding = np.full(3, step**2 / 12)
     for second in rest.seconds(60.0):
-        rest.take(replace(second, mean=step * np.round(BIAS / step), std=np.zeros(3), step=np.full(3, step)))
+        held = replace(
+            second, mean=step * np.round(BIAS / step), std=np.zeros(3), mean_var=rounding, common_var=rounding
+        )
+        rest.take(held)
     score = rest.error_dps() / np.degrees(rest.filter.state.std)
     assert np.abs(score).max() < 3.5
 

@@ -1,0 +1,77 @@
+"""The loop behind track/seconds.py: what the readings of a second say of themselves."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.gyro import COARSE_STEP
+from estimator.loops.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+#: rows of `measured`
+MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCALARS = range(10)
+
+
+@compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:])")
+def measured(
+    time: Floats, gyro: Floats, accel: Floats, first: float, coarsest: float, known: Floats
+) -> tuple[Floats, Floats]:
+    """Steps dt (n,) of samples at time (n,) after `first`, s, and rows of three of their gyro (n, 3) and accel (n or 0, 3).
+
+    MEAN, STD; STEP: the least difference between readings, or where none deviates less than `coarsest`, the least `known` (3,),
+    which is kept up; MEAN_VAR and COMMON_VAR: see gyro.py; JITTER: deviation from one reading to the next; HELD: 1
+    where all are the same; ACCEL_MEAN, ACCEL_STD; SCALARS: the least STD, the longest dt, the mean strength of accel.
+    """
+    n, pushed = len(time), len(accel)
+    dt, rows = np.empty(n), np.zeros((10, 3))
+    before, longest = first, -np.inf
+    for i in range(n):
+        dt[i] = time[i] - before
+        before = time[i]
+        longest = max(longest, dt[i])
+    least_std, unknown = np.inf, False
+    for axis in range(3):
+        total = jump = 0.0
+        held = True
+        for i in range(n):
+            total += gyro[i, axis]
+            held = held and gyro[i, axis] == gyro[0, axis]
+        mean = total / n
+        square = 0.0
+        for i in range(n):
+            square += (gyro[i, axis] - mean) ** 2
+        for i in range(1, n):
+            jump += gyro[i, axis] - gyro[i - 1, axis]
+        jump /= max(1, n - 1)
+        jitter = 0.0
+        for i in range(1, n):
+            jitter += (gyro[i, axis] - gyro[i - 1, axis] - jump) ** 2
+        rows[MEAN, axis], rows[STD, axis] = mean, np.sqrt(square / (n - 1))
+        rows[JITTER, axis], rows[HELD, axis] = np.sqrt(jitter / (n - 2)), 1.0 if held else 0.0
+        least_std = min(least_std, rows[STD, axis])
+        unknown = unknown or not np.isfinite(known[axis])
+        total = square = 0.0
+        for i in range(pushed):
+            total += accel[i, axis]
+        mean = total / pushed
+        for i in range(pushed):
+            square += (accel[i, axis] - mean) ** 2
+        rows[ACCEL_MEAN, axis], rows[ACCEL_STD, axis] = mean, np.sqrt(square / (pushed - 1))
+    strength = 0.0
+    for i in range(pushed):
+        strength += np.sqrt(accel[i, 0] ** 2 + accel[i, 1] ** 2 + accel[i, 2] ** 2)
+    rows[SCALARS, 0], rows[SCALARS, 1], rows[SCALARS, 2] = least_std, longest, strength / pushed
+    for axis in range(3):
+        step = known[axis]
+        if least_std < coarsest or unknown:
+            ordered, step = np.sort(gyro[:, axis]), np.inf
+            for i in range(1, n):
+                apart = ordered[i] - ordered[i - 1]
+                if 1e-9 < apart < step:
+                    step = apart
+            step = COARSE_STEP if np.isinf(step) else step
+            known[axis] = min(known[axis], step)
+        common = step**2 / 12 if rows[STD, axis] < step / 2 else 0.0
+        rows[STEP, axis], rows[COMMON_VAR, axis] = step, common
+        rows[MEAN_VAR, axis] = rows[STD, axis] ** 2 / n + common
+    return dt, rows
