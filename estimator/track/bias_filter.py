@@ -13,6 +13,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from estimator.loops.weigh import weighed
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.since import Since
 from estimator.track.temperature import TemperatureLaw
@@ -22,7 +23,10 @@ Floats = NDArray[np.float64]
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
+#: a state x (n,), to which it goes on by F (n, n), with Q (n, n) added
+Carried = tuple[Floats, Floats, Floats]
 _ONE = np.eye(3)
+_AT_ONCE = np.empty((0, 3))
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -140,12 +144,19 @@ class BiasFilter:
             self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered, self._bent_c
         )
 
-    def predict(self, time: float, temperature_c: float = np.nan) -> tuple[Floats, Floats] | None:
-        """Let the bias walk to a device time; F and Q (6, 6) of its own states. Time that goes backward is ignored: None."""
+    def predict(
+        self, time: float, temperature_c: float = np.nan, carried: Carried | None = None
+    ) -> tuple[Floats, Floats] | None:
+        """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
+
+        F and Q (6, 6) of its own states. Time that goes backward is no time for a walk: None.
+        """
         dt = time - self.time
+        x, F, Q = carried or (None, np.eye(len(self._kf.x)), np.zeros_like(self._kf.P))
         if not dt > 0:
+            if carried is not None:
+                self._step(x, F, Q)
             return None
-        F, Q = np.eye(len(self._kf.x)), np.zeros_like(self._kf.P)
         self.bent = np.zeros(OWN)
         warmer = temperature_c - self.temperature_c
         if isfinite(warmer):
@@ -154,11 +165,11 @@ class BiasFilter:
             bend, over = self._bend(warmer, temperature_c)
             Q[SLOPE, SLOPE] = bend**2 * _ONE
             Q[BIAS, BIAS] = (bend * over / 2) ** 2 * _ONE
+            if x is not None:
+                x[BIAS] += warmer * x[SLOPE]
         Q[BIAS, BIAS] += self.walked(dt, known=isfinite(temperature_c)) * _ONE
-        self._kf.predict(F=F, Q=Q)
         self._stepped = Q[BIAS, BIAS]
-        for since in self._since:
-            since.step(F, self._stepped)
+        self._step(x, F, Q, self._stepped)
         if self.law is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, np.zeros((3, 3))
@@ -167,6 +178,13 @@ class BiasFilter:
             if first and self.law is not None:
                 self.expect(self.law)
         return F[:OWN, :OWN].copy(), Q[:OWN, :OWN].copy()
+
+    def _step(self, x: Floats | None, F: Floats, Q: Floats, walked: Floats | None = None) -> None:
+        self._kf.predict(F=F, Q=Q)
+        if x is not None:
+            self._kf.x = x
+        for since in self._since:
+            since.step(F, walked)
 
     def expect(self, law: TemperatureLaw) -> None:
         """From now on believe the slope of a law in place of what was known of it."""
@@ -229,13 +247,6 @@ class BiasFilter:
             var += knobs.warm_up_walk**2 * fading * -expm1(-dt / knobs.warm_up_s) * knobs.warm_up_s
         return var
 
-    def carry(self, x: Floats, F: Floats, Q: Floats) -> None:
-        """Let all of the state go on: to x (n,), by F (n, n), with Q (n, n) added."""
-        self._kf.predict(F=F, Q=Q)
-        self._kf.x = x
-        for since in self._since:
-            since.step(F)
-
     def widen(self, cov: Floats) -> None:
         """Doubt the bias by so much more, (3, 3)."""
         self._kf.P[BIAS, BIAS] += cov
@@ -260,17 +271,13 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        H = evidence.H if evidence.since is None else evidence.since.seen(evidence.H)
-        innovation, S = evidence.z - H @ self._kf.x, H @ self._kf.P @ H.T + evidence.R
-        if evidence.since is not None:
-            S += evidence.since.added(H)
+        late, H = evidence.since, evidence.H
+        cross, walked = (_AT_ONCE, _AT_ONCE) if late is None else (late.cross, late.var)
+        H = H if late is None else late.seen(H)
+        innovation, S, nis = weighed(evidence.z, H, evidence.R, self._kf.x, self._kf.P, cross, walked)
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = (
-            all(map(isfinite, (*innovation.tolist(), *S.ravel().tolist()))) and min(evidence.R.diagonal().tolist()) > 0
-        )
-        nis = float(innovation @ _inverse(S) @ innovation) if finite else np.inf
-        if not isfinite(nis):  # so large that its own determinant is beyond all numbers
-            finite, nis = False, np.inf
+        finite = isfinite(nis) and min(evidence.R.diagonal().tolist()) > 0
+        nis = nis if finite else np.inf
         ratio = nis / evidence.gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
         return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)

@@ -16,14 +16,14 @@ Integrated Navigation Systems", 2nd ed. (2013), ch. 15; spans from strapdown.py.
 """
 
 from dataclasses import dataclass, field, replace
-from math import exp, sqrt
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.rotation import cross_matrix
+from estimator.loops.gravity import carried
 from estimator.strapdown import Span
-from estimator.track.bias_filter import BIAS, OWN, BiasFilter, BiasState
+from estimator.track.bias_filter import OWN, BiasFilter, BiasState, Carried
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.lasting import Lasting, LastingKnobs
 
@@ -98,30 +98,33 @@ class Gravity:
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
-    ) -> None:
-        """Take the filter over a span that was summed up with its own bias, matrix and accelerometer bias.
+    ) -> Carried:
+        """How the filter goes on over a span that was summed up with its own bias, matrix and accelerometer bias.
 
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
         """
         if not self.known:
             self._begin(span, bias)
-        x, T, C = bias.x, span.seconds, span.end.T
-        g, v = x[GRAVITY], x[VELOCITY]
-        gx, after = cross_matrix(g), v + span.push - g * T
-        F = _SAME.copy()
-        F[GRAVITY, GRAVITY], F[GRAVITY, BIAS], F[GRAVITY, MATRIX] = C, C @ gx @ span.by_bias, C @ gx @ span.by_matrix
-        F[VELOCITY, VELOCITY], F[VELOCITY, GRAVITY] = C, -T * C
-        swing = cross_matrix(after)
-        F[VELOCITY, BIAS] = C @ (span.push_by_bias + swing @ span.by_bias)
-        F[VELOCITY, MATRIX] = C @ (span.push_by_matrix + swing @ span.by_matrix)
-        F[VELOCITY, ACCEL_BIAS] = C @ span.push_by_accel
+        knobs, T = self.knobs, span.seconds
         kept = self._accel_kept(span)
-        F[ACCEL_BIAS, ACCEL_BIAS] = kept * _ONE
-        moved = x.copy()
-        moved[GRAVITY], moved[VELOCITY], moved[ACCEL_BIAS] = C @ g, C @ after, kept * x[ACCEL_BIAS]
-        moved[GRAVITY] *= G / sqrt(moved[GRAVITY] @ moved[GRAVITY])
-        turned = gyro_noise**2 * T + (self.knobs.way_share * span.way) ** 2 + unseen_turn**2
-        bias.carry(moved, F, self._noise(span, C @ gx, turned, unseen_push**2, kept))
+        return carried(
+            bias.x,
+            span.end,
+            span.push,
+            span.by_bias,
+            span.by_matrix,
+            span.push_by_bias,
+            span.push_by_matrix,
+            span.push_by_accel,
+            T,
+            kept,
+            G,
+            (
+                gyro_noise**2 * T + (knobs.way_share * span.way) ** 2 + unseen_turn**2,
+                knobs.accel_noise**2 * T + unseen_push**2,
+                knobs.accel_walk**2 * T + (1 - kept**2) * self._accel_var,
+            ),
+        )
 
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
         """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
@@ -169,14 +172,3 @@ class Gravity:
         P[VELOCITY, VELOCITY] = speed**2 * np.eye(3)
         bias.extend(replace(bias.state, x=x, P=P))
         self.known = True
-
-    def _noise(self, span: Span, tilting: Floats, turned: float, pushed: float, kept: float) -> Floats:
-        """(n, n) what a span adds, with a turn and a push of these variances: a turn tilts g, and v by half of it on the mean."""
-        knobs, T = self.knobs, span.seconds
-        by_turn = np.zeros((SIZE, 3))
-        by_turn[GRAVITY], by_turn[VELOCITY] = tilting, -T / 2 * tilting
-        Q = turned * by_turn @ by_turn.T
-        Q[VELOCITY, VELOCITY] += (knobs.accel_noise**2 * T + pushed) * _ONE
-        posed = (1 - kept**2) * self._accel_var
-        Q[ACCEL_BIAS, ACCEL_BIAS] += (knobs.accel_walk**2 * T + posed) * _ONE
-        return Q

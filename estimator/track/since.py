@@ -44,11 +44,6 @@ class Since:
         """(n, m) covariance of that noise with the error of the state."""
         return np.asarray(-self.cross @ H[:, _BIAS].T)
 
-    def added(self, H: Floats) -> Floats:
-        """(m, m) what all that adds to the covariance of the innovation."""
-        with_error = H @ self.shared(H)
-        return self.noise(H) + with_error + with_error.T
-
     def step(self, F: Floats, walked: Floats | None = None) -> None:
         """The state went on by F (n, n), and the bias walked by (3, 3)."""
         self.cross = F @ self.cross

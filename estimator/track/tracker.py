@@ -10,7 +10,7 @@ from estimator.gyro import GyroModel
 from estimator.stillness import Window
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, Carried, start
 from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.doubt import Doubt, DoubtKnobs
 from estimator.track.evidence import GATES, Evidence, Receipt
@@ -237,12 +237,12 @@ class Tracker:
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
             second = replace(second, accel=None, accel_mean=None, accel_std=None)
-        span = self._carried(second, noise_std)
+        span, carried = self._carried(second, noise_std)
         if second.flaw:
             # Before time goes on: what waits to be judged was measured before the gap.
             self._zaru.moved(self._filter)
             self._bounded.broken()
-        steps = self._filter.predict(second.end, self.thermometer.now)
+        steps = self._filter.predict(second.end, self.thermometer.now, carried)
         receipts = [] if second.flaw else self._evidence(second, span)
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
@@ -270,19 +270,18 @@ class Tracker:
             self._believe(self._model, state)
             self._filter.widen(self.knobs.bias_std**2 * np.eye(3))
 
-    def _carried(self, second: Second, noise_std: Floats) -> Span | None:
-        """Take gravity along; None where the way it went is not known."""
+    def _carried(self, second: Second, noise_std: Floats) -> tuple[Span | None, Carried | None]:
+        """The way of a second, and where it takes gravity; None where the way it went is not known."""
         if second.flaw or second.accel is None:
             self._gravity.lose()
-            return None
+            return None, None
         bias = self._filter
         if len(bias.x) == OWN:
             bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
         matrix = self._gravity.matrix_now(bias.x)
         span = sum_up(second.dt, second.gyro, second.accel, matrix, bias.x[BIAS], bias.x[ACCEL_BIAS])
         noise = float(noise_std.max()) * np.sqrt(span.seconds / len(second))
-        self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
-        return span
+        return span, self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
         """All that a whole second says of the bias; receipts of rest."""

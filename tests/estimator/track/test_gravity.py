@@ -28,7 +28,7 @@ def moved(x: Floats) -> tuple[Floats, Floats]:
     gyro = np.column_stack([np.sin(3 * time), 0.7 * np.cos(2 * time), 0.5 * np.ones(N)])
     accel = G * UP + np.column_stack([np.cos(5 * time), np.sin(4 * time), time])
     span = sum_up(np.full(N, 1 / N), gyro, accel, gravity.matrix_now(x), x[BIAS], x[ACCEL_BIAS])
-    gravity.carry(span, bias, 0.0)
+    bias.predict(bias.time, carried=gravity.carry(span, bias, 0.0))
     return bias.x.copy(), bias.cov.copy()
 
 
@@ -57,7 +57,7 @@ def test_gravity_keeps_its_strength_and_is_begun_where_the_accelerometer_points(
     state = gravity.extend(start(np.zeros(3), 1e-6 * np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
     bias = BiasFilter(replace(state), knobs)
     still = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
-    gravity.carry(still, bias, 1e-4)
+    bias.predict(bias.time, carried=gravity.carry(still, bias, 1e-4))
     assert gravity.known
     np.testing.assert_allclose(bias.x[GRAVITY], G * UP, atol=1e-9)
     np.testing.assert_allclose(bias.x[VELOCITY], 0.0, atol=1e-9)
@@ -83,7 +83,7 @@ def test_what_goes_to_and_fro_within_a_second_is_no_velocity_and_what_goes_on_is
         bias.extend(replace(bias.state, x=x))
         gravity.known = True
         span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), shaken, np.eye(3), np.zeros(3), np.zeros(3))
-        gravity.carry(span, bias, 1e-4)
+        bias.predict(bias.time, carried=gravity.carry(span, bias, 1e-4))
         np.testing.assert_allclose(bias.x[VELOCITY], [0.0, 0.0, velocity], atol=1e-3)
         seen = gravity.evidence(span, resting=False)
         np.testing.assert_allclose(seen.H @ bias.x - seen.z, [0.0, 0.0, mean], atol=1e-3)
@@ -95,7 +95,7 @@ def test_turning_does_not_make_the_accelerometer_worse_than_it_may_be() -> None:
     span = sum_up(np.full(N, 1 / N), spin, np.tile([0.0, 0.0, G], (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
     stds = []
     for _ in range(60):
-        gravity.carry(span, bias, 1e-4)
+        bias.predict(bias.time, carried=gravity.carry(span, bias, 1e-4))
         stds.append(float(np.sqrt(bias.cov[ACCEL_BIAS, ACCEL_BIAS].diagonal().max())))
     knobs = gravity.knobs
     assert knobs.accel_bias < stds[0] < stds[10]
@@ -107,7 +107,7 @@ def test_a_velocity_that_lasts_is_believed_less_unless_it_cannot_be_one(*, ratio
     """A mirrored accelerometer contradicts for as long as it is there; believed less, it would be found out later."""
     gravity, bias = resting()
     span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
-    gravity.carry(span, bias, 1e-4)
+    bias.predict(bias.time, carried=gravity.carry(span, bias, 1e-4))
     first = gravity.evidence(span, resting=False).R[0, 0]
     said = Receipt(0.0, "gravity", np.array([0.1, 0.0, 0.0]), np.eye(3), ratio, accepted=True)
     for _ in range(120):
