@@ -222,7 +222,8 @@ class Tracker:
         receipts = []
         for second in self.seconds.window(window, noise_std):
             receipts += self._second(second, noise_std)
-        self.doubt.take(receipts, self._zaru.surprises())
+        if receipts:
+            self.doubt.take(receipts, self._zaru.surprises())
         return receipts
 
     def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
