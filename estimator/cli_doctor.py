@@ -14,13 +14,14 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.doctor import machine, terminals
-from bridge.doctor.finding import Finding, Level, ok, trouble
+from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 from bridge.doctor.router import answers, certificate, router
 from bridge.scan.ports import find
 from bridge.transport import serial_state
 from estimator.cli_offline import Verbs, add_verb
 from estimator.client import Client
 from estimator.config import Ward
+from estimator.loops.compiled import kept
 from estimator.service import overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
@@ -50,6 +51,15 @@ def _doctor(given: argparse.Namespace) -> int:
     return _TROUBLE if any(finding.level is Level.TROUBLE for finding in findings) else _FINE
 
 
+def _loops() -> Finding:
+    if (folder := kept()) is not None:
+        return ok("loops", f"what is compiled for this machine is kept in {folder}")
+    said = "what is compiled for this machine is kept nowhere: every start takes some ten seconds longer"
+    return warning(
+        "loops", said, "set NUMBA_CACHE_DIR to a folder that truerate may write to, then `python -m estimator.loops`"
+    )
+
+
 def _look(path: Path | None) -> Iterable[Finding]:
     """Everything, of the machine first."""
     plugged = [found.port for found in find()]
@@ -71,6 +81,7 @@ def _look(path: Path | None) -> Iterable[Finding]:
     yield from machine.bridges()
     yield from machine.clock(machine.clock_status())
     yield from machine.packages()
+    yield _loops()
     yield from said
     if ward is not None:
         yield from terminals.present(devices)

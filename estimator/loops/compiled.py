@@ -8,8 +8,9 @@ same bits in any batching. Numba is imported late: a program that is restarted h
 import functools
 import logging
 import threading
-import time
 from collections.abc import Callable
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -17,10 +18,9 @@ R = TypeVar("R")
 
 log = logging.getLogger(__name__)
 
-#: s, who waits longer than this is told why
-_PATIENCE_S = 2.0
 _lock = threading.RLock()
-_all: list[Callable[[], object]] = []
+_all: list[Callable[[], Any]] = []
+_told = False
 
 
 def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -47,22 +47,47 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def ready() -> None:
-    """Compile, or load, all that is known by now: seconds on the first start on a machine, a fraction of one later."""
+    """Have all loops at hand: seconds on the first start on a machine, a fraction of one later."""
+    _load()
     for make in _all:
         make()
+
+
+def kept() -> str | None:
+    """The folder where loops are kept for the next start; None where there is none that may be written to."""
+    _load()
+    stats = _all[0]().stats
+    return stats.cache_path if stats.cache_hits or stats.cache_misses else None
+
+
+def _load() -> None:
+    package = __name__.rpartition(".")[0]
+    for module in iter_modules(import_module(package).__path__):
+        if not module.name.startswith("_"):
+            import_module(f"{package}.{module.name}")
 
 
 def _made(function: Callable[..., Any], signature: str) -> Any:
     from numba import njit  # noqa: PLC0415
     from numba.core.errors import NumbaError  # noqa: PLC0415
 
-    begun = time.monotonic()
     try:
         made = njit(signature, cache=True, error_model="numpy")(function)
     except NumbaError:
         raise
-    except Exception:  # noqa: BLE001 - no place to keep it, or what was kept is damaged; numba does not say which by type
-        made = njit(signature, error_model="numpy")(function)
-    if time.monotonic() - begun > _PATIENCE_S:
-        log.info("%s was compiled for this machine; next time it is at hand", function.__qualname__)
+    except Exception as error:  # noqa: BLE001 - no place to keep it, or what was kept is damaged: neither has a type of its own
+        log.warning(
+            "%s is compiled anew at every start (%s); what is kept may be damaged: remove it", function.__name__, error
+        )
+        return njit(signature, error_model="numpy")(function)
+    if not made.stats.cache_hits:
+        _tell()
     return made
+
+
+def _tell() -> None:
+    """Why it takes seconds, once."""
+    global _told  # noqa: PLW0603
+    if not _told:
+        _told = True
+        log.info("compiling for this machine, some ten seconds; the next start finds it done")

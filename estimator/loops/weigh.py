@@ -14,7 +14,7 @@ def weighed(
 ) -> tuple[Floats, Floats, float]:
     """Innovation (m,), its covariance (m, m) and NIS of a measurement z (m,) = H (m, n) x with covariance R (m, m).
 
-    The NIS is NaN where not all of it is finite. Of a measurement of the bias, which the state begins with, that is taken late, cross
+    The NIS is NaN where not all of it is finite. Of a measurement of the bias (the first of x) that is taken late, cross
     (n, 3) and walked (3, 3) are those of since.py; else (0, 3).
     """
     m, n = H.shape

@@ -16,6 +16,7 @@ from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
 from estimator.database import Database
 from estimator.database.owner import owned
+from estimator.loops.compiled import ready
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -84,6 +85,7 @@ def _look_for_another(ward: Ward, own: str, stop: threading.Event) -> None:
 def _load() -> None:
     """The mathematics: loading it takes as long as looking round, and a ward waits for an estimator that starts again."""
     import_module("estimator.service.shell")
+    ready()
 
 
 def collect_seldom() -> None:

@@ -1,0 +1,43 @@
+"""Machine code that is kept for the next start, cannot be kept, or is damaged."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+def start(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    told = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    return subprocess.run(
+        [sys.executable, *words], cwd=ROOT, env=told, capture_output=True, text=True, timeout=100, check=False
+    )
+
+
+@pytest.mark.timeout(300)
+def test_what_is_compiled_is_kept_and_what_is_damaged_is_said_and_made_anew(tmp_path: Path) -> None:
+    first = start(tmp_path, "-m", "estimator.loops")
+    assert first.returncode == 0, first.stderr
+    assert f"kept in {tmp_path}" in first.stdout
+    kept = sorted(tmp_path.rglob("*.nb?"))
+    assert kept
+    dated = [path.stat().st_mtime_ns for path in kept]
+    again = start(tmp_path, "-m", "estimator.loops")
+    assert again.returncode == 0, again.stderr
+    assert [path.stat().st_mtime_ns for path in kept] == dated
+    for path in kept:
+        path.write_bytes(path.read_bytes()[:500])
+    damaged = start(tmp_path, "-c", "from estimator.loops.compiled import ready; ready()")
+    assert damaged.returncode == 0, damaged.stderr
+    assert "remove it" in damaged.stderr
+
+
+def test_where_nothing_can_be_kept_it_is_said(tmp_path: Path) -> None:
+    nowhere = "from numba.core import caching; caching.CacheImpl._locator_classes = []"
+    run = "import runpy; runpy.run_module('estimator.loops', run_name='__main__')"
+    found = start(tmp_path, "-c", f"{nowhere}; {run}")
+    assert found.returncode == 1
+    assert "NUMBA_CACHE_DIR" in found.stderr

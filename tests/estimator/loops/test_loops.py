@@ -1,0 +1,127 @@
+"""Each loop against the same in NumPy's words."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator.gyro import least_step, mean_var, rounding_var, spread
+from estimator.loops import second as loop
+from estimator.loops.gravity import carried
+from estimator.loops.second import measured
+from estimator.loops.span import summed
+from estimator.loops.weigh import weighed
+from estimator.rotation import cross_matrix
+
+Floats = NDArray[np.float64]
+UP = np.array([0.0, 0.0, 9.8])
+
+
+@pytest.mark.parametrize("coarse", [0.0, 0.25])
+@pytest.mark.parametrize("aided", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 120))
+    time = np.cumsum(rng.uniform(0.005, 0.015, n))
+    gyro, accel = rng.normal(0.0, 0.1, (n, 3)), rng.normal(0.0, 3.0, (n, 3))
+    gyro = np.round(gyro / coarse) * coarse if coarse else gyro
+    gyro[:, 2] = 0.5
+    known = np.full(3, np.inf)
+    dt, rows = measured(time, gyro, accel if aided else accel[:0], -0.01, 1.0, known)
+    np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
+    mean, std = spread(gyro)
+    step = least_step(gyro)
+    for row, expected in (
+        (loop.MEAN, mean),
+        (loop.STD, std),
+        (loop.STEP, step),
+        (loop.MEAN_VAR, mean_var(std, step, n)),
+        (loop.COMMON_VAR, rounding_var(std, step)),
+        (loop.JITTER, np.diff(gyro, axis=0).std(axis=0, ddof=1)),
+        (loop.HELD, [0.0, 0.0, 1.0]),
+        *([(loop.ACCEL_MEAN, accel.mean(axis=0)), (loop.ACCEL_STD, accel.std(axis=0, ddof=1))] if aided else []),
+        (loop.SCALARS, [0.0, dt.max(), np.linalg.norm(accel, axis=1).mean() if aided else np.nan]),
+    ):
+        np.testing.assert_allclose(rows[row], expected, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(known, rows[loop.STEP])
+
+
+def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
+    known = np.array([0.1, 1e-6, 0.2])
+    gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
+    _, rows = measured(np.arange(50) / 50, gyro, gyro[:0], -0.02, 0.01, known)
+    np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+@pytest.mark.parametrize("late", [True, False])
+def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
+    rng = np.random.default_rng(m)
+    n = 24
+    root, walk = rng.normal(size=(n, n)), rng.normal(size=(3, 3))
+    P, var = root @ root.T, walk @ walk.T
+    cross = root[:, :3] @ walk.T / 10
+    H = np.zeros((m, n))
+    H[:, :6] = rng.normal(size=(m, 6))
+    R = np.diag(rng.uniform(1.0, 2.0, m))
+    x, z = rng.normal(size=n), rng.normal(size=m)
+    none = np.empty((0, 3))
+    innovation, S, nis = weighed(z, H, R, x, P, cross if late else none, var if late else none)
+    # The error of x and the walk w, of which a late measurement sees H (x - w), as one state.
+    both, seen = P, H
+    if late:
+        both = np.block([[P, cross], [cross.T, var]])
+        seen = np.hstack([H, -H[:, :3]])
+    expected = seen @ both @ seen.T + R
+    np.testing.assert_allclose(innovation, z - H @ x, rtol=1e-12)
+    np.testing.assert_allclose(S, expected, rtol=1e-10)
+    assert nis == pytest.approx(innovation @ np.linalg.solve(expected, innovation))
+
+
+@pytest.mark.parametrize("what", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_has_no_nis(what: int, bad: float) -> None:
+    given = [np.ones(2), np.eye(2, 6), np.eye(2), np.ones(6), np.eye(6)]
+    given[what].flat[0] = bad
+    none = np.empty((0, 3))
+    assert np.isnan(weighed(*given, none, none)[2])  # type: ignore[call-arg]
+
+
+def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
+    rng = np.random.default_rng(4)
+    n, matrix = 400, np.eye(3) + 0.05 * rng.normal(size=(3, 3))
+    dt, gyro, accel = rng.uniform(0.001, 0.003, n), rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) + UP
+    g, v = rng.normal(size=3) + UP, rng.normal(size=3)
+    length, kept, T = float(np.linalg.norm(g)), 0.9, float(dt.sum())
+
+    def gone_on(error: Floats) -> Floats:
+        """Gravity and velocity after it, of a state that is off by so much."""
+        change = np.eye(3) + error[15:].reshape(3, 3)
+        _, vectors, _, _ = summed(dt, gyro, accel, change @ matrix, error[:3], error[12:15])
+        end, push = vectors[:3], vectors[3]
+        return np.concatenate([end.T @ (g + error[6:9]), end.T @ (v + error[9:12] + push - (g + error[6:9]) * T)])
+
+    scalars, vectors, by_bias, by_matrix = summed(dt, gyro, accel, matrix, np.zeros(3), np.zeros(3))
+    assert scalars[0] == pytest.approx(T)
+    end, push = vectors[:3], vectors[3]
+    x = np.concatenate([np.zeros(6), g, v, np.zeros(12)])
+    turned, pushed, posed = 1e-4, 2e-3, 3e-2
+    moved, F, Q = carried(
+        x, end, push, -by_bias[:3] @ matrix, by_matrix[:3], -by_bias[3:] @ matrix, by_matrix[3:], -by_bias[:3],
+        T, kept, length, (turned, pushed, posed),
+    )  # fmt: skip
+    np.testing.assert_allclose(moved[6:12], gone_on(np.zeros(24)), rtol=1e-9)
+    step = 1e-5
+    slopes = np.array([(gone_on(step * e) - gone_on(-step * e)) / (2 * step) for e in np.eye(24)]).T
+    rest = np.delete(np.arange(24), [3, 4, 5])
+    # What a sample turns moves all of its own push too: so much is left of steps of 2 ms.
+    np.testing.assert_allclose(F[6:12][:, rest], slopes[:, rest], atol=0.02)
+    expected = np.eye(24)
+    expected[6:12] = F[6:12]
+    expected[12:15, 12:15] *= kept
+    np.testing.assert_array_equal(F, expected)
+    by_turn = np.zeros((24, 3))
+    by_turn[6:9] = end.T @ cross_matrix(g)
+    by_turn[9:12] = -T / 2 * by_turn[6:9]
+    added = turned * by_turn @ by_turn.T + np.diag(np.repeat([0.0, 0.0, 0.0, pushed, posed, 0.0, 0.0, 0.0], 3))
+    np.testing.assert_allclose(Q, added, atol=1e-15)
