@@ -291,7 +291,7 @@ class BiasFilter:
                 return receipt
             R = R * receipt.test_ratio
         self._take_in(evidence, R)
-        if evidence.common_var is not None and evidence.common_var.any():
+        if evidence.common_var is not None and any(evidence.common_var.tolist()):
             H = evidence.H
             seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H

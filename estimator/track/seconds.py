@@ -3,7 +3,6 @@
 A second with clipped or stuck readings, or with a hole in it, tells nothing of rotation.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite, radians
 
@@ -82,36 +81,39 @@ class Seconds:
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
         self._all_noisy = False
 
-    def window(self, window: Window, noise_std: Floats) -> Iterator[Second]:
+    def window(self, window: Window, noise_std: Floats) -> list[Second]:
         """The seconds that are known whole after the next window; noise_std (3,) rad/s of a reading."""
         if window.spikes:
             self.refused.add("spike", window.spikes)
         # A movement begins and ends too gently for those windows to tell: what seems still waits to see how it goes on.
+        now, settle_s = window.end_time, self.knobs.settle_s
         if not window.still:
             self._coming = [(before, False) for before, _ in self._coming]
-            self._moved = window.end_time
-        self._coming.append((window, window.start_time - self._moved >= self.knobs.settle_s))
-        while self._coming and self._settled(window.end_time):
-            yield from self._take(self._coming.pop(0), noise_std)
-
-    def _settled(self, now: float) -> bool:
-        """Whether what comes next is judged for good: movement is at once."""
-        window, still = self._coming[0]
-        return not still or now - window.end_time >= self.knobs.settle_s
+            self._moved = now
+        coming = self._coming
+        coming.append((window, window.start_time - self._moved >= settle_s))
+        whole, taken = list[Second](), 0
+        for judged, still in coming:
+            if still and now - judged.end_time < settle_s:  # movement is judged for good at once
+                break
+            taken += 1
+            self._take(judged, noise_std, whole, still=still)
+        del coming[:taken]
+        return whole
 
     def skip(self, window: Window) -> None:
         """Let the next window go by, and those that wait."""
         self._windows, self._coming = [], []
         self._last_time, self._last = window.end_time, _last(window)
 
-    def _take(self, judged: Judged, noise_std: Floats) -> Iterator[Second]:
-        window, still = judged
-        turned = bool(self._windows) and self._windows[-1][1] != still
-        if turned and window.start_time - self._windows[0][0].start_time >= self.knobs.least_s:
-            yield self._close(noise_std)
-        self._windows.append(judged)
-        if window.end_time - self._windows[0][0].start_time >= self.knobs.length_s:
-            yield self._close(noise_std)
+    def _take(self, window: Window, noise_std: Floats, whole: list[Second], *, still: bool) -> None:
+        windows = self._windows
+        if windows and windows[-1][1] != still and window.start_time - windows[0][0].start_time >= self.knobs.least_s:
+            whole.append(self._close(noise_std))
+            windows = self._windows
+        windows.append((window, still))
+        if window.end_time - windows[0][0].start_time >= self.knobs.length_s:
+            whole.append(self._close(noise_std))
 
     def _close(self, noise_std: Floats) -> Second:
         windows, still = [window for window, _ in self._windows], all(still for _, still in self._windows)

@@ -252,7 +252,7 @@ class Tracker:
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
-            if widened.any():
+            if any(widened.ravel().tolist()):
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
@@ -286,8 +286,8 @@ class Tracker:
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:
         """All that a whole second says of the bias; receipts of rest."""
-        quiet = float(second.std.max()) < self.knobs.quiet_gyro and (
-            second.accel_std is None or float(second.accel_std.max()) < self.knobs.quiet_accel
+        quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
+            second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
         resting = quiet and self._zaru.at_rest(second)
         if span is not None:

@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import spread
+from estimator.loops.rest import calm
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
@@ -113,7 +113,8 @@ class Zaru:
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
-        self._means[self._quiet % _RECENT] = second.mean, second.mean_var
+        self._means[self._quiet % _RECENT, 0] = second.mean
+        self._means[self._quiet % _RECENT, 1] = second.mean_var
         self._quiet += 1
         if self._tilt.watch(second):
             self._waiting.clear()
@@ -127,9 +128,7 @@ class Zaru:
     def _calm(self) -> bool:
         if self._quiet < 3:
             return True
-        means = self._means[: self._quiet]
-        noise = np.add.reduce(means[:, 1]) / len(means) + self.knobs.quasi_static**2
-        return bool((spread(means[:, 0])[1] ** 2 < self.knobs.scatter * noise).all())
+        return calm(self._means[: self._quiet], self.knobs.quasi_static**2, self.knobs.scatter)
 
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
         """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
@@ -210,7 +209,7 @@ class Zaru:
         """Take what has waited longest; the bias has walked on since."""
         evidence, _, _ = self._waiting.popleft()
         receipt = bias.update(evidence)
-        unproven = float(evidence.R.diagonal().min()) >= self.knobs.unproven**2
+        unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
         return replace(receipt, reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
@@ -218,8 +217,8 @@ class Zaru:
 
         Else the latest always does: it may be the last of its rest.
         """
-        own = float(np.max(np.diag(evidence.R)))
-        known = float(np.max(np.diag(weighed.innovation_cov - evidence.R / max(1, len(self._waiting)))))
+        own = max(evidence.R.diagonal().tolist())
+        known = max((weighed.innovation_cov - evidence.R / max(1, len(self._waiting))).diagonal().tolist())
         return 1 if known > own else min(self.knobs.longest_wait_s, max(2.0, own / self.knobs.certain**2))
 
     def _evidence(
