@@ -41,13 +41,13 @@ def judged(
     def near(a: Floats, b: Floats) -> bool:
         return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
-    held, begin, found = len(time), 0, 0
-    rows, ordered = np.empty((int(held // least), 22)), np.empty(RECENT)
-    while held - begin >= least and time[-1] - time[begin] >= window_s:
+    held, fewest, begin, found = len(time), int(least), 0, 0
+    rows, ordered = np.empty((held // fewest, 22)), np.empty(RECENT)
+    while held - begin >= fewest and time[-1] - time[begin] >= window_s:
         end = begin
         while end < held and time[end] < time[begin] + window_s:
             end += 1
-        end = max(end + 1, begin + int(least))
+        end = max(end + 1, begin + fewest)
         # A window does not end at a spike: what follows it tells that it is one.
         for _ in range(_SPIKE_AND_BACK):
             if end > held:
