@@ -1,6 +1,5 @@
 """The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 
@@ -19,15 +18,6 @@ def spread(reading: Floats) -> tuple[Floats, Floats]:
     mean: Floats = np.add.reduce(reading) / n
     off = reading - mean
     return mean, np.sqrt(np.add.reduce(off * off) / (n - 1))
-
-
-def spreads(reading: Floats, lengths: Sequence[int]) -> tuple[Floats, Floats]:
-    """Mean (m, k) and standard deviation (m, k) of each of m runs of so many readings, which follow each other in (n, k)."""
-    n = np.array(lengths)
-    begins = np.add.accumulate(n) - n
-    mean: Floats = np.add.reduceat(reading, begins) / n[:, None]
-    off = reading - mean.repeat(n, axis=0)
-    return mean, np.sqrt(np.add.reduceat(off * off, begins) / (n - 1)[:, None])
 
 
 def least_step(reading: Floats) -> Floats:

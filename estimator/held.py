@@ -1,4 +1,4 @@
-"""Samples that wait to be judged, kept as they come in: put in once, read where they lie."""
+"""Samples that wait to be judged, kept as they come in: put in once, read and mended where they lie."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ _ROOM = 256
 
 
 class Held:
-    """Time, readings and flags in order; what has been handed out is never written to again."""
+    """Time, readings and flags in order; those that wait no longer are never written to again."""
 
     def __init__(self) -> None:
         self._begin = self._end = 0
@@ -31,29 +31,23 @@ class Held:
         self._end = put.stop
 
     @property
-    def time(self) -> Floats:
-        """(n,) of those that wait."""
-        return self._time[self._begin : self._end]
-
-    @property
     def span(self) -> float:
         """Seconds from the first to the last."""
-        return float(self._time[self._end - 1] - self._time[self._begin])
+        return float(self._time[self._end - 1] - self._time[self._begin]) if self._end > self._begin else 0.0
 
-    def leap(self, i: int) -> float:
-        """Rad/s, by how much a reading of the gyro differs from the one before it."""
-        (a, b, c), (x, y, z) = self._read[self._begin + i - 1 : self._begin + i + 1, :3].tolist()
-        return float(max(abs(x - a), abs(y - b), abs(z - c)))
+    @property
+    def waiting(self) -> tuple[Floats, Floats, Flags]:
+        """All that wait: time (n,), gyro and accel side by side (n, 6), clipped (n,)."""
+        here = slice(self._begin, self._end)
+        return self._time[here], self._read[here], self._clipped[here]
 
-    def draw(self, n: int) -> tuple[Floats, Floats, Flags]:
-        """The first n: time (n,), gyro and accel side by side (n, 6), clipped (n,)."""
-        drawn = slice(self._begin, self._begin + n)
-        self._begin = drawn.stop
-        return self._time[drawn], self._read[drawn], self._clipped[drawn]
+    def drop(self, n: int) -> None:
+        """The first n wait no longer."""
+        self._begin += n
 
     def _room(self, size: int) -> None:
         time, read, clipped = np.empty(size), np.empty((size, 6)), np.empty(size, bool)
         if n := len(self):
-            time[:n], read[:n], clipped[:n] = self.draw(n)
+            time[:n], read[:n], clipped[:n] = self.waiting
         self._time, self._read, self._clipped = time, read, clipped
         self._begin, self._end = 0, n

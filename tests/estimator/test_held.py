@@ -18,9 +18,12 @@ def test_what_comes_out_is_what_went_in_and_is_never_changed(seed: int) -> None:
         held.put(time[more], gyro[more], accel[more], clipped[more])
         put = min(n, more.stop)
         assert len(held) == put - out
-        np.testing.assert_array_equal(held.time, time[out:put])
+        waiting = held.waiting
+        np.testing.assert_array_equal(waiting[0], time[out:put])
+        assert held.span == (time[put - 1] - time[out] if put > out else 0.0)
         take = int(rng.integers(0, len(held) + 1))
-        drawn.append(held.draw(take))
+        drawn.append([column[:take] for column in waiting])
+        held.drop(take)
         out += take
     times, reads, flags = (np.concatenate(column) for column in zip(*drawn, strict=True))
     np.testing.assert_array_equal(times, time)
@@ -32,9 +35,7 @@ def test_what_is_not_there_reads_nan_and_is_not_clipped() -> None:
     held, one = Held(), np.ones((2, 3))
     held.put(np.arange(2.0), one, None, None)
     held.put(np.arange(2.0, 4.0), 3 * one, one, np.ones(2, bool))
-    assert held.leap(1) == 0.0
-    assert held.leap(2) == 2.0
-    _, read, clipped = held.draw(4)
+    _, read, clipped = held.waiting
     assert np.isnan(read[:2, 3:]).all()
     assert np.isfinite(read[2:]).all()
     assert clipped.tolist() == [False, False, True, True]

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.spikes import SpikeKnobs, mended
 from estimator.stillness import Stillness, Window
 
 Floats = NDArray[np.float64]
 RATE_HZ, N = 104.0, 208
-KNOBS = SpikeKnobs()
 
 
 def quiet(seed: int = 0) -> Floats:
@@ -93,10 +91,3 @@ def test_behind_a_gap_a_reading_has_no_neighbour() -> None:
     gyro[edge] += np.radians(300.0)
     time[edge:] += 3.0
     assert not any(w.spikes for w in Stillness().feed(time, gyro, None))
-
-
-def test_what_is_well_is_not_copied() -> None:
-    gyro = quiet()
-    same, which = mended(gyro[0], gyro, KNOBS)
-    assert same is gyro
-    assert which is None

@@ -80,6 +80,22 @@ def test_a_constant_rate_that_lasts_is_a_new_rest() -> None:
     assert still[0] == pytest.approx(5.0 + StillnessKnobs().new_reference_s, abs=0.5)
 
 
+def test_after_a_new_rest_yet_another_is_waited_for_as_long() -> None:
+    gyro, seconds = noise(6000), np.arange(6000) / RATE
+    gyro[520:] += np.radians(np.interp(seconds[520:, None], [10.0, 20.0], [8.0, 9.2]))
+    (adopted, *_) = [w.end for w in windows(gyro) if w.still and w.end > 520]
+    gyro[adopted:] += np.radians(7.4 - 9.2)  # near to what it was when the new rest began, not to what it is
+    (again, *_) = [w.end_time for w in windows(gyro) if w.still and w.end > adopted]
+    assert again == pytest.approx(adopted / RATE + StillnessKnobs().new_reference_s, abs=0.5)
+
+
+def test_an_even_turn_that_pauses_is_no_rest_that_lasts() -> None:
+    gyro, seconds = noise(5000, 0.3), np.arange(5000) / RATE
+    gyro[(seconds > 5.0) & (np.abs(seconds - 15.0) > 0.5)] += np.radians(2.0)  # so little that no window shows a step
+    adopted = next(w.end_time for w in windows(gyro) if w.still and w.start_time > 16.0)
+    assert adopted == pytest.approx(15.5 + StillnessKnobs().new_reference_s, abs=0.5)
+
+
 def test_quiet_moments_of_a_movement_do_not_add_up_to_a_rest() -> None:
     gyro = noise(int(40 * RATE))
     rough = np.random.default_rng(1).normal(size=gyro.shape)
