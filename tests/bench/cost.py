@@ -13,6 +13,7 @@ from rich.console import Console
 from bridge.sim.day import Day, simulate_day
 from bridge.wire.messages import SampleBatch
 from estimator.gyro import PriorKnobs, uncalibrated
+from estimator.loops.compiled import ready
 from estimator.session import DeviceSession
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import OWN
@@ -105,6 +106,7 @@ def main() -> int:
     console = Console()
     days = [simulate_day(seed, SECONDS / 3600, RATE_HZ) for seed in range(10)]
     samples = DEVICES * len(days[0].time_s)
+    ready()
     for name, aided in (("with accelerometer", True), ("gyro only", False)):
         spent, _ = run(days, One, aided=aided)
         console.print(f"{name}: {1e6 * spent / samples:.2f} µs a sample for {DEVICES} devices (goal {_GOAL_US:g})")
