@@ -92,4 +92,4 @@ def _tell() -> None:
     global _told  # noqa: PLW0603
     if not _told:
         _told = True
-        log.info("compiling for this machine, some ten seconds; the next start finds it done")
+        log.info("compiling for this machine, up to half a minute; the next start finds it done")

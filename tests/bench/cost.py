@@ -21,7 +21,7 @@ from estimator.track.gravity import SIZE
 from estimator.track.tracker import Tracker, TrackKnobs
 from tests.bench.side_by_side import arithmetic
 
-DEVICES, SECONDS, RATE_HZ, BATCH = 100, 120.0, 104.0, 10
+DEVICES, SECONDS, RATE_HZ, BATCH, BLOCK = 100, 120.0, 104.0, 10, 52
 _GOAL_US, _GOAL_BYTES = 1.0, 500_000
 
 
@@ -40,12 +40,12 @@ class One:
 
 
 def run(days: list[Day], make: Callable[[], One], *, aided: bool) -> tuple[float, list[One]]:
-    """CPU seconds for all samples of all devices, batch by batch, all devices back to back; and the devices."""
+    """CPU seconds for all samples of all devices, half second by half second, all devices back to back; and the devices."""
     devices = [make() for _ in range(DEVICES)]
     columns = [(d.time_s, d.gyro.astype(float), d.accel.astype(float) if aided else None) for d in days]
     begun = process_time()
-    for start in range(0, len(days[0].time_s), BATCH):
-        here = slice(start, start + BATCH)
+    for start in range(0, len(days[0].time_s), BLOCK):  # a session learns from half seconds
+        here = slice(start, start + BLOCK)
         for i, device in enumerate(devices):
             time, gyro, accel = columns[i % len(columns)]
             device.feed(time[here], gyro[here], None if accel is None else accel[here])
