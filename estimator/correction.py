@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
+from estimator.block import sample_time_ns
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 
 Floats = NDArray[np.float64]
@@ -63,12 +64,11 @@ class Correction:
     def told_of(self, batch: SampleBatch, start: int, end: int, rate: NDArray[np.float32]) -> CorrectedBatch:
         """The same with the rates (end - start, 3) that this has made of them."""
         part = slice(start, end)
-        since = float(batch.ticks[start] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
         return CorrectedBatch(
             device=batch.device,
             boot=batch.boot,
             sequence=batch.sequence + start,
-            start_time_ns=batch.start_time_ns + round(since * 1e9),
+            start_time_ns=sample_time_ns(batch, start),
             tick_period_s=batch.tick_period_s,
             clock_rate=batch.clock_rate,
             ticks=batch.ticks[part],

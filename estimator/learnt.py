@@ -101,20 +101,22 @@ class Learnt:
 
     def learn(self, run: Run, course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
-        before = self.tracker.time, self._belief
+        tracker = self.tracker
+        before = tracker.time, self._belief
+        tracked = tracker.time
         for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
             self.now = window.end_time
             batch, index = course.where(window.end - 1)
             self._now_ns = sample_time_ns(batch, index)
             if (celsius := temperature_at(batch, index)) is not None:
-                self.tracker.thermometer.read(self.now, celsius)
-            tracked = self.tracker.time
+                tracker.thermometer.read(self.now, celsius)
             self._window(window, outcome)
-            self._past.note(self.now, batch.sequence + index, self._now_ns, self.tracker.time)
-            if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
+            earlier, tracked = tracked, tracker.time
+            self._past.note(self.now, batch.sequence + index, self._now_ns, tracked)
+            if tracked != earlier and (improved := tracker.improved()) is not None:
                 belief = self._belief
                 outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
-        return (self.tracker.time, self._belief) != before
+        return (tracked, self._belief) != before
 
     def _window(self, window: Window, outcome: Outcome) -> None:
         if self.under_way is not None:

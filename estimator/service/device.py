@@ -6,9 +6,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
@@ -127,10 +124,10 @@ class Device:
         """Publish a part of a batch, or all of it."""
         self.say_corrected([cut.correction.apply(batch, cut.first, cut.last)])
 
-    def say_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> None:
-        """The same of what is corrected already: rate (n, 3), little-endian, within the wire's range."""
+    def say_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> None:
+        """The same of what is corrected already, of a batch without flags: the rates, packed, within the wire's range."""
         self._put_corrected(self._encoder.encode_rates(batch, cut, rate))
-        self._published(len(rate))
+        self._published(cut.last - cut.first)
 
     def _published(self, n: int) -> None:
         self.said += n

@@ -13,6 +13,7 @@ from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
+from estimator.block import sample_time_ns
 from estimator.correction import Cut
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
@@ -41,9 +42,12 @@ def status(said: Status, **more: Any) -> Status:
 
 def corrected(batch: CorrectedBatch) -> CorrectedBatch:
     """The batch with every number in the wire's range; a rate beyond it is marked as clipped."""
-    worst = max(float(np.abs(c).max()) for c in (batch.noise_std, batch.bias_std, batch.scale_std))
-    rate = float(np.abs(batch.rate).max())
-    if rate <= MAX_CORRECTED and worst <= MAX_STD and float(np.abs(batch.bias).max()) <= MAX_RATE:
+    stds = (*batch.noise_std.tolist(), *batch.bias_std.tolist(), *batch.scale_std.tolist())
+    if (
+        all(abs(std) <= MAX_STD for std in stds)
+        and all(abs(bias) <= MAX_RATE for bias in batch.bias.tolist())
+        and _largest(batch.rate) <= MAX_CORRECTED
+    ):
         return batch
     beyond = ~(np.abs(batch.rate) <= MAX_CORRECTED).all(axis=1)
     return replace(
@@ -67,18 +71,20 @@ class Encoder:
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
-        if self._stencil is not None and batch.bias is self._bias and np.abs(batch.rate).max() <= MAX_CORRECTED:
-            return self._stencil.encode(batch, batch.rate)
-        fit = replace(corrected(batch), epoch=self._epoch)
-        self._stencil, self._bias = Stencil(fit), batch.bias
-        return self._stencil.encode(fit, fit.rate)
+        if self._stencil is not None and batch.bias is self._bias and _largest(batch.rate) <= MAX_CORRECTED:
+            return self._stencil.encode(batch)
+        fit = corrected(batch)
+        self._stencil, self._bias = Stencil(fit, self._epoch), batch.bias
+        return self._stencil.encode(fit)
 
-    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> bytes:
-        """The same of a part of a batch, its corrected rates (n, 3) within the wire's range and little-endian."""
-        whole = len(rate) == len(batch.ticks)
-        if self._stencil is not None and whole and cut.correction.told.bias is self._bias:
-            return self._stencil.encode(batch, rate)
-        return self.encode(cut.correction.told_of(batch, cut.first, cut.last, rate))
+    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> bytes:
+        """The same of a part of a batch without flags: its n corrected rates, packed, are within the wire's range."""
+        correction, first, last = cut
+        if self._stencil is None or correction.told.bias is not self._bias:
+            rates = np.frombuffer(rate, "<f4").reshape(-1, 3)
+            return self.encode(correction.told_of(batch, first, last, rates))
+        start_ns = sample_time_ns(batch, first) if first else batch.start_time_ns
+        return self._stencil.encode_rates(batch, batch.sequence + first, start_ns, batch.ticks[first:last], rate, None)
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
@@ -121,6 +127,11 @@ def windows(said: WindowBatch) -> WindowBatch | None:
         scale_std=_clipped(said.scale_std, 0.0, MAX_STD),
         bias=_clipped(said.bias, -MAX_RATE, MAX_RATE),
     )
+
+
+def _largest(rate: NDArray[np.float32]) -> float:
+    """The largest magnitude; NaN where one is not a number."""
+    return float(np.maximum.reduce(np.abs(rate), axis=None))
 
 
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -33,8 +33,8 @@ _WARM_S = 15.0
 _ROUNDS = "drain, gate, turns"
 _PARTS = {
     "estimator.service.lane:Lane.take": "lane",
-    "estimator.service.lane:Lane._parsed": "lane: parsed",
-    "estimator.service.lane:_whole": "lane: checked",
+    "estimator.service.lane:_read": "lane: parsed",
+    "estimator.service.lane:_batches": "lane: checked",
     "estimator.session:DeviceSession.end_block": "a block's end",
     "estimator.service.lane:Lane._send": "corrected",
     "estimator.service.published:Encoder.encode_rates": "encoded",
