@@ -41,6 +41,11 @@ class Correction:
         noise, bias = model.corrected_std(np.array([model.noise_std, self.bias_std]))
         return Told(*(c.astype(np.float32) for c in (noise, bias, model.scale_std, model.cross_std, model.bias)))
 
+    @cached_property
+    def parameters(self) -> Floats:
+        """(12,) matrix and bias, one after the other."""
+        return np.concatenate([self.model.matrix.ravel(), self.model.bias])
+
     def same(self, other: "Correction") -> bool:
         """Whether both correct alike, to the last bit."""
         mine, theirs = self.model, other.model

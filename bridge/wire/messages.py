@@ -5,6 +5,7 @@ Arrays are read-only by convention: nobody writes into a message.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
 from typing import TypeVar, dataclass_transform
@@ -17,10 +18,10 @@ Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 
-@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
-def _frequent(kind: type[T]) -> type[T]:
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def _frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
     """A frozen dataclass to whoever checks types, and to nobody else: to make one that refuses takes eight times as long."""
-    return dataclass(slots=True, eq=False)(kind)
+    return dataclass(slots=True, eq=eq)
 
 
 class SampleFlag(IntFlag):
@@ -74,7 +75,7 @@ class Verdict(IntEnum):
     REFUSED = 3
 
 
-@_frequent
+@_frequent(eq=False)
 class SampleBatch:
     """One run of n consecutive samples of one boot.
 
@@ -123,7 +124,7 @@ class SampleBatch:
         )
 
 
-@_frequent
+@_frequent(eq=False)
 class CorrectedBatch:
     """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, cross_std, bias (3,) float32."""
 
@@ -227,7 +228,7 @@ class DeviceInfo:
 NO_REST_S = 1e12
 
 
-@dataclass(frozen=True, slots=True)
+@_frequent(eq=True)
 class Status:
     """Where a device is in its life, and why. Vectors are tuples of three."""
 

@@ -68,7 +68,7 @@ class Device:
         self.said = 0
         #: the status that was published last
         self.latest: Status | None = None
-        self._delay_s, self._timed = math.nan, False
+        self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs, began)
         self.overtaken = Overtaken()
@@ -131,8 +131,8 @@ class Device:
 
     def _published(self, n: int) -> None:
         self.said += n
-        if not self._timed:
-            self._delay_s, self._timed = (time.time_ns() - self.session.last_heard_ns) / 1e9, True
+        if self._delay_s is None:
+            self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
@@ -210,8 +210,8 @@ class Device:
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
-        delay_s, self._delay_s, self._timed = self._delay_s, math.nan, False
-        return delay_s
+        delay_s, self._delay_s = self._delay_s, None
+        return math.nan if delay_s is None else delay_s
 
     def restart(self, lost: int, uncounted: int) -> None:
         """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""

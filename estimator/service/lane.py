@@ -63,12 +63,12 @@ class _Come(NamedTuple):
 
 
 class _Plain(NamedTuple):
-    """Of a plain batch a part, or all of it: `readings` (n, 3) rad/s."""
+    """Of a plain batch a part, or all of it, and its rows (n, 7)."""
 
     device: Device
     batch: SampleBatch
     cut: Cut
-    readings: Floats
+    rows: Floats
 
 
 Tell = Callable[[Device, Outcome], None]
@@ -126,20 +126,19 @@ class Lane:
             self._send(going_on)
             going_on.clear()
         self._tell(device, outcome)
-        going_on += [_Plain(device, batch, cut, rows[cut.first : cut.last, GYRO]) for cut in cuts]
+        going_on += [_Plain(device, batch, cut, rows[cut.first : cut.last]) for cut in cuts]
 
     def _send(self, plain: list[_Plain]) -> None:
         """Correct batches and publish them, in order."""
         if not plain:
             return
-        lengths = [len(one.readings) for one in plain]
-        models = [one.cut.correction.model for one in plain]
-        matrix = np.repeat(np.array([model.matrix for model in models]), lengths, axis=0)
-        bias = np.repeat(np.array([model.bias for model in models]), lengths, axis=0)
-        rate = corrected(np.concatenate([one.readings for one in plain]), matrix, bias).astype("<f4")
+        lengths = [len(one.rows) for one in plain]
+        parameters = np.repeat(np.array([one.cut.correction.parameters for one in plain]), lengths, axis=0)
+        reading = np.concatenate([one.rows for one in plain])[:, GYRO]
+        rate = corrected(reading, parameters[:, :9].reshape(-1, 3, 3), parameters[:, 9:]).astype("<f4")
         if not _within(rate, MAX_CORRECTED):
-            for device, batch, cut, readings in plain:
-                self._guarded(device, device.say_cut, batch, cut, owed=len(readings))
+            for (device, batch, cut, _), n in zip(plain, lengths, strict=True):
+                self._guarded(device, device.say_cut, batch, cut, owed=n)
             return
         packed, size, begin = rate.tobytes(), rate.itemsize * 3, 0
         for (device, batch, cut, _), n in zip(plain, lengths, strict=True):
@@ -165,7 +164,7 @@ def _keep(device: Device, come: _Come, now: float, going_on: list[_Plain]) -> No
     _heard(device, batch, now)
     session = device.session
     session.keep(batch, rows)
-    going_on.append(_Plain(device, batch, Cut(session.applied, 0, len(rows)), rows[:, GYRO]))
+    going_on.append(_Plain(device, batch, Cut(session.applied, 0, len(rows)), rows))
 
 
 def _heard(device: Device, batch: SampleBatch, now: float) -> None:

@@ -27,9 +27,9 @@ def status(said: Status, **more: Any) -> Status:
     """
     return replace(
         said,
-        bias=tuple(_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias),
-        bias_std=tuple(_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std),
-        scale=tuple(_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale),
+        bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
+        bias_std=tuple([_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std]),
+        scale=tuple([_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale]),
         progress=_within(said.progress, 0.0, 1.0, 0.0),
         evidence_age_s=_within(said.evidence_age_s, 0.0, MAX_AGE_S, MAX_AGE_S),
         temperature_c=_within(said.temperature_c, -MAX_CELSIUS, MAX_CELSIUS, np.nan),
@@ -140,7 +140,7 @@ def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_
 
 
 def _within(value: float, low: float, high: float, unknown: float) -> float:
-    return unknown if isnan(value) else min(max(value, low), high)
+    return value if low <= value <= high else unknown if isnan(value) else min(max(value, low), high)
 
 
 def _clipped(
