@@ -39,7 +39,7 @@ class Correction:
         """As all batches that it corrects say it: the very same arrays."""
         model = self.model
         noise, bias = model.corrected_std(np.array([model.noise_std, self.bias_std]))
-        return Told(*(c.astype(np.float32) for c in (noise, bias, model.scale_std, model.cross_std, model.bias)))
+        return Told(*np.array([noise, bias, model.scale_std, model.cross_std, model.bias]).astype(np.float32))
 
     @cached_property
     def parameters(self) -> Floats:

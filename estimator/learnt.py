@@ -139,7 +139,7 @@ class Learnt:
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self.tracker.trusts():
+            elif self._doubted and self.tracker.trusts():
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
@@ -147,6 +147,11 @@ class Learnt:
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (reason := self.tracker.doubts(self.now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
+
+    @property
+    def _doubted(self) -> bool:
+        """Whether there is anything to be confirmed."""
+        return self.tracker.doubt.stands or self._life.state is State.DEGRADED
 
     # ---- calibration ----------------------------------------------------------------------------------------------
 

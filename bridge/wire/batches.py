@@ -84,6 +84,28 @@ class Stencil:
         self._message = _corrected(first)
         self._message.epoch = epoch
 
+    def tell(
+        self,
+        boot: int,
+        quality: Quality,
+        calibration: str,
+        noise_std: Float32s,
+        bias_std: Float32s,
+        scale_std: Float32s,
+        cross_std: Float32s,
+        bias: Float32s,
+    ) -> None:
+        """What all batches have in common from now on; see CorrectedBatch."""
+        message = self._message
+        message.boot = boot
+        message.quality = int(quality)
+        message.calibration = clean(calibration, checks.MAX_NAME)
+        message.noise_std = column_of(noise_std, _FLOAT)
+        message.bias_std = column_of(bias_std, _FLOAT)
+        message.scale_std = column_of(scale_std, _FLOAT)
+        message.cross_std = column_of(cross_std, _FLOAT)
+        message.bias = column_of(bias, _FLOAT)
+
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
         return self.encode_rates(

@@ -7,6 +7,7 @@ to the bit. What one device says keeps its order.
 
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +32,6 @@ Floats = NDArray[np.float64]
 
 _LAST_NS = MAX_TIME_NS - 10**15  # far enough from the end for any batch
 _MOST = 2 * MAX_DEVICES
-_NO_FLAGS = np.zeros(MAX_SAMPLES, np.uint32)
-_NO_FLAGS.setflags(write=False)
 _NOBODY = None, ""
 
 
@@ -258,11 +257,18 @@ def _batches(raws: list[_Raw]) -> list[_Come]:
             gyro[begin:end],
             force,
             warmth,
-            _NO_FLAGS[:n],
+            _no_flags(n),
             raw.bridge,
         )
         found.append(_Come(batch, rows[begin:end], first_s, last_s))
     return found
+
+
+@cache
+def _no_flags(n: int) -> NDArray[np.uint32]:
+    flags = np.zeros(n, np.uint32)
+    flags.setflags(write=False)
+    return flags
 
 
 def _within(column: NDArray[np.float32], limit: float) -> bool:

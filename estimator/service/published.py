@@ -14,7 +14,7 @@ from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUEN
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.block import sample_time_ns
-from estimator.correction import Cut
+from estimator.correction import Cut, Told
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -42,12 +42,7 @@ def status(said: Status, **more: Any) -> Status:
 
 def corrected(batch: CorrectedBatch) -> CorrectedBatch:
     """The batch with every number in the wire's range; a rate beyond it is marked as clipped."""
-    stds = (*batch.noise_std.tolist(), *batch.bias_std.tolist(), *batch.scale_std.tolist())
-    if (
-        all(abs(std) <= MAX_STD for std in stds)
-        and all(abs(bias) <= MAX_RATE for bias in batch.bias.tolist())
-        and _largest(batch.rate) <= MAX_CORRECTED
-    ):
+    if _fit(batch) and _largest(batch.rate) <= MAX_CORRECTED:
         return batch
     beyond = ~(np.abs(batch.rate) <= MAX_CORRECTED).all(axis=1)
     return replace(
@@ -80,9 +75,13 @@ class Encoder:
     def encode_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> bytes:
         """The same of a part of a batch without flags: its n corrected rates, packed, are within the wire's range."""
         correction, first, last = cut
-        if self._stencil is None or correction.told.bias is not self._bias:
+        told = correction.told
+        if self._stencil is None or (told.bias is not self._bias and not _fit(told)):
             rates = np.frombuffer(rate, "<f4").reshape(-1, 3)
             return self.encode(correction.told_of(batch, first, last, rates))
+        if told.bias is not self._bias:
+            self._stencil.tell(batch.boot, correction.quality, correction.calibration, *told)
+            self._bias = told.bias
         start_ns = sample_time_ns(batch, first) if first else batch.start_time_ns
         return self._stencil.encode_rates(batch, batch.sequence + first, start_ns, batch.ticks[first:last], rate, None)
 
@@ -127,6 +126,12 @@ def windows(said: WindowBatch) -> WindowBatch | None:
         scale_std=_clipped(said.scale_std, 0.0, MAX_STD),
         bias=_clipped(said.bias, -MAX_RATE, MAX_RATE),
     )
+
+
+def _fit(said: CorrectedBatch | Told) -> bool:
+    """Whether what all batches say that a correction has made is in the wire's range."""
+    stds = (*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
+    return all(abs(std) <= MAX_STD for std in stds) and all(abs(bias) <= MAX_RATE for bias in said.bias.tolist())
 
 
 def _largest(rate: NDArray[np.float32]) -> float:
