@@ -7,58 +7,24 @@ to the bit. What one device says keeps its order.
 
 import time
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from google.protobuf.message import DecodeError
-from numpy.typing import NDArray
 
 from bridge.bus.contract import Message
-from bridge.wire import columns_pb2 as columns
-from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
-from bridge.wire.checks import MAX_TIME_NS
-from bridge.wire.envelope import MAX_PAYLOAD
-from bridge.wire.messages import VERSION, SampleBatch
-from estimator.block import ACCEL, GYRO, TIME
+from bridge.wire.batches import MAX_CORRECTED
+from bridge.wire.messages import SampleBatch
+from estimator.block import GYRO
 from estimator.correction import Cut
 from estimator.gyro import corrected
 from estimator.outcome import Outcome
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.roster import MAX_DEVICES
+from estimator.service.together import Come, Floats, batches, read, within
 
-Floats = NDArray[np.float64]
-
-_LAST_NS = MAX_TIME_NS - 10**15  # far enough from the end for any batch
 _MOST = 2 * MAX_DEVICES
 _NOBODY = None, ""
-
-
-class _Raw(NamedTuple):
-    """What a message says whose columns fit together, and who sent it."""
-
-    device: str
-    boot: int
-    sequence: int
-    receive_time_ns: int
-    start_time_ns: int
-    tick_period_s: float
-    clock_rate: float
-    ticks: bytes
-    gyro: bytes
-    accel: bytes
-    celsius: bytes
-    bridge: str
-
-
-class _Come(NamedTuple):
-    """A batch, the rows (n, 7) of its samples as a block has them, and when the first and last were taken by their clock, s."""
-
-    batch: SampleBatch
-    rows: Floats
-    first_s: float
-    last_s: float
 
 
 class _Plain(NamedTuple):
@@ -100,12 +66,12 @@ class Lane:
     def take(self, messages: Sequence[Message]) -> None:
         """A round of messages."""
         now, known = time.monotonic(), self._devices
-        raws = [_read(payload, known[key][1]) if key in known else None for key, payload in messages]
-        batches = iter(_batches([raw for raw in raws if raw is not None]))
+        raws = [read(payload, known[key][1]) if key in known else None for key, payload in messages]
+        whole = iter(batches([raw for raw in raws if raw is not None]))
         going: dict[str, list[_Plain]] = {}
         for message, raw in zip(messages, raws, strict=True):
             key = message.key
-            come = None if raw is None else next(batches, None)
+            come = None if raw is None else next(whole, None)
             device, _ = known.get(key, _NOBODY)
             if come is not None and device is not None and _plain(device, come):
                 n, going_on = len(come.rows), going.setdefault(key, [])
@@ -117,7 +83,7 @@ class Lane:
                 self._slow(message)
         self._send([plain for held in going.values() for plain in held])
 
-    def _end_block(self, device: Device, come: _Come, now: float, going_on: list[_Plain]) -> None:
+    def _end_block(self, device: Device, come: Come, now: float, going_on: list[_Plain]) -> None:
         batch, rows, _, _ = come
         _heard(device, batch, now)
         outcome, cuts = device.session.end_block(batch, rows)
@@ -135,7 +101,7 @@ class Lane:
         parameters = np.repeat(np.array([one.cut.correction.parameters for one in plain]), lengths, axis=0)
         reading = np.concatenate([one.rows for one in plain])[:, GYRO]
         rate = corrected(reading, parameters[:, :9].reshape(-1, 3, 3), parameters[:, 9:]).astype("<f4")
-        if not _within(rate, MAX_CORRECTED):
+        if not within(rate, MAX_CORRECTED):
             for (device, batch, cut, _), n in zip(plain, lengths, strict=True):
                 self._guarded(device, device.say_cut, batch, cut, owed=n)
             return
@@ -146,7 +112,7 @@ class Lane:
             begin = end
 
 
-def _plain(device: Device, come: _Come) -> bool:
+def _plain(device: Device, come: Come) -> bool:
     """Whether a batch is plain."""
     batch = come.batch
     return (
@@ -158,7 +124,7 @@ def _plain(device: Device, come: _Come) -> bool:
     )
 
 
-def _keep(device: Device, come: _Come, now: float, going_on: list[_Plain]) -> None:
+def _keep(device: Device, come: Come, now: float, going_on: list[_Plain]) -> None:
     batch, rows, _, _ = come
     _heard(device, batch, now)
     session = device.session
@@ -169,108 +135,3 @@ def _keep(device: Device, come: _Come, now: float, going_on: list[_Plain]) -> No
 def _heard(device: Device, batch: SampleBatch, now: float) -> None:
     device.heard = now
     device.source.went_on(batch, now)
-
-
-def _read(payload: bytes, bridge: str) -> _Raw | None:
-    """The message, if its columns fit together and nothing of it is out of the ordinary."""
-    if len(payload) > MAX_PAYLOAD:
-        return None
-    try:
-        said = columns.SampleBatch.FromString(payload)
-    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-        return None
-    raw = _Raw(
-        said.device,
-        said.boot,
-        said.sequence,
-        said.receive_time_ns,
-        said.start_time_ns,
-        said.tick_period_s,
-        said.clock_rate,
-        said.ticks,
-        said.gyro,
-        said.accel,
-        said.temperature_c,
-        bridge,
-    )
-    _, _, sequence, receive_ns, start_ns, period_s, rate, ticks, gyro, accel, celsius, _ = raw
-    size = len(ticks)
-    ordinary = (
-        said.version == VERSION
-        and 8 <= size <= 8 * MAX_SAMPLES
-        and size % 8 == 0
-        and 2 * len(gyro) == 3 * size
-        and (not accel or 2 * len(accel) == 3 * size)
-        and (not celsius or 2 * len(celsius) == size)
-        and not said.flags
-        and sequence <= MAX_SEQUENCE - MAX_SAMPLES
-        and 0 < receive_ns < _LAST_NS
-        and 0 < start_ns < _LAST_NS
-        and 1e-9 <= period_s <= 1.0
-        and 1e-4 <= rate <= 1e4
-    )
-    return raw if ordinary else None
-
-
-def _batches(raws: list[_Raw]) -> list[_Come]:
-    """The messages of a round; none where one value of them is unfit: then each goes its own way."""
-    if not raws:
-        return []
-    packed_ticks, packed_gyro, packed_accel, packed_celsius = (
-        b"".join(column) for column in list(zip(*raws, strict=True))[7:11]
-    )
-    ticks, celsius = np.frombuffer(packed_ticks, "<u8"), np.frombuffer(packed_celsius, "<f4")
-    gyro, accel = (np.frombuffer(column, "<f4").reshape(-1, 3) for column in (packed_gyro, packed_accel))
-    lengths = np.array([len(raw.ticks) for raw in raws]) // 8
-    ends = np.add.accumulate(lengths)
-    begins = ends - lengths
-    first = np.zeros(len(ticks), bool)
-    first[begins] = True
-    rising = bool((first[1:] | (ticks[1:] > ticks[:-1])).all()) and int(ticks.max()) < 2**63
-    fit = all(
-        _within(column, limit) for column, limit in ((gyro, MAX_RATE), (accel, MAX_ACCEL), (celsius, MAX_CELSIUS))
-    )
-    if not (rising and fit):
-        return []
-    rows = np.full((len(ticks), 7), np.nan)
-    rows[:, TIME] = ticks * np.repeat([raw.tick_period_s for raw in raws], lengths)
-    rows[:, GYRO] = gyro
-    rows[np.repeat([bool(raw.accel) for raw in raws], lengths), ACCEL] = accel
-    found, pushed, warmed = list[_Come](), 0, 0
-    places = (column.tolist() for column in (begins, ends, rows[begins, TIME], rows[ends - 1, TIME]))
-    for raw, begin, end, first_s, last_s in zip(raws, *places, strict=True):
-        force = warmth = None
-        n = end - begin
-        if raw.accel:
-            force, pushed = accel[pushed : pushed + n], pushed + n
-        if raw.celsius:
-            warmth, warmed = celsius[warmed : warmed + n], warmed + n
-        batch = SampleBatch(
-            raw.device,
-            raw.boot,
-            raw.sequence,
-            raw.receive_time_ns,
-            raw.start_time_ns,
-            raw.tick_period_s,
-            raw.clock_rate,
-            ticks[begin:end],
-            gyro[begin:end],
-            force,
-            warmth,
-            _no_flags(n),
-            raw.bridge,
-        )
-        found.append(_Come(batch, rows[begin:end], first_s, last_s))
-    return found
-
-
-@cache
-def _no_flags(n: int) -> NDArray[np.uint32]:
-    flags = np.zeros(n, np.uint32)
-    flags.setflags(write=False)
-    return flags
-
-
-def _within(column: NDArray[np.float32], limit: float) -> bool:
-    """Whether all values are finite and of a magnitude up to limit."""
-    return not column.size or bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)

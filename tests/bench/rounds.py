@@ -33,8 +33,8 @@ _WARM_S = 15.0
 _ROUNDS = "drain, gate, turns"
 _PARTS = {
     "estimator.service.lane:Lane.take": "lane",
-    "estimator.service.lane:_read": "lane: parsed",
-    "estimator.service.lane:_batches": "lane: checked",
+    "estimator.service.lane:read": "lane: parsed",
+    "estimator.service.lane:batches": "lane: checked",
     "estimator.session:DeviceSession.end_block": "a block's end",
     "estimator.service.lane:Lane._send": "corrected",
     "estimator.service.published:Encoder.encode_rates": "encoded",
@@ -203,7 +203,7 @@ def main() -> int:
     ward, meter = Ward(args.devices, args.seconds, args.round), Meter()
     whole_us = 1e6 * ward.run() / ward.measured
     ward.run(meter)
-    table = Table(title=f"{args.devices} devices at 104 Hz, 10 samples a message, {args.round} messages a round")
+    table = Table(title=f"{args.devices} devices, 10 samples a message")
     table.add_column("")
     table.add_column("µs a message", justify="right")
     for part in (_ROUNDS, *dict.fromkeys(_PARTS.values())):
