@@ -13,40 +13,64 @@ Floats = NDArray[np.float64]
 
 BLOCK_S = 0.5
 #: what marks a reading that tells nothing of rotation
-UNFIT = SampleFlag.CLIPPED | SampleFlag.STUCK
+UNFIT = np.uint32(SampleFlag.CLIPPED | SampleFlag.STUCK)
+_STEP = int(SampleFlag.TEMPERATURE_STEP)
 
 
 def sample_time_ns(batch: SampleBatch, index: int) -> int:
     """Host time of a sample of a batch, ns since the Unix epoch."""
-    since = float(batch.ticks[index] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
+    since = float(batch.ticks.item(index) - batch.ticks.item(0)) * batch.tick_period_s * batch.clock_rate
     return batch.start_time_ns + round(since * 1e9)
 
 
 def temperature_at(batch: SampleBatch, index: int) -> float | None:
     """°C at a sample; None where a batch has none, or the bridge marked a leap of it."""
-    if batch.temperature_c is None or batch.flags[index] & SampleFlag.TEMPERATURE_STEP:
+    if batch.temperature_c is None or batch.flags.item(index) & _STEP:
         return None
-    return float(batch.temperature_c[index])
+    return batch.temperature_c.item(index)
+
+
+#: columns of rows of samples: device time, gyro, accel
+TIME, GYRO, ACCEL = 0, slice(1, 4), slice(4, 7)
+
+
+def rows_of(batch: SampleBatch, first: int, last: int) -> Floats:
+    """(n, 7) samples first to last of a batch, time by the device's clock; NaN where it has no accelerometer."""
+    here, rows = slice(first, last), np.empty((last - first, 7))
+    rows[:, TIME], rows[:, GYRO] = batch.device_time[here], batch.gyro[here]
+    rows[:, ACCEL] = np.nan if batch.accel is None else batch.accel[here]
+    return rows
 
 
 class Part(NamedTuple):
-    """Samples first to last of a batch: their device time (n,) s, and how many of the boot came before them."""
+    """Samples of a batch from first on: rows (n, 7), and how many of the boot there were with them.
 
-    time: Floats
+    flags: (n,), or None where none of them has any.
+    """
+
+    rows: Floats
+    flags: NDArray[np.uint32] | None
     batch: SampleBatch
     first: int
-    last: int
-    before: int
+    came: int
+
+    @property
+    def last(self) -> int:
+        """The end of them in their batch."""
+        return self.first + len(self.rows)
 
 
 class Run(NamedTuple):
-    """Samples of some parts: device time (n,) s, gyro (n, 3), accel (n, 3) or None, flags (n,), which of them are unfit (n,)."""
+    """Samples of some parts: device time (n,) s, gyro (n, 3), accel (n, 3) or None, flags (n,), which of them are unfit (n,).
+
+    unfit: None where none is.
+    """
 
     time: Floats
     gyro: Floats
     accel: Floats | None
     flags: NDArray[np.uint32]
-    unfit: NDArray[np.bool_]
+    unfit: NDArray[np.bool_] | None
     parts: list[Part]
 
     @property
@@ -76,10 +100,10 @@ class Block:
         self._waiting: list[Part] = []
         self._known: deque[Part] = deque()
 
-    def add(self, time: Floats, batch: SampleBatch, first: int, last: int) -> None:
-        """Let samples first to last of a batch wait, taken at time (last - first,), device s."""
-        part = Part(time, batch, first, last, self._count)
-        self._count += last - first
+    def add(self, rows: Floats, flags: NDArray[np.uint32] | None, batch: SampleBatch, first: int) -> None:
+        """Let samples of a batch from first on wait: rows (n, 7), flags (n,) or None where none of them has any."""
+        self._count += len(rows)
+        part = Part(rows, flags, batch, first, self._count)
         self._waiting.append(part)
         self._known.append(part)
 
@@ -90,10 +114,10 @@ class Block:
 
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of the boot; those before it are forgotten."""
-        while self._known[0].before + self._known[0].last - self._known[0].first <= index:
-            self._known.popleft()
-        part = self._known[0]
-        return part.batch, part.first + index - part.before
+        known = self._known
+        while (part := known[0]).came <= index:
+            known.popleft()
+        return part.batch, part.first + len(part.rows) - (part.came - index)
 
 
 def joined(parts: list[Part]) -> Iterator[Run]:
@@ -106,11 +130,10 @@ def joined(parts: list[Part]) -> Iterator[Run]:
 
 
 def _joined(parts: list[Part]) -> Run:
-    time = np.concatenate([part.time for part in parts])
-    gyro = np.concatenate([part.batch.gyro[part.first : part.last] for part in parts]).astype(np.float64)
-    flags = np.concatenate([part.batch.flags[part.first : part.last] for part in parts])
-    accel = None
-    if parts[0].batch.accel is not None:
-        forces = [part.batch.accel[part.first : part.last] for part in parts if part.batch.accel is not None]
-        accel = np.concatenate(forces).astype(np.float64)
-    return Run(time, gyro, accel, flags, (flags & UNFIT) != 0, parts)
+    rows = np.concatenate([part.rows for part in parts])
+    flags, unfit = np.zeros(len(rows), np.uint32), None
+    if any(part.flags is not None for part in parts):
+        flags = np.concatenate([np.zeros(len(p.rows), np.uint32) if p.flags is None else p.flags for p in parts])
+        unfit = (flags & UNFIT) != 0
+    accel = None if parts[0].batch.accel is None else rows[:, ACCEL]
+    return Run(rows[:, TIME], rows[:, GYRO], accel, flags, unfit, parts)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
+from estimator.block import sample_time_ns
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 
 Floats = NDArray[np.float64]
@@ -38,7 +39,12 @@ class Correction:
         """As all batches that it corrects say it: the very same arrays."""
         model = self.model
         noise, bias = model.corrected_std(np.array([model.noise_std, self.bias_std]))
-        return Told(*(c.astype(np.float32) for c in (noise, bias, model.scale_std, model.cross_std, model.bias)))
+        return Told(*np.array([noise, bias, model.scale_std, model.cross_std, model.bias]).astype(np.float32))
+
+    @cached_property
+    def parameters(self) -> Floats:
+        """(12,) matrix and bias, one after the other."""
+        return np.concatenate([self.model.matrix.ravel(), self.model.bias])
 
     def same(self, other: "Correction") -> bool:
         """Whether both correct alike, to the last bit."""
@@ -63,12 +69,11 @@ class Correction:
     def told_of(self, batch: SampleBatch, start: int, end: int, rate: NDArray[np.float32]) -> CorrectedBatch:
         """The same with the rates (end - start, 3) that this has made of them."""
         part = slice(start, end)
-        since = float(batch.ticks[start] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
         return CorrectedBatch(
             device=batch.device,
             boot=batch.boot,
             sequence=batch.sequence + start,
-            start_time_ns=batch.start_time_ns + round(since * 1e9),
+            start_time_ns=sample_time_ns(batch, start),
             tick_period_s=batch.tick_period_s,
             clock_rate=batch.clock_rate,
             ticks=batch.ticks[part],

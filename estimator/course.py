@@ -1,10 +1,12 @@
 """The samples of one boot as they go on in device time, cut into half seconds; those of the one that is not over wait here."""
 
+from bisect import bisect_left
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import SampleBatch
-from estimator.block import BLOCK_S, Block, Part
+from estimator.block import BLOCK_S, TIME, Block, Part
 
 Floats = NDArray[np.float64]
 
@@ -51,29 +53,35 @@ class Course:
         self._shift += self.latest + max(CLOCK_LOST_S, away_s) - (first_s + self._shift)
         return True
 
-    def time(self, clock_s: Floats) -> Floats:
-        """(n,) device time, which only goes on, of what the device's clock shows."""
-        return clock_s + self._shift if self._shift else clock_s
+    def set_right(self, rows: Floats) -> None:
+        """In rows of samples (n, 7), device time, which only goes on, in place of what the device's clock shows."""
+        if self._shift:
+            rows[:, TIME] += self._shift
 
-    def keep(self, time: Floats, batch: SampleBatch) -> None:
-        """Let a batch wait that ends no block, taken at time (n,)."""
-        self._block.add(time, batch, 0, len(time))
-        self.latest = float(time[-1])
+    def keep(self, rows: Floats, batch: SampleBatch) -> None:
+        """Let a batch without flags wait that ends no block: its rows (n, 7)."""
+        self._block.add(rows, None, batch, 0)
+        self.latest = rows.item(-1, TIME)
 
-    def edges(self, time: Floats) -> list[int]:
-        """Which of the samples that come next, taken at time (n,), begin a block."""
+    def edges(self, rows: Floats) -> list[int]:
+        """Which of the samples that come next, rows (n, 7), begin a block."""
+        taken = rows[:, TIME].tolist()
         if self._first is None:
-            self._first = float(time[0])
-        blocks = time // BLOCK_S
-        edges = [] if blocks[0] == self._number else [0]
-        self._number, self.latest = int(blocks[-1]), float(time[-1])
-        edges += ((blocks[1:] != blocks[:-1]).nonzero()[0] + 1).tolist()
+            self._first = taken[0]
+        self.latest = taken[-1]
+        edges, begin = list[int](), 0
+        while begin < len(taken):
+            number = int(taken[begin] // BLOCK_S)
+            if number != self._number:
+                edges.append(begin)
+                self._number = number
+            begin = bisect_left(taken, (number + 1) * BLOCK_S, begin + 1)
         return edges
 
-    def hold(self, time: Floats, batch: SampleBatch, first: int, last: int) -> None:
-        """Let samples first to last of a batch wait, taken at time (last - first,)."""
-        if last > first:
-            self._block.add(time, batch, first, last)
+    def hold(self, rows: Floats, flags: NDArray[np.uint32] | None, batch: SampleBatch, first: int) -> None:
+        """Let samples of a batch from first on wait: rows (n, 7), flags (n,), if there are any."""
+        if len(rows):
+            self._block.add(rows, flags, batch, first)
 
     def take(self) -> list[Part]:
         """All that wait, once."""

@@ -101,20 +101,22 @@ class Learnt:
 
     def learn(self, run: Run, course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
-        before = self.tracker.time, self._belief
+        tracker = self.tracker
+        before = tracker.time, self._belief
+        tracked = tracker.time
         for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
             self.now = window.end_time
             batch, index = course.where(window.end - 1)
             self._now_ns = sample_time_ns(batch, index)
             if (celsius := temperature_at(batch, index)) is not None:
-                self.tracker.thermometer.read(self.now, celsius)
-            tracked = self.tracker.time
+                tracker.thermometer.read(self.now, celsius)
             self._window(window, outcome)
-            self._past.note(self.now, batch.sequence + index, self._now_ns, self.tracker.time)
-            if self.tracker.time != tracked and (improved := self.tracker.improved()) is not None:
+            earlier, tracked = tracked, tracker.time
+            self._past.note(self.now, batch.sequence + index, self._now_ns, tracked)
+            if tracked != earlier and (improved := tracker.improved()) is not None:
                 belief = self._belief
                 outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
-        return (self.tracker.time, self._belief) != before
+        return (tracked, self._belief) != before
 
     def _window(self, window: Window, outcome: Outcome) -> None:
         if self.under_way is not None:
@@ -137,7 +139,7 @@ class Learnt:
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self.tracker.trusts():
+            elif self._doubted and self.tracker.trusts():
                 self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
@@ -145,6 +147,11 @@ class Learnt:
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (reason := self.tracker.doubts(self.now)) is not None:
             self._happens(Event.DOUBTED, reason, outcome)
+
+    @property
+    def _doubted(self) -> bool:
+        """Whether there is anything to be confirmed."""
+        return self.tracker.doubt.stands or self._life.state is State.DEGRADED
 
     # ---- calibration ----------------------------------------------------------------------------------------------
 

@@ -6,12 +6,13 @@ same samples gives the same corrected rates, and whoever runs it may learn meanw
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import Part, joined
+from estimator.block import TIME, Part, joined, rows_of
 from estimator.correction import Correction, Cut
 from estimator.course import Course
 from estimator.finite import runs
@@ -178,22 +179,23 @@ class DeviceSession:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""
         return self._course.ends_block(last_s)
 
-    def keep(self, batch: SampleBatch, time: Floats) -> None:
-        """Take a plain batch that ends no block, taken at time (n,) by the device's clock.
+    def keep(self, batch: SampleBatch, rows: Floats) -> None:
+        """Take a plain batch, without flags, that ends no block, and its rows (n, 7), time by the device's clock.
 
         It is to be corrected by `applied`, which is all that `handle` would do.
         """
-        self._went_on(batch)
-        self._course.keep(self._course.time(time), batch)
+        self._went_on(batch, len(rows))
+        self._course.set_right(rows)
+        self._course.keep(rows, batch)
 
-    def end_block(self, batch: SampleBatch) -> tuple[Outcome, list[Cut]]:
-        """Take a plain batch that ends a block, as `take` would; what of it is to be corrected by what, besides the outcome."""
+    def end_block(self, batch: SampleBatch, rows: Floats) -> tuple[Outcome, list[Cut]]:
+        """Take one that ends a block, as `take` would; what of it is to be corrected by what, besides the outcome."""
         outcome = Outcome()
-        self._went_on(batch)
-        return outcome, self._take(batch, 0, len(batch.ticks), 0.0, outcome)
+        self._went_on(batch, len(rows))
+        return outcome, self._take(batch, rows, None, 0, 0.0, outcome)
 
-    def _went_on(self, batch: SampleBatch) -> None:
-        self.sequence.went_on(len(batch.ticks))
+    def _went_on(self, batch: SampleBatch, n: int) -> None:
+        self.sequence.went_on(n)
         self.last_heard_ns = batch.receive_time_ns
 
     def handle(self, batch: SampleBatch) -> Outcome:
@@ -227,26 +229,38 @@ class DeviceSession:
             outcome.said.append("heard again")
         finite = runs(batch, first)
         self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - begin for begin, end in finite))
+        flags = batch.flags if batch.flags.any() else None
         for begin, end in finite:
-            cuts = self._take(batch, begin, end, away_s, outcome)
+            marks = None if flags is None else flags[begin:end]
+            cuts = self._take(batch, rows_of(batch, begin, end), marks, begin, away_s, outcome)
             outcome.corrected += [cut.correction.apply(batch, cut.first, cut.last) for cut in cuts]
         return outcome
 
-    def _take(self, batch: SampleBatch, first: int, last: int, away_s: float, outcome: Outcome) -> list[Cut]:
-        course, clock_s = self._course, batch.device_time[first:last]
-        if course.went_back(float(clock_s[0]), away_s):
+    def _take(
+        self,
+        batch: SampleBatch,
+        rows: Floats,
+        flags: NDArray[np.uint32] | None,
+        first: int,
+        away_s: float,
+        outcome: Outcome,
+    ) -> list[Cut]:
+        """Samples of a batch from first on: rows (n, 7), time by the device's clock; flags (n,), if there are any."""
+        course, last = self._course, first + len(rows)
+        if course.went_back(rows.item(0, TIME), away_s):
             self.sequence.events.add("device clock went back")
-        time, latest = course.time(clock_s), course.latest
+        course.set_right(rows)
+        latest = course.latest
         cuts, start, held = list[Cut](), 0, 0
-        for edge in course.edges(time):
-            course.hold(time[held:edge], batch, first + held, first + edge)
+        for edge in course.edges(rows):
+            course.hold(rows[held:edge], None if flags is None else flags[held:edge], batch, first + held)
             held, before = edge, self._applied
-            now, heard = float(time[edge]), float(time[edge - 1]) if edge else latest
+            now, heard = rows.item(edge, TIME), rows.item(edge - 1, TIME) if edge else latest
             self._end_block(outcome, now if now - heard > SILENCE_S else None)
-            if edge > start and not self._applied.same(before):
+            if edge > start and self._applied is not before and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
-        course.hold(time[held:], batch, first + held, last)
+        course.hold(rows[held:], None if flags is None else flags[held:], batch, first + held)
         return [*cuts, Cut(self._applied, first + start, last)]
 
     def _end_block(self, outcome: Outcome, resumed: float | None = None) -> None:
@@ -262,6 +276,8 @@ class DeviceSession:
         self._applied = self._ready
 
     def _learn(self, outcome: Outcome) -> None:
+        if not self._lesson:
+            return
         parts, self._lesson = self._lesson, []
         news = False
         for run in joined(parts):
@@ -334,9 +350,9 @@ class DeviceSession:
             reason=f"{reason} ({learnt.scratch})" if learnt.scratch else reason,
             progress=learnt.progress,
             axes_done=learnt.turned,
-            bias=tuple(map(float, known.model.bias)),
-            bias_std=tuple(map(float, known.bias_std)),
-            scale=tuple(map(float, np.diag(known.model.matrix))),
+            bias=tuple(known.model.bias.tolist()),
+            bias_std=tuple(known.bias_std.tolist()),
+            scale=tuple(known.model.matrix.diagonal().tolist()),
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
             evidence_age_s=min(self.tracker.evidence_age(learnt.now), NO_REST_S),

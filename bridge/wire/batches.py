@@ -78,21 +78,58 @@ def encode_corrected(batch: CorrectedBatch) -> bytes:
 
 
 class Stencil:
-    """Encodes corrected batches that differ from a first one in their samples only."""
+    """Encodes corrected batches that differ from a first one in their samples only; epoch: said of all of them."""
 
-    def __init__(self, first: CorrectedBatch) -> None:
+    def __init__(self, first: CorrectedBatch, epoch: int) -> None:
         self._message = _corrected(first)
+        self._message.epoch = epoch
 
-    def encode(self, samples: SampleBatch | CorrectedBatch, rate: Float32s) -> bytes:
-        """The payload for the samples of a batch; rate (n, 3), little-endian."""
+    def tell(
+        self,
+        boot: int,
+        quality: Quality,
+        calibration: str,
+        noise_std: Float32s,
+        bias_std: Float32s,
+        scale_std: Float32s,
+        cross_std: Float32s,
+        bias: Float32s,
+    ) -> None:
+        """What all batches have in common from now on; see CorrectedBatch."""
         message = self._message
-        message.sequence = samples.sequence
-        message.start_time_ns = samples.start_time_ns
-        message.tick_period_s = samples.tick_period_s
-        message.clock_rate = samples.clock_rate
-        message.ticks = samples.ticks.tobytes()
-        message.rate = rate.tobytes()
-        message.flags = packed_flags(samples.flags)
+        message.boot = boot
+        message.quality = int(quality)
+        message.calibration = clean(calibration, checks.MAX_NAME)
+        message.noise_std = column_of(noise_std, _FLOAT)
+        message.bias_std = column_of(bias_std, _FLOAT)
+        message.scale_std = column_of(scale_std, _FLOAT)
+        message.cross_std = column_of(cross_std, _FLOAT)
+        message.bias = column_of(bias, _FLOAT)
+
+    def encode(self, batch: CorrectedBatch) -> bytes:
+        """The payload of a batch."""
+        return self.encode_rates(
+            batch, batch.sequence, batch.start_time_ns, batch.ticks, column_of(batch.rate, _FLOAT), batch.flags
+        )
+
+    def encode_rates(
+        self,
+        origin: SampleBatch | CorrectedBatch,
+        sequence: int,
+        start_time_ns: int,
+        ticks: NDArray[np.uint64],
+        rate: bytes,
+        flags: NDArray[np.uint32] | None,
+    ) -> bytes:
+        """The payload of samples from a batch: of the first its number and time, of all ticks (n,), packed rates, flags."""
+        message = self._message
+        message.sequence = sequence
+        message.start_time_ns = start_time_ns
+        message.tick_period_s = origin.tick_period_s
+        message.clock_rate = origin.clock_rate
+        message.ticks = column_of(ticks, _UINT64)
+        message.rate = rate
+        message.flags = b"" if flags is None else packed_flags(flags)
         return message.SerializeToString()
 
 

@@ -5,14 +5,23 @@ Arrays are read-only by convention: nobody writes into a message.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, IntFlag
+from typing import TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
 
 VERSION = 1
 Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def _frequent(*, eq: bool) -> Callable[[type[T]], type[T]]:
+    """A frozen dataclass to whoever checks types, and to nobody else: to make one that refuses takes eight times as long."""
+    return dataclass(slots=True, eq=eq)
 
 
 class SampleFlag(IntFlag):
@@ -66,7 +75,7 @@ class Verdict(IntEnum):
     REFUSED = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@_frequent(eq=False)
 class SampleBatch:
     """One run of n consecutive samples of one boot.
 
@@ -115,7 +124,7 @@ class SampleBatch:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@_frequent(eq=False)
 class CorrectedBatch:
     """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, cross_std, bias (3,) float32."""
 
@@ -219,7 +228,7 @@ class DeviceInfo:
 NO_REST_S = 1e12
 
 
-@dataclass(frozen=True, slots=True)
+@_frequent(eq=True)
 class Status:
     """Where a device is in its life, and why. Vectors are tuples of three."""
 

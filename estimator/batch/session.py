@@ -99,7 +99,7 @@ class CalibrationSession:
     def add(self, samples: Samples) -> None:
         """Take samples; call `window` for every window they close, in order, after adding them."""
         self._history.add(samples)
-        self._largest = max(self._largest, float(np.abs(samples.gyro).max()))
+        self._largest = max(self._largest, float(np.maximum.reduce(np.abs(samples.gyro), axis=None)))
 
     def window(self, window: Window) -> list[Progress]:
         """Judge what the next window completes."""

@@ -6,9 +6,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
@@ -71,7 +68,7 @@ class Device:
         self.said = 0
         #: the status that was published last
         self.latest: Status | None = None
-        self._delay_s, self._timed = math.nan, False
+        self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs, began)
         self.overtaken = Overtaken()
@@ -127,15 +124,15 @@ class Device:
         """Publish a part of a batch, or all of it."""
         self.say_corrected([cut.correction.apply(batch, cut.first, cut.last)])
 
-    def say_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> None:
-        """The same of what is corrected already: rate (n, 3), little-endian, within the wire's range."""
+    def say_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> None:
+        """The same of what is corrected already, of a batch without flags: the rates, packed, within the wire's range."""
         self._put_corrected(self._encoder.encode_rates(batch, cut, rate))
-        self._published(len(rate))
+        self._published(cut.last - cut.first)
 
     def _published(self, n: int) -> None:
         self.said += n
-        if not self._timed:
-            self._delay_s, self._timed = (time.time_ns() - self.session.last_heard_ns) / 1e9, True
+        if self._delay_s is None:
+            self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
@@ -213,8 +210,8 @@ class Device:
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
-        delay_s, self._delay_s, self._timed = self._delay_s, math.nan, False
-        return delay_s
+        delay_s, self._delay_s = self._delay_s, None
+        return math.nan if delay_s is None else delay_s
 
     def restart(self, lost: int, uncounted: int) -> None:
         """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""

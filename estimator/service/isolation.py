@@ -2,10 +2,13 @@
 
 import logging
 from collections.abc import Callable
+from typing import TypeVarTuple
 
 from bridge.bus.contract import BusError
 from bridge.wire.refusal import Tally
 from estimator.service.device import Device
+
+Ts = TypeVarTuple("Ts")
 
 log = logging.getLogger(__name__)
 
@@ -18,15 +21,15 @@ class Isolation:
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
-    def __call__(self, device: Device, work: Callable[[], None], *, came: int = 0, owed: int = 0) -> bool:
-        """Whether it went well; else the device's session begins anew.
+    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0, owed: int = 0) -> bool:
+        """Whether work(*args) went well; else the device's session begins anew.
 
         came: samples that the work takes in. owed: samples that count as corrected, which the work is to publish.
         """
         sequence, held = device.session.sequence, device.overtaken.samples
         samples_in, samples_out, told = sequence.samples_in, sequence.samples_out, device.told
         try:
-            work()
+            work(*args)
         except BusError:
             raise  # the bus itself is gone: for all
         except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others

@@ -13,7 +13,8 @@ from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
-from estimator.correction import Cut
+from estimator.block import sample_time_ns
+from estimator.correction import Cut, Told
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
@@ -26,9 +27,9 @@ def status(said: Status, **more: Any) -> Status:
     """
     return replace(
         said,
-        bias=tuple(_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias),
-        bias_std=tuple(_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std),
-        scale=tuple(_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale),
+        bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
+        bias_std=tuple([_within(s, 0.0, MAX_STD, MAX_STD) for s in said.bias_std]),
+        scale=tuple([_within(s, -MAX_SCALE, MAX_SCALE, 0.0) for s in said.scale]),
         progress=_within(said.progress, 0.0, 1.0, 0.0),
         evidence_age_s=_within(said.evidence_age_s, 0.0, MAX_AGE_S, MAX_AGE_S),
         temperature_c=_within(said.temperature_c, -MAX_CELSIUS, MAX_CELSIUS, np.nan),
@@ -41,9 +42,7 @@ def status(said: Status, **more: Any) -> Status:
 
 def corrected(batch: CorrectedBatch) -> CorrectedBatch:
     """The batch with every number in the wire's range; a rate beyond it is marked as clipped."""
-    worst = max(float(np.abs(c).max()) for c in (batch.noise_std, batch.bias_std, batch.scale_std))
-    rate = float(np.abs(batch.rate).max())
-    if rate <= MAX_CORRECTED and worst <= MAX_STD and float(np.abs(batch.bias).max()) <= MAX_RATE:
+    if _fit(batch) and _largest(batch.rate) <= MAX_CORRECTED:
         return batch
     beyond = ~(np.abs(batch.rate) <= MAX_CORRECTED).all(axis=1)
     return replace(
@@ -67,18 +66,24 @@ class Encoder:
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
-        if self._stencil is not None and batch.bias is self._bias and np.abs(batch.rate).max() <= MAX_CORRECTED:
-            return self._stencil.encode(batch, batch.rate)
-        fit = replace(corrected(batch), epoch=self._epoch)
-        self._stencil, self._bias = Stencil(fit), batch.bias
-        return self._stencil.encode(fit, fit.rate)
+        if self._stencil is not None and batch.bias is self._bias and _largest(batch.rate) <= MAX_CORRECTED:
+            return self._stencil.encode(batch)
+        fit = corrected(batch)
+        self._stencil, self._bias = Stencil(fit, self._epoch), batch.bias
+        return self._stencil.encode(fit)
 
-    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: NDArray[np.float32]) -> bytes:
-        """The same of a part of a batch, its corrected rates (n, 3) within the wire's range and little-endian."""
-        whole = len(rate) == len(batch.ticks)
-        if self._stencil is not None and whole and cut.correction.told.bias is self._bias:
-            return self._stencil.encode(batch, rate)
-        return self.encode(cut.correction.told_of(batch, cut.first, cut.last, rate))
+    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> bytes:
+        """The same of a part of a batch without flags: its n corrected rates, packed, are within the wire's range."""
+        correction, first, last = cut
+        told = correction.told
+        if self._stencil is None or (told.bias is not self._bias and not _fit(told)):
+            rates = np.frombuffer(rate, "<f4").reshape(-1, 3)
+            return self.encode(correction.told_of(batch, first, last, rates))
+        if told.bias is not self._bias:
+            self._stencil.tell(batch.boot, correction.quality, correction.calibration, *told)
+            self._bias = told.bias
+        start_ns = sample_time_ns(batch, first) if first else batch.start_time_ns
+        return self._stencil.encode_rates(batch, batch.sequence + first, start_ns, batch.ticks[first:last], rate, None)
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
@@ -123,13 +128,24 @@ def windows(said: WindowBatch) -> WindowBatch | None:
     )
 
 
+def _fit(said: CorrectedBatch | Told) -> bool:
+    """Whether what all batches say that a correction has made is in the wire's range."""
+    stds = (*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
+    return all(abs(std) <= MAX_STD for std in stds) and all(abs(bias) <= MAX_RATE for bias in said.bias.tolist())
+
+
+def _largest(rate: NDArray[np.float32]) -> float:
+    """The largest magnitude; NaN where one is not a number."""
+    return float(np.maximum.reduce(np.abs(rate), axis=None))
+
+
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of the numbers are above all before them."""
     return np.append(True, numbers[1:] > np.maximum.accumulate(numbers)[:-1])[: len(numbers)]
 
 
 def _within(value: float, low: float, high: float, unknown: float) -> float:
-    return unknown if isnan(value) else min(max(value, low), high)
+    return value if low <= value <= high else unknown if isnan(value) else min(max(value, low), high)
 
 
 def _clipped(

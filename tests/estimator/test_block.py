@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bridge.wire.messages import Quality
-from estimator.block import BLOCK_S, Block, joined, sample_time_ns
+from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
@@ -41,7 +41,7 @@ def test_a_block_keeps_samples_with_and_without_an_accelerometer_apart() -> None
     batches[2] = replace(batches[2], accel=None)
     block = Block()
     for batch in batches:
-        block.add(batch.device_time, batch, 0, len(batch))
+        block.add(rows_of(batch, 0, len(batch)), None, batch, 0)
     runs = list(joined(block.take()))
     assert [(len(run.time), run.accel is None) for run in runs] == [(20, False), (10, True), (10, False)]
     assert [run.sequences[0] for run in runs] == [0, 20, 30]
@@ -53,7 +53,7 @@ def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:
     batches = calibration(seed=1).batches()[:4]
     block = Block()
     for batch in batches:
-        block.add(batch.device_time[3:], batch, 3, len(batch))
+        block.add(rows_of(batch, 3, len(batch)), None, batch, 3)
     for index in (0, 6, 7, 27):
         batch, i = block.where(index)
         assert (batch.sequence, i) == (10 * (index // 7), 3 + index % 7)

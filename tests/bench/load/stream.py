@@ -20,9 +20,12 @@ def name(number: int) -> str:
 
 
 class Fleet:
-    """n devices at rate_hz, `batch` samples a message; device i lives the life i mod 5 of the simulator."""
+    """n devices at rate_hz, `batch` samples a message; device i lives the life i mod 5 of the simulator.
 
-    def __init__(self, n: int, rate_hz: float, batch: int) -> None:
+    seed: of their boots and ages, which are others each time without one.
+    """
+
+    def __init__(self, n: int, rate_hz: float, batch: int, seed: int | None = None) -> None:
         self.n, self.rate_hz, self.batch = n, rate_hz, batch
         self.keys = [keys.build(WARD, "raw", bridge=BRIDGE, device=name(i)) for i in range(n)]
         lives = [simulate_day(seed, _LIFE_S / 3600, rate_hz) for seed in range(_LIVES)]
@@ -37,7 +40,7 @@ class Fleet:
             ]
             for life in lives
         ]
-        rng = np.random.default_rng()
+        rng = np.random.default_rng(seed)
         self._boots = rng.integers(1, 2**63, n).tolist()
         #: no two were switched on at the same moment: their half seconds end all the time
         self._ages = rng.uniform(0.0, 1.0, n)
