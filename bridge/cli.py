@@ -11,6 +11,7 @@ from bridge import cli_profiles, cli_router, cli_scan, cli_ximu3
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
+from bridge.cli_parser import Verbs
 from bridge.cli_ward import add_ward, ward_of
 from bridge.columns import Column, Columns
 from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, listening, load
@@ -32,7 +33,6 @@ _log = logging.getLogger(__name__)
 
 # Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
 Run = Callable[[argparse.Namespace], int]
-Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:

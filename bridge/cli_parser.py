@@ -1,10 +1,13 @@
-"""A parser of arguments that names the nearest word where one is misspelt."""
+"""A parser of arguments that names the nearest word where one is misspelt, and what verbs are added to it by."""
 
 import argparse
 import re
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from bridge.toml_file import nearest
+
+Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 
 _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose from (?P<known>.*)\)", re.DOTALL)
 
@@ -18,3 +21,26 @@ class Parser(argparse.ArgumentParser):
             known = re.findall(r"[\w-]+", match["known"])
             message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
         super().error(message)
+
+
+class Version(argparse.Action):
+    """Say which truerate this is; looked up when it is asked, for that takes a moment."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """See argparse."""
+        from importlib.metadata import version  # noqa: PLC0415
+
+        print(f"{parser.prog} {version('truerate')}")
+        parser.exit()
+
+
+def add_verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
+) -> argparse.ArgumentParser:
+    """Add a verb that calls run with the parsed arguments."""
+    parser = verbs.add_parser(name, help=help_text, description=help_text[:1].upper() + help_text[1:] + ".")
+    parser.set_defaults(run=run)
+    return parser
