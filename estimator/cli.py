@@ -19,7 +19,8 @@ log = logging.getLogger("truerate")
 #: the verbs in the order of the help, by the module that adds them: loading all takes longer than most of them
 VERBS = {
     "estimator.cli_demo": ("demo",),
-    "bridge.cli": ("bridge", "router"),
+    "bridge.cli": ("bridge",),
+    "bridge.cli_router": ("router",),
     "bridge.record.cli": ("record", "recording"),
     "bridge.cli_pki": ("pki",),
     "estimator.cli_estimator": ("estimator",),
