@@ -1,26 +1,25 @@
-"""The verbs `truerate bridge ...` and `truerate router`: arguments in, exit code out."""
+"""The verbs `truerate bridge ...`: arguments in, exit code out."""
 
 import argparse
 import logging
 import time
-from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
-from bridge import cli_profiles, cli_router, cli_scan, cli_ximu3
+from bridge import cli_profiles, cli_scan, cli_ximu3
 from bridge.bus.contract import Bus
 from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
+from bridge.cli_parser import Verbs, add_group, add_guarded
 from bridge.cli_ward import add_ward, ward_of
 from bridge.columns import Column, Columns
-from bridge.config import LOCAL, Bridge, ConfigError, Device, Root, listening, load
+from bridge.config import Bridge, ConfigError, Device, Root, listening, load
 from bridge.console import plain_console
-from bridge.drivers import registry, replayed
+from bridge.drivers import registry
 from bridge.health import Health
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
-from bridge.recording import RecordingError
-from bridge.recording import load as load_recording
+from bridge.recording_error import RecordingError
 from bridge.router_watch import RouterWatch
 from bridge.vitals import Vitals
 from bridge.ward import Ward
@@ -30,39 +29,33 @@ _DONE = 0
 _LOOK_S = 0.2
 _log = logging.getLogger(__name__)
 
-# Parsers of verbs that are added here set `run`, which takes the arguments and returns the exit code.
-Run = Callable[[argparse.Namespace], int]
-Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
-
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
-    """Add `bridge` and `router` to the command; each sets `run(args) -> exit code`."""
+    """Add `bridge` to the command; each verb of it sets `run(args) -> exit code`."""
     run_example = "truerate bridge run configs/ward.toml"
-    inner = _parser(verbs, "bridge", "read devices and publish them", run_example).add_subparsers(
+    inner = add_group(verbs, "bridge", "read devices and publish them", run_example).add_subparsers(
         metavar="VERB", required=True
     )
-    verb = _verb(inner, "run", _run, "read the devices of a file and publish them", run_example)
+    verb = add_guarded(inner, "run", _run, "read the devices of a file and publish them", run_example)
     verb.add_argument("config", type=Path, metavar="CONFIG", help="the ward's TOML file")
     does = "show the drivers, and whether a file's devices are there"
-    verb = _verb(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
+    verb = add_guarded(inner, "list", _list, does, "truerate bridge list configs/ward.toml")
     verb.add_argument("config", type=Path, nargs="?", metavar="CONFIG", help="the ward's TOML file")
     does = "listen at every port, and guess which device is there"
     example = "truerate bridge scan; truerate bridge scan --port tcp://10.0.0.5:8000"
-    cli_scan.add_arguments(_verb(inner, "scan", cli_scan.scan, does, example))
-    _verb(inner, "drivers", _list, "show the drivers", "truerate bridge drivers").set_defaults(config=None)
+    cli_scan.add_arguments(add_guarded(inner, "scan", cli_scan.scan, does, example))
+    add_guarded(inner, "drivers", _list, "show the drivers", "truerate bridge drivers").set_defaults(config=None)
     does = "publish a recording as if it were a device, or a ward's as if it were the ward"
     example = "truerate bridge replay walk.npz --device wrist-01; truerate bridge replay ward-3-20260801T101500Z.mcap --speed 10"
-    _add_replay(_verb(inner, "replay", _replay, does, example))
+    _add_replay(add_guarded(inner, "replay", _replay, does, example))
     does = "show devices of a ward as x-IMU3s, to x-io's GUI and whatever reads those"
     example = "truerate bridge ximu3 --config configs/ward.toml --device chest --udp 127.0.0.1:8000"
-    cli_ximu3.add_arguments(_verb(inner, "ximu3", cli_ximu3.shown, does, example))
+    cli_ximu3.add_arguments(add_guarded(inner, "ximu3", cli_ximu3.shown, does, example))
     does = "list the profiles of devices that print lines"
-    _verb(inner, "profiles", cli_profiles.profiles, does, "truerate bridge profiles")
+    add_guarded(inner, "profiles", cli_profiles.profiles, does, "truerate bridge profiles")
     does = "show what a profile understands of a captured file"
     example = "truerate bridge try nano-33-ble capture.txt --seconds 60"
-    cli_profiles.add_try(_verb(inner, "try", cli_profiles.try_profile, does, example))
-    example = f"truerate router --listen {LOCAL}"
-    cli_router.add_arguments(_verb(verbs, "router", cli_router.router, "run zenoh's router here", example))
+    cli_profiles.add_try(add_guarded(inner, "try", cli_profiles.try_profile, does, example))
 
 
 def _add_replay(verb: argparse.ArgumentParser) -> None:
@@ -73,30 +66,6 @@ def _add_replay(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--speed", type=float, default=1.0, metavar="N", help="how many times faster (default 1)")
     verb.add_argument("--rate-hz", type=float, metavar="HZ", help="its rate, where the file does not say it")
     add_ward(verb)
-
-
-def _parser(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
-    return verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: {example}")
-
-
-def _verb(
-    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
-) -> argparse.ArgumentParser:
-    verb = _parser(verbs, name, does, example)
-    verb.set_defaults(run=_guarded(run))
-    return verb
-
-
-def _guarded(run: Run) -> Run:
-    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
-
-    def guarded(args: argparse.Namespace) -> int:
-        try:
-            return run(args)
-        except ValueError as error:
-            raise ConfigError(str(error)) from None
-
-    return guarded
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -122,6 +91,8 @@ def _replay(args: argparse.Namespace) -> int:
 
 def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
     """A table for each device of a ward's recording, or for the one that is wanted."""
+    from bridge.drivers import replayed  # noqa: PLC0415 - a bridge that runs is not kept waiting by what reads recordings
+
     there = replayed.devices(args.file)
     if args.device is not None and args.device not in there:
         raise RecordingError(f"{args.file}: there are no samples of {args.device!r} in it; it has {', '.join(there)}")
@@ -134,6 +105,8 @@ def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
         raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
     if args.device is None and args.file.suffix != ".part":  # of which loading says what is to be done first
         raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
+    from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
+
     load_recording(args.file, args.rate_hz)
     rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}
     return [{**_replayed(args), "id": args.device, **rate}]

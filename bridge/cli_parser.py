@@ -1,10 +1,14 @@
-"""A parser of arguments that names the nearest word where one is misspelt."""
+"""A parser of arguments that names the nearest word where one is misspelt, and what verbs are added to it by."""
 
 import argparse
 import re
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from bridge.toml_file import nearest
+from bridge.toml_file import ConfigError, nearest
+
+Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
+Run = Callable[[argparse.Namespace], int]
 
 _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose from (?P<known>.*)\)", re.DOTALL)
 
@@ -18,3 +22,52 @@ class Parser(argparse.ArgumentParser):
             known = re.findall(r"[\w-]+", match["known"])
             message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
         super().error(message)
+
+
+class Version(argparse.Action):
+    """Say which truerate this is; looked up when it is asked, for that takes a moment."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """See argparse."""
+        from importlib.metadata import version  # noqa: PLC0415
+
+        print(f"{parser.prog} {version('truerate')}")
+        parser.exit()
+
+
+def add_verb(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
+) -> argparse.ArgumentParser:
+    """Add a verb that calls run with the parsed arguments."""
+    parser = verbs.add_parser(name, help=help_text, description=help_text[:1].upper() + help_text[1:] + ".")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_group(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
+    """Add a verb that has an example, and maybe verbs of its own."""
+    return verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: {example}")
+
+
+def add_guarded(
+    verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Run, does: str, example: str
+) -> argparse.ArgumentParser:
+    """Add a verb whose ValueErrors are errors of who gave the arguments."""
+    verb = add_group(verbs, name, does, example)
+    verb.set_defaults(run=_guarded(run))
+    return verb
+
+
+def _guarded(run: Run) -> Run:
+    """What was given and cannot be is an error of who gave it, as in a file; how errors are said is the command's."""
+
+    def guarded(args: argparse.Namespace) -> int:
+        try:
+            return run(args)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+
+    return guarded

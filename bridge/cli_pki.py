@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from bridge.bus import router_file
+from bridge.cli_parser import Verbs
 from bridge.columns import Column, Columns
 from bridge.config import ConfigError, check, check_endpoints
 from bridge.console import plain_console
@@ -20,7 +21,6 @@ from bridge.pki.report import Row, rows
 
 #: no certificate lasts longer, and no date is further off
 _MOST_DAYS = 36_500
-Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 
 ROLES = """who: ROLE:NAME. Roles: bridge (its [bridge] id as the name), estimator (its [estimator] id), viewer (looks),
 commander (looks, and gives commands: a nurse station, a dashboard where somebody may), recorder, router.

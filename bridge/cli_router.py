@@ -10,6 +10,7 @@ from bridge.bus.contract import BusError
 from bridge.bus.router import Router
 from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import Routers
+from bridge.cli_parser import Verbs, add_guarded
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
 from bridge.pki.identity import SOON, faults
 from bridge.pki.member import Role
@@ -23,8 +24,10 @@ _ENDS = "the certificate that this router began with ends on %s: renew it, and s
 _log = logging.getLogger(__name__)
 
 
-def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """What it takes."""
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+    """Add `router`."""
+    example = f"truerate router --listen {LOCAL}"
+    verb = add_guarded(verbs, "router", router, "run zenoh's router here", example)
     verb.add_argument("--listen", action="append", metavar="ENDPOINT", help=f"where to listen (default {LOCAL})")
     verb.add_argument(
         "--config", type=Path, help="take the endpoints from this ward's file; or a file for zenohd, .json5"

@@ -13,8 +13,8 @@ from bridge.bus.routers import Routers, secured
 from bridge.drivers import registry
 from bridge.drivers.driver import Driver
 from bridge.enrolled import Enrolment
-from bridge.pki.identity import Identity, member_of
 from bridge.pki.member import Role
+from bridge.pki.papers import Identity
 from bridge.record.settings import Recorder
 from bridge.toml_file import ConfigError, load, nearest, options
 from bridge.wire.keys import check_id
@@ -103,6 +103,8 @@ class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         Else ConfigError: a router would let anybody of the ward in, and silently give or take nothing.
         """
         if self.identity is not None:
+            from bridge.pki.identity import member_of  # noqa: PLC0415 - as in bridge.bus.routers
+
             try:
                 member = member_of(self.identity)
             except ValueError as error:

@@ -1,6 +1,6 @@
 """What a process says of itself over HTTP: /metrics for Prometheus, /healthz (it lives), /readyz (it can do its work).
 
-The only file with prometheus_client. Nothing is counted here: families are read when somebody asks.
+Nothing is counted here: families are read when somebody asks.
 """
 
 import logging
@@ -10,12 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib.metadata import version
 from typing import Any, Self
-
-from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 
 from bridge import os_words
 from bridge.bus.routers import Routers
@@ -84,9 +79,6 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], asked: Asked) -> None:
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
         self.asked = asked
-        self.registry = CollectorRegistry()
-        self.registry.register(_Collector(asked))
-        ProcessCollector(registry=self.registry)
         self._guests, self._rendering = _Guests(), threading.Lock()
         super().__init__(address, _Handler)
 
@@ -98,10 +90,12 @@ class _Server(ThreadingHTTPServer):
         """It has said what it wants."""
         self._guests.ask(request)
 
-    def rendered(self, request: socket.socket) -> bytes:
-        """All metrics, for one after the other: many at once would leave no time for a probe."""
+    def rendered(self, request: socket.socket) -> tuple[bytes, str]:
+        """All metrics, and as what, for one after the other: many at once would leave no time for a probe."""
+        from bridge.metrics import KIND, rendered  # noqa: PLC0415 - nobody's start waits for what is asked for later
+
         with self._rendering:
-            return generate_latest(self.registry) if self._guests.is_here(request) else b""
+            return rendered(self.asked) if self._guests.is_here(request) else b"", KIND
 
     def shutdown_request(self, request: Any) -> None:
         self._guests.go(request)
@@ -151,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.server.asks(self.connection)
         path = self.path.partition("?")[0]
         if path == "/metrics":
-            self._answer(200, self.server.rendered(self.connection), CONTENT_TYPE_PLAIN_0_0_4)
+            self._answer(200, *self.server.rendered(self.connection))
         elif path in ("/healthz", "/readyz"):
             why = self.server.asked.sick() if path == "/healthz" else self.server.asked.unready()
             self._answer(503 if why else 200, ("\n".join(why) or "ok").encode() + b"\n", "text/plain; charset=utf-8")
@@ -172,19 +166,3 @@ class _Handler(BaseHTTPRequestHandler):
         if self.command != "HEAD":
             self.wfile.write(body)
         self.close_connection = True
-
-
-class _Collector:
-    def __init__(self, asked: Asked) -> None:
-        self._asked = asked
-
-    def collect(self) -> Iterator[Metric]:
-        build = GaugeMetricFamily("truerate_build_info", "1, for the version of the program.", labels=("version",))
-        build.add_metric((version("truerate"),), 1.0)
-        yield build
-        for family in self._asked.families():
-            kind = CounterMetricFamily if family.counter else GaugeMetricFamily
-            metric = kind("truerate_" + family.name, family.help, labels=family.labels)
-            for labels, value in family.values.items():
-                metric.add_metric(labels, value)
-            yield metric

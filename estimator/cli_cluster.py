@@ -5,15 +5,15 @@ from datetime import datetime
 
 from rich.text import Text
 
+from bridge.cli_parser import Verbs, add_verb
 from bridge.columns import Column, Columns
 from bridge.console import plain_console
 from bridge.wording import count
-from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_ward import add_ward, ward_of
 from estimator.cluster_view import ClusterView, as_json, cluster_view
 
 
-def add_cluster(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verbs."""
     inner = verbs.add_parser(
         "cluster",

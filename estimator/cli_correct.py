@@ -4,11 +4,11 @@ import argparse
 import json
 from pathlib import Path
 
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.progress import Bar
 from estimator import picture_file
-from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
 from estimator.noise_model import GENERIC, load_model
 
@@ -39,7 +39,7 @@ examples:
   truerate correct day.npz corrected.npz --calibration chest.json --other-boot --smooth"""
 
 
-def add_correct(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `correct IN OUT`."""
     verb = add_verb(
         verbs,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError, check, check_endpoints, load
-from estimator.cli_offline import Verbs, add_verb
 
 _EXAMPLES = """examples:
   truerate dashboard --config configs/demo.toml        then open http://127.0.0.1:8090
@@ -17,7 +17,7 @@ _EXAMPLES = """examples:
   truerate dashboard password --name script --token    makes one up, for a program"""
 
 
-def add_dashboard(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb."""
     verb = add_verb(verbs, "dashboard", _dashboard, "a ward in the browser: who is well, who needs a person, and why")
     verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter

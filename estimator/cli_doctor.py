@@ -11,6 +11,7 @@ from rich.text import Text
 from bridge import captures, rivals
 from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.doctor import machine, terminals
@@ -18,7 +19,6 @@ from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 from bridge.doctor.router import answers, certificate, router
 from bridge.scan.ports import find
 from bridge.transport import serial_state
-from estimator.cli_offline import Verbs, add_verb
 from estimator.client import Client
 from estimator.config import Ward
 from estimator.loops.compiled import kept
@@ -28,7 +28,7 @@ _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROU
 _FINE, _TROUBLE = 0, 1
 
 
-def add_doctor(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb."""
     verb = add_verb(
         verbs, "doctor", _doctor, "look for what may be wrong here: ports, clock, disk, packages, and a ward's file"

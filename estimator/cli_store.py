@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError, load
 from bridge.console import plain_console
 from bridge.logs import printable
@@ -14,7 +15,6 @@ from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.keys import check_id
 from bridge.wording import count
 from estimator import picture_file
-from estimator.cli_offline import Verbs, add_verb
 
 if TYPE_CHECKING:
     from estimator.database import Inspection
@@ -43,7 +43,7 @@ _ROWS = {
 }
 
 
-def add_store(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `history DEVICE` and `store backup|check`."""
     verb = add_verb(
         verbs, "history", _history, "all that is kept of one device: calibrations, boots, commands, its bias"

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from estimator import picture_file
-from estimator.cli_offline import Verbs, add_verb
 from estimator.cli_recorded import HOLDS, add_choice, recorded
 from estimator.noise_model import load_model
 
@@ -29,7 +29,7 @@ examples:
                                                             else as the mpu-6050's"""
 
 
-def add_allan(verbs: "Verbs[argparse.ArgumentParser]") -> None:
+def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `allan FILE`."""
     verb = add_verb(verbs, "allan", _allan, "the noise of a device from a recording at rest, by its Allan deviation")
     verb.epilog, verb.formatter_class = ALLAN, argparse.RawDescriptionHelpFormatter

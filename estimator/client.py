@@ -20,7 +20,6 @@ from bridge.bus.self_test import self_test
 from bridge.bus.together import Together
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.config import LOCAL
-from bridge.pki.identity import member_of
 from bridge.pki.member import Role
 from bridge.wire import codec, keys
 from bridge.wire.messages import (
@@ -278,6 +277,8 @@ def _denied(bus: Bus, routers: Routers, ward: str) -> tuple[str, ...]:
         return ()
     for words in routers.soon():
         log.warning("%s", words)
+    from bridge.pki.identity import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+
     member = member_of(routers.identity)
     if member.role not in SUBSCRIBERS:
         fit = ", ".join(role.value for role in SUBSCRIBERS)

@@ -11,8 +11,8 @@ from bridge.bus.access import access_control
 from bridge.bus.router import endpoints_of
 from bridge.bus.routers import secured
 from bridge.bus.zenoh_session import read_settings
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
+from bridge.pki.papers import Identity
 from bridge.wire import keys
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.refusal import Refusal

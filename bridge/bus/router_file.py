@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from bridge.bus import zenoh_settings
 from bridge.bus.access import access_control
-from bridge.pki.identity import Identity
 from bridge.pki.member import Member
+from bridge.pki.papers import Identity
 from bridge.wire import keys
 
 # Over every part, why it is there.

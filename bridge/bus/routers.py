@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import overload
 
-from bridge.pki.identity import SOON, Identity, faults, until
+from bridge.pki.papers import SOON, Identity
 
 #: protocols of zenoh endpoints that are encrypted, and know who is at the other end
 SECURED = ("tls", "quic")
@@ -30,12 +30,20 @@ class Routers(Sequence[str]):
 
     def faults(self) -> list[str]:
         """What of the identity would make every router refuse us, or us every router, now."""
-        return faults(self.identity, datetime.now(UTC)) if self.identity else []
+        if self.identity is None:
+            return []
+        from bridge.pki.identity import faults  # noqa: PLC0415 - only who has certificates waits until they can be read
+
+        return faults(self.identity, datetime.now(UTC))
 
     def until(self) -> datetime | None:
         """When the certificate, or one above it, ends; None where none is asked for, or none can be read."""
+        if self.identity is None:
+            return None
+        from bridge.pki.identity import until  # noqa: PLC0415 - as above
+
         try:
-            return until(self.identity) if self.identity else None
+            return until(self.identity)
         except ValueError:
             return None
 

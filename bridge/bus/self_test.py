@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from bridge.bus.contract import Bus, BusError
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.pki.identity import member_of
 from bridge.wire import keys
 
 WAIT_S = 2.0
@@ -22,6 +21,8 @@ def self_test(
     """
     if routers.identity is None:
         return []
+    from bridge.pki.identity import member_of  # noqa: PLC0415 - only who has certificates waits until they can be read
+
     member = member_of(routers.identity)
     own = keys.build(ward, "alive/probe", role=member.role.value, name=member.name)
     forbidden = keys.build(ward, "alive/probe", role=_NOBODY, name=_NOBODY)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from bridge.pki.identity import Identity
+from bridge.pki.papers import Identity
 from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.keys import BY_NAME, ROOT
 

@@ -2,37 +2,56 @@
 
 import functools
 import logging
-from importlib.metadata import entry_points
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
-from bridge.drivers import mavlink, mtdata2, native, replayed, simulated, text_profile, witmotion, ximu3
 from bridge.drivers.driver import DriverKind
 
 GROUP = "truerate.drivers"
-OURS = (
-    native.KIND,
-    ximu3.KIND,
-    witmotion.KIND,
-    mtdata2.KIND,
-    text_profile.KIND,
-    mavlink.KIND,
-    replayed.KIND,
-    simulated.KIND,
-)
+#: ours, each in the module of its name, which is loaded when it is asked for
+OURS = ("native", "ximu3", "witmotion", "mtdata2", "text_profile", "mavlink", "replayed", "simulated")
 
 _log = logging.getLogger(__name__)
 
 
+class _Kinds(Mapping[str, DriverKind]):
+    def __getitem__(self, name: str) -> DriverKind:
+        return _ours(name) if name in OURS else foreign()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from OURS
+        yield from foreign()
+
+    def __len__(self) -> int:
+        return len(OURS) + len(foreign())
+
+
+_KINDS = _Kinds()
+
+
+def kinds() -> Mapping[str, DriverKind]:
+    """Every driver by name, ours first."""
+    return _KINDS
+
+
+def _ours(name: str) -> DriverKind:
+    kind: DriverKind = import_module(f"bridge.drivers.{name}").KIND
+    return kind
+
+
 @functools.cache
-def kinds() -> dict[str, DriverKind]:
-    """Every driver by name. A foreign one that cannot be loaded, or takes a name of ours, is left out with a warning."""
-    found = {kind.name: kind for kind in OURS}
+def foreign() -> dict[str, DriverKind]:
+    """Drivers of others. One that cannot be loaded, or takes a name of ours, is left out with a warning."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - a ward of our own drivers is not kept waiting by it
+
+    found: dict[str, DriverKind] = {}
     for entry in entry_points(group=GROUP):
         try:
             kind = entry.load()
         except Exception as error:  # noqa: BLE001 - code of others must not stop ours
             _log.warning("driver %s (%s) cannot be loaded: %s", entry.name, entry.value, error)
             continue
-        if not isinstance(kind, DriverKind) or kind.name in found:
+        if not isinstance(kind, DriverKind) or kind.name in (*OURS, *found):
             _log.warning("driver %s (%s) is left out: not a DriverKind of a free name", entry.name, entry.value)
             continue
         found[kind.name] = kind

@@ -4,18 +4,17 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
-from bridge.sim.script import demo_script
-from bridge.sim.virtual_device import VirtualDevice, demo_device
-from bridge.sim.ward_life import ward_script
+
+if TYPE_CHECKING:
+    from bridge.sim.virtual_device import VirtualDevice
 
 _TURN_S = 0.02
-_LIVES = {"lively": demo_script, "ward": ward_script}
 
 
 class SimulatedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -66,13 +65,7 @@ class SimulatedDriver:
     def open(self) -> None:
         """Power the device up, the first time."""
         if self.device is None:
-            self.device = demo_device(
-                "simulated",
-                self._options.seed,
-                rate_hz=self._options.rate_hz,
-                draw_boot=self._draw_boot,
-                script=_LIVES[self._options.life],
-            )
+            self.device = _made(self._options, self._draw_boot)
             self._born_s = time.monotonic()
         self._decoder.opened()
         self._closed.clear()
@@ -89,6 +82,16 @@ class SimulatedDriver:
     def close(self) -> None:
         """Stop listening, ending a read in another thread."""
         self._closed.set()
+
+
+def _made(options: SimulatedOptions, draw_boot: Callable[[], int] | None) -> "VirtualDevice":
+    # Imported late: who reads a ward's file, as an estimator does, has no use for it.
+    from bridge.sim.script import demo_script  # noqa: PLC0415
+    from bridge.sim.virtual_device import demo_device  # noqa: PLC0415
+    from bridge.sim.ward_life import ward_script  # noqa: PLC0415
+
+    script = {"lively": demo_script, "ward": ward_script}[options.life]
+    return demo_device("simulated", options.seed, rate_hz=options.rate_hz, draw_boot=draw_boot, script=script)
 
 
 KIND = DriverKind(

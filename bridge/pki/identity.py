@@ -3,8 +3,7 @@
 import re
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 
 from cryptography import x509
@@ -15,6 +14,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from bridge import os_words
 from bridge.pki.chain import ISSUER_OF, Chain, common_name, dates, is_authority, key_of, unusable
 from bridge.pki.member import Member, Role
+from bridge.pki.papers import SOON, Identity
 
 __all__ = [
     "SOON",
@@ -31,17 +31,7 @@ __all__ = [
     "verified",
 ]
 
-SOON = timedelta(days=14)
 _BEGIN = re.compile(rb"^-----BEGIN ", re.MULTILINE)
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """Paths of PEM files: whose word counts (ca), who we are, and the key that proves it."""
-
-    ca: str
-    certificate: str
-    key: str
 
 
 def certificates(path: str) -> list[x509.Certificate]:

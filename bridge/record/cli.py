@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from bridge.cli_parser import Verbs
 from bridge.cli_ward import add_ward, ward_of
 from bridge.config import ConfigError
 from bridge.console import plain_console
@@ -16,7 +17,6 @@ from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.toml_file import options
 
-Verbs = argparse._SubParsersAction  # noqa: SLF001 - argparse has no public name for it
 Run = Callable[[argparse.Namespace], int | None]
 
 RECORD = """Writes all that a ward says, readings, corrected rates, status, calibrations, notes, into DIR/WARD-TIME.mcap: a file

@@ -17,11 +17,12 @@ from rich.console import Console
 from tests.ward.killed import Kill, killed
 
 GOAL_S = 2.0
+_COMMAND = "from estimator import cli, config; cli.build('estimator'); from estimator.service import serve"
 _STARTS = {
     "an interpreter": "pass",
     "and numpy, zenoh": "import numpy, zenoh",
-    "and the command": "import estimator.cli",
-    "and the service": "import estimator.cli, estimator.service.shell, estimator.service.serve",
+    "and the command": _COMMAND,
+    "and the service": f"{_COMMAND}; serve._load()",
 }
 
 

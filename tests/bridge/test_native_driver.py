@@ -316,5 +316,5 @@ def test_a_missing_recording_is_unavailable(tmp_path: Path) -> None:
 
 def test_drivers_are_found_by_name() -> None:
     assert {"native", "replayed", "simulated"} <= set(registry.kinds())
-    assert all(kind.summary for kind in registry.kinds().values())
+    assert all(kind.summary and kind.name == name for name, kind in registry.kinds().items())
     assert ASK.endswith(b"\0")

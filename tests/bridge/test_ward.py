@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge import cli
+from bridge import cli, cli_router
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.calibrating import Calibrating
@@ -423,7 +423,9 @@ def test_merging_keeps_every_sample_and_every_edge() -> None:
 
 def parsed(*arguments: str) -> Any:
     parser = argparse.ArgumentParser()
-    cli.add_verbs(parser.add_subparsers(required=True))
+    verbs = parser.add_subparsers(required=True)
+    cli.add_verbs(verbs)
+    cli_router.add_verbs(verbs)
     return parser.parse_args(arguments)
 
 

@@ -1,8 +1,10 @@
 """The command line as people use it: what it prints, what it says of mistakes, and its exit codes."""
 
+import argparse
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +17,7 @@ from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
 from bridge.wire.messages import CommandReply
-from estimator.cli import main
+from estimator.cli import VERBS, _first, build, main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
 
@@ -236,6 +238,68 @@ def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixt
         main([*words, "--help"])
     assert ended.value.code == 0
     assert len(capsys.readouterr().out) > 100
+
+
+def verbs(of: argparse.ArgumentParser) -> list[str]:
+    return [verb for a in of._actions if isinstance(a, argparse._SubParsersAction) for verb in a.choices]
+
+
+def test_every_verb_is_known_by_the_module_that_adds_it() -> None:
+    assert verbs(build()) == [name for names in VERBS.values() for name in names]
+    for names in VERBS.values():
+        for name in names:
+            assert verbs(build(name)) == list(names)
+
+
+@pytest.mark.parametrize(
+    ("words", "first"),
+    [
+        ([], ""),
+        (["devices", "--help"], "devices"),
+        (["--help", "devices"], "--help"),
+        (["--log-format", "json", "devices"], "devices"),
+        (["--log-format=json", "devices"], "devices"),
+        (["--log-format"], ""),
+    ],
+)
+def test_the_verb_is_looked_for_where_it_may_stand(words: list[str], first: str) -> None:
+    assert _first(words) == first
+
+
+def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["wach", "devices"], ["--log-format", "json", "wach"]):
+        with pytest.raises(SystemExit):
+            main(words)
+        assert "unknown 'wach'; did you mean 'watch'?" in capsys.readouterr().err
+
+
+def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert (ended.value.code, capsys.readouterr().out) == (0, f"truerate {version('truerate')}\n")
+
+
+def test_an_estimator_is_not_kept_waiting_by_what_other_verbs_need() -> None:
+    listed = "import sys; from estimator.cli import main; main(); print(*sys.modules)"
+    ended = subprocess.run(
+        [sys.executable, "-c", listed, "estimator", "serve", "nowhere.toml"], capture_output=True, text=True, check=True
+    )
+    loaded = {name.partition(".")[0] for name in ended.stdout.split()}
+    assert {"estimator", "msgspec"} <= loaded
+    assert not loaded & {"rich", "mcap", "prometheus_client", "cryptography", "pymavlink", "serial", "scipy"}
+
+
+def test_what_an_estimator_loads_is_not_searched_for_garbage() -> None:
+    loading = """import gc
+from estimator.service import serve
+before = [each["collections"] for each in gc.get_stats()]
+serve._load()
+after = [each["collections"] for each in gc.get_stats()]
+print(sum(after) - sum(before), gc.isenabled(), gc.get_freeze_count() > 100_000)"""
+    ended = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, check=True)
+    searches, enabled, frozen = ended.stdout.split()
+    assert int(searches) <= 3
+    assert (enabled, frozen) == ("True", "True")
 
 
 @pytest.mark.parametrize("dps", ["-3", "nan", "1e6"])
