@@ -59,6 +59,11 @@ def weighed(
         L[i, i] = np.sqrt(square)
         y[i] /= L[i, i]
         nis += y[i] ** 2
+    # What is infinite, or has a determinant that is, may make all else look well.
+    determinant = 1.0
+    for i in range(m):
+        determinant *= L[i, i] ** 2
         for j in range(m):
-            nis += 0.0 * S[i, j]  # what is infinite may make all else look well
-    return innovation, S, nis
+            nis += 0.0 * (S[i, i] * S[j, j])
+            nis += 0.0 * S[i, j]
+    return innovation, S, nis + 0.0 / determinant + 0.0 * determinant

@@ -85,9 +85,11 @@ def test_a_router_that_was_away_leaves_every_device_with_one_estimator(ward: Sha
     epochs = {name: dict(one.service._peers.cluster.held) for name, one in ward.running.items()}
     place.stop()
     ward.listen(1.5)
-    assert {name: one.service._peers.cluster.held for name, one in ward.running.items()} == epochs, (
-        "none moves meanwhile"
-    )
+    for name, one in ward.running.items():
+        # A router that ends may take one's token back before it leaves the other, who then takes those devices too.
+        assert one.service._peers.cluster.held.items() >= epochs[name].items(), (
+            "nobody gives up what is theirs meanwhile"
+        )
     place.start()
     away = ward.bridge.sent
     ward.until(lambda: ward.reached >= away + 300)

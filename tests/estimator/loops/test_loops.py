@@ -87,6 +87,12 @@ def test_what_is_not_finite_has_no_nis(what: int, bad: float) -> None:
     assert np.isnan(weighed(*given, none, none)[2])  # type: ignore[call-arg]
 
 
+@pytest.mark.parametrize("var", [1e-200, 1e154, 1e300])
+def test_what_has_no_inverse_has_no_nis(var: float) -> None:
+    none = np.empty((0, 3))
+    assert np.isnan(weighed(np.zeros(3), np.eye(3, 6), var * np.eye(3), np.zeros(6), np.zeros((6, 6)), none, none)[2])
+
+
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     rng = np.random.default_rng(4)
     n, matrix = 400, np.eye(3) + 0.05 * rng.normal(size=(3, 3))
