@@ -23,7 +23,8 @@ class Consistency:
     """Receipts in; by how much standard deviations are to be enlarged out."""
 
     def __init__(self) -> None:
-        self._nis: deque[tuple[float, int]] = deque(maxlen=WINDOW)
+        self._nis: deque[float] = deque(maxlen=WINDOW)
+        self._freedoms: deque[int] = deque(maxlen=WINDOW)
         self._signs: deque[float] = deque(maxlen=WINDOW)
         self._inflation: float | None = 1.0  # None when there is news
 
@@ -32,20 +33,22 @@ class Consistency:
         n = len(receipt.innovation)
         if isfinite(receipt.nis):
             self._inflation = None
-            self._nis.append((min(receipt.nis, _CAP * n), n))
+            self._nis.append(min(receipt.nis, _CAP * n))
+            self._freedoms.append(n)
             signs = receipt.innovation / np.sqrt(receipt.innovation_cov.diagonal())
             self._signs.append(sum(signs.tolist()) / n)
 
     def forget(self) -> None:
         """Begin anew: what was noted has been explained."""
         self._nis.clear()
+        self._freedoms.clear()
         self._signs.clear()
         self._inflation = 1.0
 
     @property
     def nis(self) -> float:
         """Mean NIS per degree of freedom; 1 when all is well, NaN before there is any."""
-        return sum(nis for nis, _ in self._nis) / sum(n for _, n in self._nis) if self._nis else float("nan")
+        return sum(self._nis) / sum(self._freedoms) if self._nis else float("nan")
 
     @property
     def whiteness(self) -> float:
@@ -63,7 +66,8 @@ class Consistency:
         return self._inflation
 
     def _inflated(self) -> float:
-        large = self.nis if self.nis > _most(sum(n for _, n in self._nis)) else 1.0
+        nis = self.nis
+        large = nis if nis > _most(sum(self._freedoms)) else 1.0
         alike = self.whiteness
         # Neighbours that agree by more than chance: so many fewer of them are news.
         clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / np.sqrt(len(self._signs)) else 1.0
