@@ -33,7 +33,9 @@ def test_what_is_compiled_is_kept_and_what_is_damaged_is_said_and_made_anew(tmp_
         path.write_bytes(path.read_bytes()[:500])
     damaged = start(tmp_path, "-c", "from estimator.loops.compiled import ready; ready()")
     assert damaged.returncode == 0, damaged.stderr
-    assert "remove it" in damaged.stderr
+    assert "is damaged" in damaged.stderr
+    mended = start(tmp_path, "-m", "estimator.loops")
+    assert (mended.returncode, mended.stderr) == (0, "")
 
 
 def test_where_nothing_can_be_kept_it_is_said(tmp_path: Path) -> None:
