@@ -79,12 +79,13 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
 
 
 @pytest.mark.parametrize("what", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("place", [0, -1])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_has_no_nis(what: int, bad: float) -> None:
+def test_what_is_not_finite_has_no_nis(what: int, place: int, bad: float) -> None:
     given = [np.ones(2), np.eye(2, 6), np.eye(2), np.ones(6), np.eye(6)]
-    given[what].flat[0] = bad
+    given[what].flat[place] = bad
     none = np.empty((0, 3))
-    assert np.isnan(weighed(*given, none, none)[2])  # type: ignore[call-arg]
+    assert not np.isfinite(weighed(*given, none, none)[2])  # type: ignore[call-arg]
 
 
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
