@@ -71,17 +71,26 @@ def _load() -> None:
 
 def _made(function: Callable[..., Any], signature: str) -> Any:
     from numba import njit  # noqa: PLC0415
+    from numba.core import caching  # noqa: PLC0415
     from numba.core.errors import NumbaError  # noqa: PLC0415
 
+    cache: Any = caching.FunctionCache  # has no types
+
+    def keep() -> Any:
+        return njit(signature, cache=True, **_SAFE)(function)
+
     try:
-        made = njit(signature, cache=True, **_SAFE)(function)
+        made = keep()
     except NumbaError:
         raise
     except Exception as error:  # noqa: BLE001 - no place to keep it, or what was kept is damaged: neither has a type of its own
-        log.warning(
-            "%s is compiled anew at every start (%s); what is kept may be damaged: remove it", function.__name__, error
-        )
-        return njit(signature, **_SAFE)(function)
+        try:
+            cache(function).flush()
+            made = keep()
+        except Exception:  # noqa: BLE001 - as above
+            log.warning("%s is compiled anew at every start (%s)", function.__name__, error)
+            return njit(signature, **_SAFE)(function)
+        log.warning("%s is compiled anew: what was kept of it is damaged (%s)", function.__name__, error)
     if not made.stats.cache_hits:
         _tell()
     return made

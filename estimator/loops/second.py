@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gyro import COARSE_STEP
 from estimator.loops.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -12,15 +11,16 @@ Floats = NDArray[np.float64]
 MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCALARS = range(10)
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8, f8, f8[:])")
+@compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8, f8, f8, f8[:])")
 def measured(
-    time: Floats, gyro: Floats, accel: Floats, first: float, coarsest: float, known: Floats
+    time: Floats, gyro: Floats, accel: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
 ) -> tuple[Floats, Floats]:
     """Steps dt (n,) of samples at time (n,) after `first`, s, and rows of three of their gyro (n, 3) and accel (n or 0, 3).
 
-    MEAN, STD; STEP: the least difference between readings, or where none deviates less than `coarsest`, the least `known` (3,),
-    which is kept up; MEAN_VAR and COMMON_VAR: see gyro.py; JITTER: deviation from one reading to the next; HELD: 1
-    where all are the same; ACCEL_MEAN, ACCEL_STD; SCALARS: the least STD, the longest dt, the mean strength of accel.
+    MEAN, STD; STEP: the least difference between readings, `step_if_none` if there is none, or where none deviates less than
+    `coarsest`, the least `known` (3,), which is kept up; MEAN_VAR and COMMON_VAR: see gyro.py; JITTER: deviation from one
+    reading to the next; HELD: 1 where all are the same; ACCEL_MEAN, ACCEL_STD; SCALARS: the least STD, the longest dt, the mean
+    strength of accel.
     """
     n, pushed = len(time), len(accel)
     dt, rows = np.empty(n), np.zeros((10, 3))
@@ -69,7 +69,7 @@ def measured(
                 apart = ordered[i] - ordered[i - 1]
                 if 1e-9 < apart < step:
                     step = apart
-            step = COARSE_STEP if np.isinf(step) else step
+            step = step_if_none if np.isinf(step) else step
             known[axis] = min(known[axis], step)
         common = step**2 / 12 if rows[STD, axis] < step / 2 else 0.0
         rows[STEP, axis], rows[COMMON_VAR, axis] = step, common

@@ -53,17 +53,15 @@ def summed(
             qw * qw - qx * qx - qy * qy + qz * qz,
         )
         for r in range(3):
+            force[i, r] = 0.0
             for c in range(3):
                 mid = 0.5 * (before[r, c] + after[r, c])
+                force[i, r] += mid * (accel[i, c] - accel_bias[c])
                 before[r, c] = after[r, c]
                 carried[i, r, c] = mid * h
                 by_bias[r, c] += mid * h
                 for k in range(3):
                     by_matrix[r, 3 * c + k] += mid * h * rate[i, k]
-        for r in range(3):
-            force[i, r] = 0.0
-            for c in range(3):
-                force[i, r] += carried[i, r, c] / h * (accel[i, c] - accel_bias[c])
     # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
     ahead = vectors[3]
     for i in range(n - 1, -1, -1):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.refusal import Tally
+from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
 from estimator.stillness import Window
 from estimator.track.unseen import HOLE, unseen
@@ -122,7 +123,9 @@ class Seconds:
         forces = [w.accel for w in windows if w.accel is not None]
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
         first = self._last_time if isfinite(self._last_time) else float(time[0] - np.median(np.diff(time)))
-        dt, rows = loop.measured(time, gyro, _NONE if accel is None else accel, first, _COARSEST, self._step)
+        dt, rows = loop.measured(
+            time, gyro, _NONE if accel is None else accel, first, _COARSEST, COARSE_STEP, self._step
+        )
         least_std, longest, strength = rows[loop.SCALARS].tolist()
         self._last_time = float(time[-1])
         before, self._last = self._last or _first(windows[0]), _last(windows[-1])

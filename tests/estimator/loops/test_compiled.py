@@ -1,5 +1,6 @@
 """Machine code that is kept for the next start, cannot be kept, or is damaged."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -32,7 +33,9 @@ def test_what_is_compiled_is_kept_and_what_is_damaged_is_said_and_made_anew(tmp_
         path.write_bytes(path.read_bytes()[:500])
     damaged = start(tmp_path, "-c", "from estimator.loops.compiled import ready; ready()")
     assert damaged.returncode == 0, damaged.stderr
-    assert "remove it" in damaged.stderr
+    assert "is damaged" in damaged.stderr
+    mended = start(tmp_path, "-m", "estimator.loops")
+    assert (mended.returncode, mended.stderr) == (0, "")
 
 
 def test_where_nothing_can_be_kept_it_is_said(tmp_path: Path) -> None:
@@ -41,3 +44,15 @@ def test_where_nothing_can_be_kept_it_is_said(tmp_path: Path) -> None:
     found = start(tmp_path, "-c", f"{nowhere}; {run}")
     assert found.returncode == 1
     assert "NUMBA_CACHE_DIR" in found.stderr
+
+
+def test_what_is_kept_is_that_of_its_own_file() -> None:
+    """Numba compiles a constant in, and looks for changes in the file of the loop alone."""
+    folder = ROOT / "estimator" / "loops"
+    found = {
+        node.module
+        for file in folder.glob("[!_]*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in ("bridge", "estimator")
+    }
+    assert found == {"estimator.loops.compiled"}

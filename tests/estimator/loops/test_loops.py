@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.gyro import least_step, mean_var, rounding_var, spread
+from estimator.gyro import COARSE_STEP, least_step, mean_var, rounding_var, spread
 from estimator.loops import second as loop
 from estimator.loops.gravity import carried
 from estimator.loops.second import measured
@@ -27,7 +27,7 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     gyro = np.round(gyro / coarse) * coarse if coarse else gyro
     gyro[:, 2] = 0.5
     known = np.full(3, np.inf)
-    dt, rows = measured(time, gyro, accel if aided else accel[:0], -0.01, 1.0, known)
+    dt, rows = measured(time, gyro, accel if aided else accel[:0], -0.01, 1.0, COARSE_STEP, known)
     np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
     mean, std = spread(gyro)
     step = least_step(gyro)
@@ -49,7 +49,7 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
 def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
     known = np.array([0.1, 1e-6, 0.2])
     gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
-    _, rows = measured(np.arange(50) / 50, gyro, gyro[:0], -0.02, 0.01, known)
+    _, rows = measured(np.arange(50) / 50, gyro, gyro[:0], -0.02, 0.01, COARSE_STEP, known)
     np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
 
 
@@ -79,12 +79,13 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
 
 
 @pytest.mark.parametrize("what", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("place", [0, -1])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_has_no_nis(what: int, bad: float) -> None:
+def test_what_is_not_finite_has_no_nis(what: int, place: int, bad: float) -> None:
     given = [np.ones(2), np.eye(2, 6), np.eye(2), np.ones(6), np.eye(6)]
-    given[what].flat[0] = bad
+    given[what].flat[place] = bad
     none = np.empty((0, 3))
-    assert np.isnan(weighed(*given, none, none)[2])  # type: ignore[call-arg]
+    assert not np.isfinite(weighed(*given, none, none)[2])  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize("var", [1e-200, 1e154, 1e300])
