@@ -54,7 +54,7 @@ def _doctor(given: argparse.Namespace) -> int:
 def _loops() -> Finding:
     if (folder := kept()) is not None:
         return ok("loops", f"what is compiled for this machine is kept in {folder}")
-    said = "what is compiled for this machine is kept nowhere: every start takes up to half a minute longer"
+    said = "what is compiled for this machine is kept nowhere: every start takes up to a minute longer"
     return warning(
         "loops", said, "set NUMBA_CACHE_DIR to a folder that truerate may write to, then `python -m estimator.loops`"
     )

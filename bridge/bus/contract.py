@@ -81,9 +81,17 @@ class Bus(Protocol):
         """Declare a publisher. With cache > 0 the last `cache` messages are kept for late and returning subscribers."""
 
     def subscribe(
-        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+        self,
+        pattern: str,
+        *,
+        history: bool = False,
+        capacity: int = 65536,
+        all_past: bool = True,
+        most_past: int | None = None,
     ) -> Subscription:
         """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
+
+        Of what a publisher's cache holds the last most_past come, by default all.
 
         A full queue drops its oldest message and counts it in `missed`; of what caches held none is
         dropped, but with all_past=False.

@@ -62,12 +62,17 @@ class MemoryBus:
         return _Publisher(self, self._open(), check_key(key), cache)
 
     def subscribe(
-        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+        self,
+        pattern: str,
+        *,
+        history: bool = False,
+        capacity: int = 65536,
+        all_past: bool = True,
+        most_past: int | None = None,
     ) -> "_Subscription":
         """See contract.Bus."""
-        return _Subscription(
-            self, self._open(), check_pattern(pattern), Inbox(capacity, all_past=all_past), history=history
-        )
+        inbox = Inbox(capacity, all_past=all_past)
+        return _Subscription(self, self._open(), check_pattern(pattern), inbox, most_past, history=history)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
         """See contract.Bus."""
@@ -192,8 +197,18 @@ class _Publisher:
 
 
 class _Subscription(Reading):
-    def __init__(self, bus: MemoryBus, broker: MemoryBroker, pattern: str, inbox: Inbox, *, history: bool) -> None:
+    def __init__(
+        self,
+        bus: MemoryBus,
+        broker: MemoryBroker,
+        pattern: str,
+        inbox: Inbox,
+        most_past: int | None,
+        *,
+        history: bool,
+    ) -> None:
         self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
+        self._most_past = most_past
         self._last: dict[_Publisher, int] = {}
         with broker.lock:
             broker.subscriptions.append(self)
@@ -213,6 +228,8 @@ class _Subscription(Reading):
             return
         last = self._last.get(publisher)
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
+        if last is None and self._most_past is not None:
+            new = new[-self._most_past :]
         if new:
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)

@@ -88,7 +88,13 @@ class ZenohBus:
             return _Publisher(self, publisher, key)
 
     def subscribe(
-        self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True
+        self,
+        pattern: str,
+        *,
+        history: bool = False,
+        capacity: int = 65536,
+        all_past: bool = True,
+        most_past: int | None = None,
     ) -> "Subscription":
         """See contract.Bus. Ask for history only where publishers have a cache.
 
@@ -102,7 +108,8 @@ class ZenohBus:
                 plain = self._session.declare_subscriber(pattern, channel)
                 return Subscription(self, plain, plain.handler, inbox, pattern)
             heartbeats = self._session.declare_subscriber(f"{pattern}/@adv/pub/**", handlers.FifoChannel(_CHANNEL))
-            return Repaired(self, self._session.declare_subscriber(pattern, channel), heartbeats, inbox, pattern)
+            live = self._session.declare_subscriber(pattern, channel)
+            return Repaired(self, live, heartbeats, inbox, pattern, most_past)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":
         """See contract.Bus."""

@@ -78,12 +78,13 @@ class Repaired(Subscription):
         heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
         inbox: Inbox,
         pattern: str,
+        most_past: int | None = None,
     ) -> None:
         self._pattern, self._heartbeats = pattern, heartbeats
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
-        self._first = bus.past(f"{pattern}/@adv/**")
+        self._first = bus.past(f"{pattern}/@adv/**", "" if most_past is None else f"_max={most_past}")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
         bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
         bus.run(self._go_on_repairing, f"repair {pattern}")

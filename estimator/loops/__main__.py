@@ -6,7 +6,7 @@ from time import monotonic
 from estimator.loops.compiled import kept, ready
 
 if __name__ == "__main__":
-    print("compiling for this machine, up to half a minute …", flush=True)
+    print("compiling for this machine, up to a minute …", flush=True)
     begun, folder = monotonic(), kept()
     if folder is None:
         sys.exit("nowhere to keep it: set NUMBA_CACHE_DIR to a folder that truerate may write to, also where it runs")

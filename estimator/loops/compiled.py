@@ -101,4 +101,4 @@ def _tell() -> None:
     global _told  # noqa: PLW0603
     if not _told:
         _told = True
-        log.info("compiling for this machine, up to half a minute; the next start finds it done")
+        log.info("compiling for this machine, up to a minute; the next start finds it done")

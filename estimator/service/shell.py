@@ -54,6 +54,9 @@ SLOW_S = 0.5
 DRAIN_S = 2.0
 #: how long what was said of the rates of a device that has left us may still be asked for
 LINGER_S = 40.0
+#: messages of a device that are asked for of what a bridge keeps where others are there already: what may wait with them to be
+#: corrected, 15 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
+PAST_IN_COMPANY = 320
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
 _OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
@@ -106,7 +109,9 @@ class Service:
         self._next_status = 0.0
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # Of a past that there is no room for the oldest is what others, or we before a restart, have corrected.
-        self._raw = data.subscribe(keys.pattern(ward, "raw"), history=True, all_past=False)
+        self._raw = data.subscribe(
+            keys.pattern(ward, "raw"), history=True, all_past=False, most_past=PAST_IN_COMPANY if peers else None
+        )
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [

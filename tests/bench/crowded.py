@@ -69,7 +69,15 @@ class Line:
     def over(self) -> bool:
         return not (self._coming or self._here)
 
-    def subscribe(self, pattern: str, *, history: bool = False, capacity: int = 65536, all_past: bool = True) -> "Line":
+    def subscribe(
+        self,
+        pattern: str,
+        *,
+        history: bool = False,
+        capacity: int = 65536,
+        all_past: bool = True,
+        most_past: int | None = None,
+    ) -> "Line":
         return self if "/raw/" in pattern else Line()
 
     def publisher(self, key: str, *, cache: int = 0) -> "_Noting":

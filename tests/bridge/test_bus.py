@@ -375,6 +375,21 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
     short.close()
 
 
+def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, b: Bus) -> None:
+    publishers = [a.publisher(f"t/some/{n}", cache=50) for n in range(2)]
+    for number in range(50):
+        for publisher in publishers:
+            publisher.put(str(number).encode())
+    time.sleep(0.5)  # what is still under way would come as news
+    subscription = b.subscribe("t/some/*", history=True, most_past=7)
+    came = collect(subscription, 14)
+    for publisher in publishers:
+        publisher.put(b"50")
+    came += collect(subscription, 2)
+    assert [numbers([m for m in came if m.key.endswith(str(n))]) for n in range(2)] == [list(range(43, 51))] * 2
+    assert subscription.missed == 0
+
+
 def test_waiting_keeps_to_its_timeout(a: Bus) -> None:
     subscription = a.subscribe("t/none")
     for wait in (lambda: subscription.receive(0.2), lambda: subscription.drain(5, 0.2)):
