@@ -8,52 +8,55 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1], f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], f8[:, :], f8[:, :])")
-def weighed(
-    z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, cross: Floats, walked: Floats
-) -> tuple[Floats, Floats, float]:
-    """Innovation (m,), its covariance (m, m) and NIS of a measurement z (m,) = H (m, n) x with covariance R (m, m).
+@compiled("Tuple((f8[:, ::1], f8))(f8[:], f8[:, :], f8[:, :], f8[:], f8[:, :], f8[:, :])")
+def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, late: Floats) -> tuple[Floats, float]:
+    """Of a measurement z (m,) = H (m, n) x with covariance R (m, m): its innovation, beside that its covariance, (m, 1 + m); NIS.
 
-    The NIS is not finite where not all of that is. Of a measurement of the bias (the first of x) that is taken late, cross
-    (n, 3) and walked (3, 3) are those of since.py; else (0, 3).
+    The NIS is not finite where not all of that is, or where R leaves a part of it without noise. late: the rows (n + 4, 3) of
+    late.py where it is a measurement of then; else (0, 3).
     """
     m, n = H.shape
-    innovation, S = z.copy(), np.empty((m, m))
-    seen, noise = np.zeros((m, n)), np.zeros((m, n))  # H P, and H of what the error of x has in common with the walk
+    rows, L = np.empty((m, 1 + m)), np.zeros((m, m))
+    seen, noise = (
+        np.zeros((m, n)),
+        np.zeros((m, 3)),
+    )  # H P, and what H sees of the error that x has in common with the walk
+    warmer = late[n + 3, 0] if len(late) > 0 else 0.0
+    sight = H.copy()
     for i in range(m):
+        for k in range(3):
+            sight[i, 3 + k] -= warmer * H[i, k]
+        rows[i, 0] = z[i]
         for k in range(n):
-            if H[i, k] != 0.0:
-                innovation[i] -= H[i, k] * x[k]
+            if sight[i, k] != 0.0:
+                rows[i, 0] -= sight[i, k] * x[k]
                 for j in range(n):
-                    seen[i, j] += H[i, k] * P[k, j]
-    late = len(cross) > 0
+                    seen[i, j] += sight[i, k] * P[k, j]
+                if len(late) > 0:
+                    for j in range(3):
+                        noise[i, j] += sight[i, k] * late[k, j]
+    # Cholesky: L L' = S, L y = innovation, NIS = y' y.
+    y, nis = np.zeros(m), 0.0
     for i in range(m):
         for j in range(m):
-            S[i, j] = R[i, j]
+            S = R[i, j]
             for k in range(n):
-                S[i, j] += seen[i, k] * H[j, k]
-    if late:
-        for i in range(m):
-            for k in range(3):
-                for j in range(n):
-                    noise[i, k] += H[i, j] * cross[j, k]
-        for i in range(m):
-            for j in range(m):
+                S += seen[i, k] * sight[j, k]
+            if len(late) > 0:
                 for k in range(3):
-                    S[i, j] -= noise[i, k] * H[j, k] + H[i, k] * noise[j, k]
+                    S -= noise[i, k] * H[j, k] + H[i, k] * noise[j, k]
                     for q in range(3):
-                        S[i, j] += H[i, k] * walked[k, q] * H[j, q]
-    # Cholesky: L L' = S, L y = innovation, NIS = y' y.
-    L, y, nis = np.zeros((m, m)), np.zeros(m), 0.0
+                        S += H[i, k] * late[n + k, q] * H[j, q]
+            rows[i, 1 + j] = S
     for i in range(m):
-        y[i] = innovation[i]
+        y[i] = rows[i, 0]
         for j in range(i):
-            L[i, j] = S[i, j]
+            L[i, j] = rows[i, 1 + j]
             for k in range(j):
                 L[i, j] -= L[i, k] * L[j, k]
             L[i, j] /= L[j, j]
             y[i] -= L[i, j] * y[j]
-        square = S[i, i]
+        square = rows[i, 1 + i]
         for k in range(i):
             square -= L[i, k] ** 2
         L[i, i] = np.sqrt(square)
@@ -64,11 +67,14 @@ def weighed(
     for i in range(m):
         determinant *= L[i, i] ** 2
         for j in range(m):
-            nis += 0.0 * (S[i, i] * S[j, j])
-            nis += 0.0 * S[i, j]
+            nis += 0.0 * (rows[i, 1 + i] * rows[j, 1 + j])
+            nis += 0.0 * rows[i, 1 + j]
+        if not R[i, i] > 0.0:
+            nis = np.nan
     # What H does not see comes into the state with the gain all the same.
     for k in range(n):
-        nis += 0.0 * x[k]
+        all_of_it = x[k]
         for j in range(n):
-            nis += 0.0 * P[k, j]
-    return innovation, S, nis + 0.0 / determinant + 0.0 * determinant
+            all_of_it += 0.0 * P[k, j]
+        nis += 0.0 * all_of_it
+    return rows, nis + 0.0 / determinant + 0.0 * determinant

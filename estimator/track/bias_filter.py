@@ -6,8 +6,8 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
-from dataclasses import dataclass, replace
-from math import exp, expm1, isfinite, radians
+from dataclasses import dataclass
+from math import exp, expm1, inf, isfinite, radians
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.loops.weigh import weighed
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.since import Since
+from estimator.track.since import NOW, Since
 from estimator.track.temperature import TemperatureLaw
 
 Floats = NDArray[np.float64]
@@ -26,7 +26,6 @@ OWN = 6
 #: a state x (n,), to which it goes on by F (n, n), with Q (n, n) added
 Carried = tuple[Floats, Floats, Floats]
 _ONE = np.eye(3)
-_AT_ONCE = np.empty((0, 3))
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -155,7 +154,7 @@ class BiasFilter:
         x, F, Q = carried or (None, np.eye(len(self._kf.x)), np.zeros_like(self._kf.P))
         if not dt > 0:
             if carried is not None:
-                self._step(x, F, Q)
+                self._step(x, F, Q, np.zeros((3, 3)))
             return None
         self.bent = np.zeros(OWN)
         warmer = temperature_c - self.temperature_c
@@ -179,7 +178,7 @@ class BiasFilter:
                 self.expect(self.law)
         return F[:OWN, :OWN].copy(), Q[:OWN, :OWN].copy()
 
-    def _step(self, x: Floats | None, F: Floats, Q: Floats, walked: Floats | None = None) -> None:
+    def _step(self, x: Floats | None, F: Floats, Q: Floats, walked: Floats) -> None:
         self._kf.predict(F=F, Q=Q)
         if x is not None:
             self._kf.x = x
@@ -271,23 +270,21 @@ class BiasFilter:
 
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
-        late, H = evidence.since, evidence.H
-        cross, walked = (_AT_ONCE, _AT_ONCE) if late is None else (late.cross, late.var)
-        H = H if late is None else late.seen(H)
-        innovation, S, nis = weighed(evidence.z, H, evidence.R, self._kf.x, self._kf.P, cross, walked)
+        kind, z, H, R, gate, _, _, since = evidence
+        rows, nis = weighed(z, H, R, self._kf.x, self._kf.P, NOW if since is None else since.rows)
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
-        finite = isfinite(nis) and min(evidence.R.diagonal().tolist()) > 0
-        nis = nis if finite else np.inf
-        ratio = nis / evidence.gate
+        finite = isfinite(nis)
+        nis = nis if finite else inf
+        ratio = nis / gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
-        return Receipt(self.time, evidence.kind, innovation, S, ratio, accepted=not reason, reason=reason, nis=nis)
+        return Receipt(self.time, kind, rows[:, 0], rows[:, 1:], ratio, not reason, reason, nis)
 
     def update(self, evidence: Evidence, weighed: Receipt | None = None) -> Receipt:
         """Weigh a measurement against the estimate, unless it was weighed just now; take it if it is believable."""
         receipt = weighed or self.weigh(evidence)
         R = evidence.R
         if not receipt.accepted:
-            if not evidence.soft or not np.isfinite(receipt.nis):
+            if not evidence.soft or not isfinite(receipt.nis):
                 return receipt
             R = R * receipt.test_ratio
         self._take_in(evidence, R)
@@ -295,18 +292,17 @@ class BiasFilter:
             H = evidence.H
             seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
-        return receipt if receipt.accepted else replace(receipt, accepted=True, reason="")
+        return receipt if receipt.accepted else receipt._replace(accepted=True, reason="")
 
     def _take_in(self, evidence: Evidence, R: Floats) -> None:
         kf, H, late = self._kf, evidence.H, evidence.since
         if late is None:
             kf.update(evidence.z, R=R, H=H)
         else:
-            H = late.seen(H)
-            kf.M = late.shared(H)
-            kf.update_correlated(evidence.z, R=R + late.noise(H), H=H)
+            H, noise, kf.M = late.sight(H)
+            kf.update_correlated(evidence.z, R=R + noise, H=H)
             kf.P = (kf.P + kf.P.T) / 2
-        self._since = [since for since in self._since if since is not late]
+            self._since = [since for since in self._since if since is not late]
         for since in self._since:
             since.taken(kf.K, H, late)
 

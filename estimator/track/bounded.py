@@ -117,7 +117,7 @@ class Bounded:
             return receipt
         bias.widen(float(np.mean(receipt.innovation**2)) * np.eye(3))
         bias.update(evidence)
-        return replace(receipt, accepted=True, reason=INSISTED)
+        return receipt._replace(accepted=True, reason=INSISTED)
 
 
 def _against(before: _Refused | None, evidence: Evidence, innovation: Floats, bias: BiasFilter) -> _Refused:

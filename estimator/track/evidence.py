@@ -1,6 +1,6 @@
 """What a filter is given, and what it says of it: the letters are those of bias_filter.py."""
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,7 @@ Floats = NDArray[np.float64]
 GATES = {1: 23.93, 2: 27.63, 3: 30.66}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class Evidence(NamedTuple):
     """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
 
     common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
@@ -32,8 +31,7 @@ class Evidence:
     since: Since | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Receipt:
+class Receipt(NamedTuple):
     """What one piece of evidence did: innovation (m,) = measured - predicted, its covariance, test ratio = NIS / gate."""
 
     time: float
@@ -43,4 +41,4 @@ class Receipt:
     test_ratio: float
     accepted: bool
     reason: str = ""
-    nis: float = field(default=np.nan)
+    nis: float = float("nan")

@@ -9,53 +9,41 @@ and no more.
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.late import knew_more, sight, went_on
+
 Floats = NDArray[np.float64]
 
-_BIAS, _SLOPE = slice(0, 3), slice(3, 6)
+#: the rows of what is measured now
+NOW = np.empty((0, 3))
 
 
 class Since:
-    """The walk from a measurement to now: cross (n, 3), its covariance with the error of the state, and var (3, 3).
-
-    warmer: K, from then to now.
-    """
+    """The walk from a measurement to now, in rows (n + 4, 3) of loops/late.py."""
 
     def __init__(self, n: int, walked: Floats) -> None:
         """Walked (3, 3): variance of the walk while it was measured; its mean is half a step older than the step's end."""
-        self.cross = np.zeros((n, 3))
-        self.cross[_BIAS] = walked / 2
-        self.var = walked / 3
-        self.warmer = 0.0
+        self.rows = np.zeros((n + 4, 3))
+        self.rows[:3] = walked / 2
+        self.rows[n : n + 3] = walked / 3
 
-    def seen(self, H: Floats) -> Floats:
-        """(m, n) what a measurement of then by H (m, n) sees of the state as it is now."""
-        if not self.warmer:
-            return H
-        seen = H.copy()
-        seen[:, _SLOPE] -= self.warmer * H[:, _BIAS]
-        return seen
+    @property
+    def cross(self) -> Floats:
+        """(n, 3) covariance of the error of the state with the walk; to be written to."""
+        return self.rows[:-4]
 
-    def noise(self, H: Floats) -> Floats:
-        """(m, m) what the walk adds to the noise of a measurement by H (m, n)."""
-        axes = H[:, _BIAS]
-        return np.asarray(axes @ self.var @ axes.T)
+    def sight(self, H: Floats) -> tuple[Floats, Floats, Floats]:
+        """What a measurement of then by H (m, n) sees of the state as it is now, (m, n).
 
-    def shared(self, H: Floats) -> Floats:
-        """(n, m) covariance of that noise with the error of the state."""
-        return np.asarray(-self.cross @ H[:, _BIAS].T)
+        And what the walk adds to its noise, (m, m), and the covariance of that with the error of the state, (n, m).
+        """
+        n = H.shape[1]
+        rows = sight(self.rows, H)
+        return rows[:, :n], rows[:, 2 * n :], rows[:, n : 2 * n].T
 
-    def step(self, F: Floats, walked: Floats | None = None) -> None:
+    def step(self, F: Floats, walked: Floats) -> None:
         """The state went on by F (n, n), and the bias walked by (3, 3)."""
-        self.cross = F @ self.cross
-        self.warmer += float(F[_BIAS, _SLOPE][0, 0])
-        if walked is not None:
-            self.cross[_BIAS] += walked
-            self.var = self.var + walked
+        went_on(self.rows, F, walked)
 
     def taken(self, K: Floats, H: Floats, late: "Since | None") -> None:
         """The state took something in with gain K (n, m) by H (m, n): something of now, or late itself."""
-        self.cross = self.cross - K @ (H @ self.cross)
-        if late is not None:
-            # Of two walks to now the shorter is a part of the longer.
-            shared = self.var if self.var[0, 0] < late.var[0, 0] else late.var
-            self.cross += K @ H[:, _BIAS] @ shared
+        knew_more(self.rows, K, H, NOW if late is None else late.rows)

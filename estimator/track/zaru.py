@@ -6,7 +6,7 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 """
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil, radians, sqrt
 from operator import itemgetter
 
@@ -142,7 +142,7 @@ class Zaru:
         if up is None or second.accel_mean is None:
             evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
             receipts = self._gated(evidence, second, bias)
-            return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
+            return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
         if self._tilt.seen:
             bias.forget()
             z = second.mean - bias.x[BIAS]
@@ -152,7 +152,7 @@ class Zaru:
         level = self._level(second, bias, up, var, common)
         evidence = self._evidence("zaru vertical", second, bias, up[None], var, common, self.knobs.vertical_gate)
         receipts = [level, *self._gated(evidence, second, bias)]
-        return receipts if proven else [replace(r, reason=r.reason or UNPROVEN) for r in receipts]
+        return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
         """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
@@ -199,18 +199,18 @@ class Zaru:
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
             return evidence  # an accelerometer was there
-        return replace(evidence, R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
+        return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
-        return replace(evidence, common_var=np.maximum(common, self._in_question)) if self._in_question else evidence
+        return evidence._replace(common_var=np.maximum(common, self._in_question)) if self._in_question else evidence
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
         evidence, _, _ = self._waiting.popleft()
         receipt = bias.update(evidence)
         unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
-        return replace(receipt, reason=receipt.reason or UNPROVEN) if unproven else receipt
+        return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
     def _waits(self, evidence: Evidence, weighed: Receipt) -> float:
         """How many seconds are judged together: none wait where the bias is known worse than one second tells it.
@@ -233,7 +233,7 @@ class Zaru:
         """The bias has moved by what was refused: doubt all of it by that much, then take it."""
         bias.widen(float(np.mean(refused.innovation**2)) * np.eye(3))
         bias.update(evidence)
-        return replace(refused, accepted=True, reason=reason)
+        return refused._replace(accepted=True, reason=reason)
 
     def _adapt(self, evidence: Evidence, bias: BiasFilter) -> None:
         """A first rest after a gap that surprises shows a walk faster than was thought, within reason: in all axes alike."""

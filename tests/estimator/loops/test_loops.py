@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 from estimator.gyro import COARSE_STEP, least_step, mean_var, rounding_var, spread
 from estimator.loops import second as loop
 from estimator.loops.gravity import carried
+from estimator.loops.late import knew_more, sight, went_on
 from estimator.loops.second import measured
 from estimator.loops.span import summed
 from estimator.loops.weigh import weighed
 from estimator.rotation import cross_matrix
+from estimator.track.since import NOW
 
 Floats = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 9.8])
@@ -65,15 +67,17 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
     H[:, :6] = rng.normal(size=(m, 6))
     R = np.diag(rng.uniform(1.0, 2.0, m))
     x, z = rng.normal(size=n), rng.normal(size=m)
-    none = np.empty((0, 3))
-    innovation, S, nis = weighed(z, H, R, x, P, cross if late else none, var if late else none)
+    late_rows = np.vstack([cross, var, [[0.5, 0.0, 0.0]]])
+    rows, nis = weighed(z, H, R, x, P, late_rows if late else NOW)
+    innovation, S = rows[:, 0], rows[:, 1:]
     # The error of x and the walk w, of which a late measurement sees H (x - w), as one state.
-    both, seen = P, H
+    both, seen, now = P, H, H.copy()
     if late:
         both = np.block([[P, cross], [cross.T, var]])
-        seen = np.hstack([H, -H[:, :3]])
+        now[:, 3:6] -= 0.5 * H[:, :3]
+        seen = np.hstack([now, -H[:, :3]])
     expected = seen @ both @ seen.T + R
-    np.testing.assert_allclose(innovation, z - H @ x, rtol=1e-12)
+    np.testing.assert_allclose(innovation, z - now @ x, rtol=1e-12)
     np.testing.assert_allclose(S, expected, rtol=1e-10)
     assert nis == pytest.approx(innovation @ np.linalg.solve(expected, innovation))
 
@@ -84,14 +88,41 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
 def test_what_is_not_finite_has_no_nis(what: int, place: int, bad: float) -> None:
     given = [np.ones(2), np.eye(2, 6), np.eye(2), np.ones(6), np.eye(6)]
     given[what].flat[place] = bad
-    none = np.empty((0, 3))
-    assert not np.isfinite(weighed(*given, none, none)[2])  # type: ignore[call-arg]
+    assert not np.isfinite(weighed(*given, NOW)[1])  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize("var", [1e-200, 1e154, 1e300])
 def test_what_has_no_inverse_has_no_nis(var: float) -> None:
-    none = np.empty((0, 3))
-    assert np.isnan(weighed(np.zeros(3), np.eye(3, 6), var * np.eye(3), np.zeros(6), np.zeros((6, 6)), none, none)[2])
+    assert np.isnan(weighed(np.zeros(3), np.eye(3, 6), var * np.eye(3), np.zeros(6), np.zeros((6, 6)), NOW)[1])
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_what_waits_to_be_taken_is_followed(m: int) -> None:
+    rng, n = np.random.default_rng(m), 24
+    cross, var = rng.normal(size=(n, 3)), np.diag(rng.uniform(1.0, 2.0, 3))
+    rows = np.vstack([cross, var, np.zeros((1, 3))])
+    F = np.eye(n) + np.diag(rng.normal(size=n - 3), 3)
+    walked = np.diag(rng.uniform(1.0, 2.0, 3))
+    went_on(rows, F, walked)
+    np.testing.assert_allclose(rows[:n], F @ cross + np.eye(n, 3) @ walked, rtol=1e-12)
+    np.testing.assert_allclose(rows[n:-1], var + walked, rtol=1e-12)
+    np.testing.assert_array_equal(rows[-1], [F[0, 3], 0.0, 0.0])
+    H, K = np.zeros((m, n)), rng.normal(size=(n, m))
+    H[:, :6] = rng.normal(size=(m, 6))
+    for scale in (None, 0.5, 2.0):
+        before, other = rows.copy(), rows.copy()
+        other[n:-1] *= scale or 1.0
+        knew_more(rows, K, H, NOW if scale is None else other)
+        shorter = (0.0 if scale is None else min(scale, 1.0)) * before[n:-1]
+        expected = before[:n] - K @ (H @ before[:n] - H[:, :3] @ shorter)
+        np.testing.assert_allclose(rows[:n], expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(rows[n:], before[n:])
+    seen = sight(rows, H)
+    now = H.copy()
+    now[:, 3:6] -= rows[-1, 0] * H[:, :3]
+    np.testing.assert_allclose(
+        seen, np.hstack([now, -H[:, :3] @ rows[:n].T, H[:, :3] @ rows[n:-1] @ H[:, :3].T]), rtol=1e-9
+    )
 
 
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:

@@ -290,6 +290,6 @@ def test_a_law_takes_the_place_of_the_slope_for_what_waits_too() -> None:
     assert np.abs(waiting.cross[SLOPE]).max() > 0
     none = np.zeros(3)
     bias.expect(TemperatureLaw(20.0, none, none, 1e-20 * np.tile(np.eye(2), (3, 1, 1))))
-    bias.update(replace(seen(np.array([0.1002, -0.2, 0.0]), SMALL), since=waiting))
+    bias.update(seen(np.array([0.1002, -0.2, 0.0]), SMALL)._replace(since=waiting))
     np.testing.assert_allclose(bias.x[SLOPE], none, atol=1e-12)
     assert np.linalg.eigvalsh(bias.cov).min() >= 0

@@ -124,7 +124,7 @@ def test_late_it_knows_what_warmth_has_moved_meanwhile() -> None:
     measured = Evidence("zaru", BIAS + np.radians(0.01), np.eye(3, OWN), np.radians(0.006) ** 2 * np.eye(3), GATES[3])
     in_time.predict(1.0, 25.2)
     late.predict(1.0, 25.2)
-    waiting = replace(measured, since=late.since())
+    waiting = measured._replace(since=late.since())
     in_time.update(measured)
     for second in range(1, 9):
         in_time.predict(1.0 + second, 25.2 + 0.02 * second)
