@@ -5,54 +5,40 @@ small rotation, in those axes, by which an error of the gyro's parameters moves 
 et al., "On-manifold preintegration", IEEE Trans. Robotics 33 (2017), here with rates of a scaled and misaligned gyro.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.span import summed
+from estimator.loops import span as loop
 
 Floats = NDArray[np.float64]
+_SAME = np.zeros(9)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Span:
-    """A stretch without a break, `seconds` long. end (3, 3) is C at its end; push (3,) m/s the integral of C a.
+class Span(NamedTuple):
+    """A stretch without a break, `seconds` long, in rows of loops/span.py.
 
-    shift (3,) m: the integral of the push as it grows.
-    by_bias (3, 3), by_matrix (3, 9): phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix.
-    push_by_bias, push_by_matrix, push_by_accel (3, 3), (3, 9), (3, 3): the same of push, the last per m/s² of accelerometer bias.
+    END (3, 3) is C at its end; PUSH (3,) m/s the integral of C a; SHIFT (3,) m the integral of the push as it grows; DRIFT (3,)
+    m/s, push - shift / seconds in axes of the end.
+    BY_BIAS (3, 3), BY_MATRIX (9, 3): phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix.
+    PUSH_BY_BIAS, PUSH_BY_MATRIX, PUSH_BY_ACCEL (3, 3), (9, 3), (3, 3): the same of push, the last per m/s² of accelerometer bias.
     way: rad turned, there and back. unrest: m/s², how far C a strays from its mean, rms.
     """
 
     seconds: float
-    end: Floats
-    push: Floats
-    shift: Floats
-    by_bias: Floats
-    by_matrix: Floats
-    push_by_bias: Floats
-    push_by_matrix: Floats
-    push_by_accel: Floats
     way: float
     unrest: float
+    rows: Floats
 
 
-def sum_up(dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats) -> Span:
-    """The span of n samples, each holding for dt (n,) s: gyro (n, 3) rad/s and accel (n, 3) m/s² as read."""
-    scalars, vectors, by_bias, by_matrix = summed(dt, gyro, accel, matrix, bias, accel_bias)
-    seconds, way, unrest = scalars.tolist()
-    end, push, shift = vectors[:3], vectors[3], vectors[4]
-    return Span(
-        seconds=seconds,
-        end=end,
-        push=push,
-        shift=shift,
-        by_bias=-by_bias[:3] @ matrix,
-        by_matrix=by_matrix[:3],
-        push_by_bias=-by_bias[3:] @ matrix,
-        push_by_matrix=by_matrix[3:],
-        push_by_accel=-by_bias[:3],
-        way=way,
-        unrest=unrest,
-    )
+def sum_up(
+    dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats, change: Floats = _SAME
+) -> Span:
+    """The span of n samples, each holding for dt (n,) s: gyro (n, 3) rad/s and accel (n, 3) m/s² as read.
+
+    change (9,): what the matrix (3, 3) is really like is (1 + change) matrix.
+    """
+    rows = loop.summed(dt, gyro, accel, matrix, bias, accel_bias, change)
+    seconds, way, unrest = rows[loop.SCALARS].tolist()
+    return Span(seconds, way, unrest, rows)

@@ -8,47 +8,31 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled(
-    "Tuple((f8[::1], f8[:, ::1], f8[:, ::1]))"
-    "(f8[:], f8[:, :], f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:, :], f8[:, :], f8, f8, f8, UniTuple(f8, 3))"
-)
-def carried(
-    x: Floats,
-    end: Floats,
-    push: Floats,
-    by_bias: Floats,
-    by_matrix: Floats,
-    push_by_bias: Floats,
-    push_by_matrix: Floats,
-    push_by_accel: Floats,
-    seconds: float,
-    kept: float,
-    strength: float,
-    noise: tuple[float, float, float],
-) -> tuple[Floats, Floats, Floats]:
-    """State (24,), F and Q (24, 24) of track/gravity.py after a span (strapdown.py) from a state x (24,).
+@compiled("f8[:, ::1](f8[:], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
+def carried(x: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]) -> Floats:
+    """(49, 24): state, F and Q, one above the other, of track/gravity.py after a span (rows of span.py) from a state x (24,).
 
     kept: share of the accelerometer's bias that is left; strength: of gravity, m/s²; noise: variances that the span adds to the
     turn, to each part of the velocity and to each of the accelerometer's bias.
     """
     turned, pushed, posed = noise
     bias, g, v, a, m = 0, 6, 9, 12, 15  # where the parts of the state begin
-    moved, F, Q = x.copy(), np.eye(24), np.zeros((24, 24))
-    after = np.empty(3)
+    end, push, push_by_accel, seconds = span[:3], span[3], span[12:15], span[33, 0]
+    rows, after = np.zeros((49, 24)), np.empty(3)
+    moved, F, Q = rows[0], rows[1:25], rows[25:]
+    for i in range(24):
+        moved[i], F[i, i] = x[i], 1.0
     for i in range(3):
         after[i] = x[v + i] + push[i] - x[g + i] * seconds
-    tilts, swings, tilting = (
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-    )  # like cross products with g and after
+    # Like cross products with g and after.
+    tilts, swings, tilting = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     tilts[2, 1], tilts[0, 2], tilts[1, 0] = x[g], x[g + 1], x[g + 2]
     tilts[1, 2], tilts[2, 0], tilts[0, 1] = -x[g], -x[g + 1], -x[g + 2]
     swings[2, 1], swings[0, 2], swings[1, 0] = after[0], after[1], after[2]
     swings[1, 2], swings[2, 0], swings[0, 1] = -after[0], -after[1], -after[2]
     tilt, swing = np.empty(9), np.empty(9)
-    for part, n in ((bias, 3), (m, 9)):
-        turn, pushing = (by_bias, push_by_bias) if part == bias else (by_matrix, push_by_matrix)
+    for part, n, at in ((bias, 3, 6), (m, 9, 15)):
+        turn, pushing = span[at : at + n].reshape(3, n), span[at + n : at + 2 * n].reshape(3, n)
         for j in range(n):
             for i in range(3):
                 tilt[i], swing[i] = 0.0, pushing[i, j]
@@ -85,4 +69,19 @@ def carried(
             Q[v + i, v + j] = seconds**2 / 4 * tilted
         Q[v + i, v + i] += pushed
         Q[a + i, a + i] = posed
-    return moved, F, Q
+    return rows
+
+
+@compiled("void(f8[:, ::1], f8, f8, f8[:], f8)")
+def wandered(rows: Floats, warmer: float, walk: float, bend: Floats, over: float) -> None:
+    """Let what `carried` has, (2 n + 1, n), also go on by the slope while it becomes warmer, K, and by the bias's walk.
+
+    walk: a variance. bend (3,): by how much the slope changes, over so many kelvin; so does the bias, by half of it.
+    """
+    n = rows.shape[1]
+    x, F, Q = rows[0], rows[1 : n + 1], rows[n + 1 :]
+    for i in range(3):
+        x[i] += warmer * x[3 + i]
+        F[i, 3 + i] = warmer
+        Q[3 + i, 3 + i] = bend[i] ** 2
+        Q[i, i] = (bend[i] * over / 2) ** 2 + walk

@@ -13,8 +13,8 @@ Floats = NDArray[np.float64]
 
 
 @compiled("void(f8[:, :], f8[:, :], f8[:, :])")
-def went_on(late: Floats, F: Floats, walked: Floats) -> None:
-    """The state went on by F (n, n), and the bias, the first of it, walked by walked (3, 3)."""
+def went_on(late: Floats, F: Floats, Q: Floats) -> None:
+    """The state went on by F, with Q (n, n) added; the bias is the first of it."""
     n = len(F)
     after = np.zeros((n, 3))
     for i in range(n):
@@ -25,8 +25,8 @@ def went_on(late: Floats, F: Floats, walked: Floats) -> None:
     late[:n] = after
     for i in range(3):
         for j in range(3):
-            late[i, j] += walked[i, j]
-            late[n + i, j] += walked[i, j]
+            late[i, j] += Q[i, j]
+            late[n + i, j] += Q[i, j]
     late[n + 3, 0] += F[0, 3]
 
 

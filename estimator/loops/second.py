@@ -11,11 +11,20 @@ Floats = NDArray[np.float64]
 MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCALARS = range(10)
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8, f8, f8, f8[:])")
+@compiled("Tuple((f8[::1], f8[:, ::1], b1))(f8[:], f8[:, :], f8[:, :], b1[:], f8, f8, f8, f8[:])")
 def measured(
-    time: Floats, gyro: Floats, accel: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
-) -> tuple[Floats, Floats]:
+    time: Floats,
+    gyro: Floats,
+    accel: Floats,
+    clipped: NDArray[np.bool_],
+    first: float,
+    coarsest: float,
+    step_if_none: float,
+    known: Floats,
+) -> tuple[Floats, Floats, bool]:
     """Steps dt (n,) of samples at time (n,) after `first`, s, and rows of three of their gyro (n, 3) and accel (n or 0, 3).
+
+    And whether one of them is clipped (n,).
 
     MEAN, STD; STEP: the least difference between readings, `step_if_none` if there is none, or where none deviates less than
     `coarsest`, the least `known` (3,), which is kept up; MEAN_VAR and COMMON_VAR: see gyro.py; JITTER: deviation from one
@@ -24,11 +33,12 @@ def measured(
     """
     n, pushed = len(time), len(accel)
     dt, rows = np.empty(n), np.zeros((10, 3))
-    before, longest = first, -np.inf
+    before, longest, clips = first, -np.inf, False
     for i in range(n):
         dt[i] = time[i] - before
         before = time[i]
         longest = max(longest, dt[i])
+        clips |= clipped[i]
     least_std, unknown = np.inf, False
     for axis in range(3):
         total = jump = 0.0
@@ -74,4 +84,4 @@ def measured(
         common = step**2 / 12 if rows[STD, axis] < step / 2 else 0.0
         rows[STEP, axis], rows[COMMON_VAR, axis] = step, common
         rows[MEAN_VAR, axis] = rows[STD, axis] ** 2 / n + common
-    return dt, rows
+    return dt, rows, clips

@@ -7,17 +7,36 @@ from estimator.loops.compiled import compiled
 
 Floats = NDArray[np.float64]
 
+#: rows of `summed`
+END, PUSH, SHIFT, DRIFT, BY_BIAS, PUSH_BY_BIAS, PUSH_BY_ACCEL = (
+    slice(0, 3),
+    3,
+    4,
+    5,
+    slice(6, 9),
+    slice(9, 12),
+    slice(12, 15),
+)
+BY_MATRIX, PUSH_BY_MATRIX, SCALARS, ROWS = slice(15, 24), slice(24, 33), 33, 34
 
-@compiled("Tuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]))(f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:], f8[:])")
+
+@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, :], f8[:, :], f8[:], f8[:], f8[:])")
 def summed(
-    dt: Floats, gyro: Floats, accel: Floats, matrix: Floats, bias: Floats, accel_bias: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Seconds, way and unrest; end, push and shift (5, 3); the turn, then the push, by turns (6, 3) and by the matrix (6, 9)."""
+    dt: Floats, gyro: Floats, accel: Floats, calibrated: Floats, bias: Floats, accel_bias: Floats, change: Floats
+) -> Floats:
+    """(ROWS, 3): the parts of a span by strapdown.py, what is by the matrix (3, 9) in nine rows.
+
+    The matrix is (1 + change) calibrated, of nine numbers and (3, 3). SCALARS: seconds, way, unrest.
+    """
     n = len(dt)
     rate, force, carried = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
     before, after = np.eye(3), np.eye(3)
-    by_bias, by_matrix = np.zeros((6, 3)), np.zeros((6, 9))
-    scalars, vectors = np.zeros(3), np.zeros((5, 3))
+    rows, matrix = np.zeros((ROWS, 3)), calibrated.copy()
+    scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)
+    for r in range(3):
+        for c in range(3):
+            for k in range(3):
+                matrix[r, c] += change[3 * r + k] * calibrated[k, c]
     qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
     for i in range(n):
         h = dt[i]
@@ -63,7 +82,7 @@ def summed(
                 for k in range(3):
                     by_matrix[r, 3 * c + k] += mid * h * rate[i, k]
     # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
-    ahead = vectors[3]
+    ahead = rows[PUSH]
     for i in range(n - 1, -1, -1):
         for r in range(3):
             ahead[r] += force[i, r] * dt[i]
@@ -78,7 +97,7 @@ def summed(
     strayed = 0.0
     for i in range(n):
         for r in range(3):
-            vectors[4, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
+            rows[SHIFT, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
             pushed[r] += force[i, r] * dt[i]
     for r in range(3):
         mean = 0.0
@@ -88,5 +107,12 @@ def summed(
         for i in range(n):
             strayed += (force[i, r] - mean) ** 2
     scalars[2] = np.sqrt(strayed / n)
-    vectors[:3] = after
-    return scalars, vectors, by_bias, by_matrix
+    for r in range(3):
+        for c in range(3):
+            rows[r, c] = after[r, c]
+            rows[DRIFT, r] += after[c, r] * (rows[PUSH, c] - rows[SHIFT, c] / scalars[0])
+            rows[12 + r, c] = -by_bias[r, c]
+            for k in range(3):
+                rows[6 + r, c] -= by_bias[r, k] * matrix[k, c]
+                rows[9 + r, c] -= by_bias[3 + r, k] * matrix[k, c]
+    return rows

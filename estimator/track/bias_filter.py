@@ -7,12 +7,14 @@ goes on as if it had never stopped.
 """
 
 from dataclasses import dataclass
-from math import exp, expm1, inf, isfinite, radians
+from functools import cache
+from math import exp, expm1, inf, isfinite, isnan, radians
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from estimator.loops.gravity import wandered
 from estimator.loops.weigh import weighed
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.since import NOW, Since
@@ -23,9 +25,7 @@ Floats = NDArray[np.float64]
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
-#: a state x (n,), to which it goes on by F (n, n), with Q (n, n) added
-Carried = tuple[Floats, Floats, Floats]
-_ONE = np.eye(3)
+_NOTHING = np.zeros(3)
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -97,8 +97,8 @@ class BiasFilter:
         self.knobs = knobs or BiasKnobs()
         #: what earlier boots say of temperature; the slope of the state is believed as it is
         self.law = law
-        #: what the law's curvature moved the state by in the last step
-        self.bent = np.zeros(OWN)
+        #: (6,) what the law's curvature moved the state by in the last step, None without a law
+        self.bent: Floats | None = None
         self._since: list[Since] = []
         self.restart(state)
 
@@ -108,8 +108,8 @@ class BiasFilter:
         self._kf.inv = _inverse
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
-        #: by how much the bias was doubted since the last step
-        self.widened = np.zeros((3, 3))
+        #: (3, 3) by how much the bias was doubted since the last step, if it was
+        self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
         self._stepped = np.zeros((3, 3))  # what the last step added to the bias
@@ -144,46 +144,45 @@ class BiasFilter:
         )
 
     def predict(
-        self, time: float, temperature_c: float = np.nan, carried: Carried | None = None
+        self, time: float, temperature_c: float = np.nan, carried: Floats | None = None
     ) -> tuple[Floats, Floats] | None:
         """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
 
+        carried (2 n + 1, n): the state it goes on to, by which F, with which Q added, one above the other; is written to.
         F and Q (6, 6) of its own states. Time that goes backward is no time for a walk: None.
         """
-        dt = time - self.time
-        x, F, Q = carried or (None, np.eye(len(self._kf.x)), np.zeros_like(self._kf.P))
+        dt, n = time - self.time, len(self._kf.x)
+        known = isfinite(temperature_c)
+        rows = _stays(n).copy() if carried is None else carried
         if not dt > 0:
             if carried is not None:
-                self._step(x, F, Q, np.zeros((3, 3)))
+                self._step(rows, moved=True)
             return None
-        self.bent = np.zeros(OWN)
         warmer = temperature_c - self.temperature_c
         if isfinite(warmer):
-            F[BIAS, SLOPE] = warmer * _ONE
-            # The slope walks with temperature, not with time; so does the bias within the step, by half of it.
-            bend, over = self._bend(warmer, temperature_c)
-            Q[SLOPE, SLOPE] = bend**2 * _ONE
-            Q[BIAS, BIAS] = (bend * over / 2) ** 2 * _ONE
-            if x is not None:
-                x[BIAS] += warmer * x[SLOPE]
-        Q[BIAS, BIAS] += self.walked(dt, known=isfinite(temperature_c)) * _ONE
-        self._stepped = Q[BIAS, BIAS]
-        self._step(x, F, Q, self._stepped)
-        if self.law is not None:
+            bend, over, self.bent = self._bend(warmer, temperature_c)
+        else:
+            warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
+        wandered(rows, warmer, self.walked(dt, known=known), bend, over)
+        self._step(rows, moved=carried is not None)
+        self._stepped = rows[n + 1 : n + 4, BIAS]
+        if self.bent is not None:
             self._kf.x[:OWN] += self.bent
-        self.time, self.widened = time, np.zeros((3, 3))
-        if isfinite(temperature_c):
-            first, self.temperature_c = np.isnan(self.temperature_c), temperature_c
+        self.time, self.widened = time, None
+        if known:
+            first, self.temperature_c = isnan(self.temperature_c), temperature_c
             if first and self.law is not None:
                 self.expect(self.law)
-        return F[:OWN, :OWN].copy(), Q[:OWN, :OWN].copy()
+        return rows[1 : OWN + 1, :OWN].copy(), rows[n + 1 : n + 1 + OWN, :OWN].copy()
 
-    def _step(self, x: Floats | None, F: Floats, Q: Floats, walked: Floats) -> None:
+    def _step(self, rows: Floats, *, moved: bool) -> None:
+        n = rows.shape[1]
+        F, Q = rows[1 : n + 1], rows[n + 1 :]
         self._kf.predict(F=F, Q=Q)
-        if x is not None:
-            self._kf.x = x
+        if moved:
+            self._kf.x = rows[0]
         for since in self._since:
-            since.step(F, walked)
+            since.step(F, Q)
 
     def expect(self, law: TemperatureLaw) -> None:
         """From now on believe the slope of a law in place of what was known of it."""
@@ -222,20 +221,19 @@ class BiasFilter:
     def _law_var(self, celsius: float) -> Floats:
         return np.zeros(3) if self.law is None or not np.isfinite(celsius) else self.law.slope_var(celsius)
 
-    def _bend(self, warmer: float, temperature_c: float) -> tuple[Floats, float]:
-        """(3,) by how much the slope may change, over how many kelvin; what the law knows of that is taken into account."""
+    def _bend(self, warmer: float, temperature_c: float) -> tuple[Floats, float, Floats | None]:
+        """(3,) by how much the slope may change, over how many kelvin; (6,) what the law knows of that."""
         if self.law is None:
             over = temperature_c - (self._bent_c if isfinite(self._bent_c) else self.temperature_c)
             if abs(over) < _BEND_K:
                 self._bent_c = temperature_c - over
-                return np.zeros(3), 0.0
+                return _NOTHING, 0.0, None
             self._bent_c = temperature_c
-            return np.full(3, self.knobs.curvature * over), over
+            return np.full(3, self.knobs.curvature * over), over, None
         self._bent_c = temperature_c
         by = self.law.quadratic * warmer
-        self.bent[BIAS], self.bent[SLOPE] = by * warmer, 2 * by
         before, self._unsure = self._unsure, np.maximum(self._unsure, self._law_var(temperature_c))
-        return np.sqrt(self._unsure - before), warmer
+        return np.sqrt(self._unsure - before), warmer, np.concatenate([by * warmer, 2 * by])
 
     def walked(self, dt: float, *, known: bool | None = None) -> float:
         """Variance that some seconds about now add to the bias; known: temperature tells of the warming, by default if one is."""
@@ -249,7 +247,7 @@ class BiasFilter:
     def widen(self, cov: Floats) -> None:
         """Doubt the bias by so much more, (3, 3)."""
         self._kf.P[BIAS, BIAS] += cov
-        self.widened = self.widened + cov
+        self.widened = cov if self.widened is None else self.widened + cov
 
     def since(self) -> Since:
         """The moment of what was measured in the last step, for what is to be taken later."""
@@ -305,6 +303,12 @@ class BiasFilter:
             self._since = [since for since in self._since if since is not late]
         for since in self._since:
             since.taken(kf.K, H, late)
+
+
+@cache
+def _stays(n: int) -> Floats:
+    """(2 n + 1, n) what is carried nowhere; not to be written to."""
+    return np.eye(2 * n + 1, n, -1)
 
 
 def _inverse(S: Floats) -> Floats:

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.loops.gravity import carried
+from estimator.loops.span import DRIFT, END, PUSH
 from estimator.strapdown import Span
-from estimator.track.bias_filter import OWN, BiasFilter, BiasState, Carried
+from estimator.track.bias_filter import OWN, BiasFilter, BiasState
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.lasting import Lasting, LastingKnobs
 
@@ -32,8 +33,8 @@ Floats = NDArray[np.float64]
 G = 9.80665
 GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
 SIZE = OWN + 18
-_ONE, _SAME = np.eye(3), np.eye(SIZE)
-_VELOCITY_SEEN = _SAME[VELOCITY]
+_ONE, _NONE = np.eye(3), np.zeros(3)
+_GRAVITY_SEEN, _VELOCITY_SEEN = np.eye(SIZE)[GRAVITY], np.eye(SIZE)[VELOCITY]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,8 @@ class Gravity:
         #: whether g and v in the state are of now
         self.known = False
         self._lasting = Lasting(knobs.lasting)
+        stays = knobs.resting_speed**2 * _ONE
+        self._resting = Evidence("gravity", _NONE, _VELOCITY_SEEN, stays, knobs.doubt, soft=True)
 
     def extend(self, state: BiasState, scale_std: Floats, cross_std: Floats) -> BiasState:
         """A state with this evidence's parts behind its own; relative deviations (3,) of the matrix's diagonal and rows."""
@@ -87,10 +90,6 @@ class Gravity:
         self.lose()
         return replace(state, x=x, P=P)
 
-    def matrix_now(self, x: Floats) -> Floats:
-        """(3, 3) the matrix as the state x has it."""
-        return np.asarray((_ONE + x[MATRIX].reshape(3, 3)) @ self.matrix)
-
     def lose(self) -> None:
         """The way gravity went is not known."""
         self.known = False
@@ -98,8 +97,8 @@ class Gravity:
 
     def carry(
         self, span: Span, bias: BiasFilter, gyro_noise: float, unseen_turn: float = 0.0, unseen_push: float = 0.0
-    ) -> Carried:
-        """How the filter goes on over a span that was summed up with its own bias, matrix and accelerometer bias.
+    ) -> Floats:
+        """How the filter goes on (BiasFilter.predict) over a span summed up with its own bias, matrix and accelerometer bias.
 
         gyro_noise: white noise of the rates, rad/s per root Hz. unseen_turn rad, unseen_push m/s: see Second.
         """
@@ -109,14 +108,7 @@ class Gravity:
         kept = self._accel_kept(span)
         return carried(
             bias.x,
-            span.end,
-            span.push,
-            span.by_bias,
-            span.by_matrix,
-            span.push_by_bias,
-            span.push_by_matrix,
-            span.push_by_accel,
-            T,
+            span.rows,
             kept,
             G,
             (
@@ -129,22 +121,18 @@ class Gravity:
     def evidence(self, span: Span, *, resting: bool) -> Evidence:
         """The velocity of a span just carried over, measured as zero: on the mean, and at the end of one at rest."""
         if resting:
-            R = self.knobs.resting_speed**2 * _ONE
-            return Evidence("gravity", np.zeros(3), _VELOCITY_SEEN, R, self.knobs.doubt, soft=True)
+            return self._resting
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. What a wrong bias does within the span is little.
-        T = span.seconds
-        H = _VELOCITY_SEEN.copy()
-        H[:, GRAVITY] = T / 2 * _ONE
-        z = span.end.T @ (span.push - span.shift / T)
+        H = _VELOCITY_SEEN + span.seconds / 2 * _GRAVITY_SEEN
         R = self._lasting.factor * self._speed(span) ** 2 * _ONE
-        return Evidence("gravity", z, H, R, self.knobs.doubt, soft=True)
+        return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 
     def heard(self, receipt: Receipt, span: Span, *, resting: bool) -> None:
         """Note what came of this evidence of a span; what is that unlikely is no walk: a mirrored accelerometer, say."""
         if resting or receipt.test_ratio > 1:
             self._lasting.broken()
         else:
-            self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.end, span.seconds)
+            self._lasting.heard(receipt.innovation, self._speed(span) ** 2, span.rows[END], span.seconds)
 
     def _speed(self, span: Span) -> float:
         return min(self.knobs.fastest, self.knobs.speed + self.knobs.speed_per_unrest * span.unrest)
@@ -161,7 +149,7 @@ class Gravity:
         """Gravity is where the accelerometer points on the mean; nothing ties it to what was before."""
         speed = self._speed(span)
         x, P = bias.x.copy(), bias.cov.copy()
-        mean = span.push / span.seconds
+        mean = span.rows[PUSH] / span.seconds
         up = mean / max(float(np.linalg.norm(mean)), 1e-9)
         x[GRAVITY], x[VELOCITY] = G * up, 0.0
         for part in (GRAVITY, VELOCITY):

@@ -3,8 +3,10 @@
 A second with clipped or stuck readings, or with a hole in it, tells nothing of rotation.
 """
 
+from collections import deque
 from dataclasses import dataclass
-from math import isfinite, radians
+from math import radians
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +38,7 @@ class SecondKnobs:
     gap_s: float = 0.25
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Second:
+class Second(NamedTuple):
     """A second of n samples from `start` (the time of the one before) to `end`: dt (n,) s, gyro and accel (n, 3).
 
     still: all of it was judged so. flaw: why it tells nothing of rotation, or nothing.
@@ -63,7 +64,9 @@ class Second:
     unseen_turn: float = 0.0
     unseen_push: float = 0.0
 
-    def __len__(self) -> int:
+    @property
+    def samples(self) -> int:
+        """How many samples it has."""
         return len(self.dt)
 
 
@@ -74,10 +77,9 @@ class Seconds:
         self.knobs = knobs or SecondKnobs()
         self.refused = Tally()
         self._windows: list[Judged] = []
-        self._coming: list[Judged] = []
+        self._coming: deque[Judged] = deque()
         self._moved = -np.inf  # when the last window ended that was not still
-        self._last_time = float("nan")
-        self._last: tuple[Floats, Floats | None] | None = None  # the reading at that time
+        self._last: Window | None = None  # before the second that is gathered
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
         self._all_noisy = False
@@ -87,25 +89,24 @@ class Seconds:
         if window.spikes:
             self.refused.add("spike", window.spikes)
         # A movement begins and ends too gently for those windows to tell: what seems still waits to see how it goes on.
-        now, settle_s = window.end_time, self.knobs.settle_s
-        if not window.still:
-            self._coming = [(before, False) for before, _ in self._coming]
+        now, settle_s, coming = window.end_time, self.knobs.settle_s, self._coming
+        whole = list[Second]()
+        if window.still:
+            coming.append((window, window.start_time - self._moved >= settle_s))
+        else:  # movement is judged for good at once, and what waited is next to it
             self._moved = now
-        coming = self._coming
-        coming.append((window, window.start_time - self._moved >= settle_s))
-        whole, taken = list[Second](), 0
-        for judged, still in coming:
-            if still and now - judged.end_time < settle_s:  # movement is judged for good at once
-                break
-            taken += 1
+            while coming:
+                self._take(coming.popleft()[0], noise_std, whole, still=False)
+            self._take(window, noise_std, whole, still=False)
+        while coming and not (coming[0][1] and now - coming[0][0].end_time < settle_s):
+            judged, still = coming.popleft()
             self._take(judged, noise_std, whole, still=still)
-        del coming[:taken]
         return whole
 
     def skip(self, window: Window) -> None:
         """Let the next window go by, and those that wait."""
-        self._windows, self._coming = [], []
-        self._last_time, self._last = window.end_time, _last(window)
+        self._windows, self._last = [], window
+        self._coming.clear()
 
     def _take(self, window: Window, noise_std: Floats, whole: list[Second], *, still: bool) -> None:
         windows = self._windows
@@ -117,60 +118,53 @@ class Seconds:
             whole.append(self._close(noise_std))
 
     def _close(self, noise_std: Floats) -> Second:
-        windows, still = [window for window, _ in self._windows], all(still for _, still in self._windows)
-        self._windows = []
+        windows, still = [window for window, _ in self._windows], False not in {still for _, still in self._windows}
+        before, self._last, self._windows = self._last, windows[-1], []
         time, gyro = np.concatenate([w.time for w in windows]), np.concatenate([w.gyro for w in windows])
-        forces = [w.accel for w in windows if w.accel is not None]
+        clipped, forces = (
+            np.concatenate([w.clipped for w in windows]),
+            [w.accel for w in windows if w.accel is not None],
+        )
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
-        first = self._last_time if isfinite(self._last_time) else float(time[0] - np.median(np.diff(time)))
-        dt, rows = loop.measured(
-            time, gyro, _NONE if accel is None else accel, first, _COARSEST, COARSE_STEP, self._step
+        first = float(time[0] - np.median(np.diff(time))) if before is None else before.end_time
+        dt, rows, clips = loop.measured(
+            time, gyro, _NONE if accel is None else accel, clipped, first, _COARSEST, COARSE_STEP, self._step
         )
         least_std, longest, strength = rows[loop.SCALARS].tolist()
-        self._last_time = float(time[-1])
-        before, self._last = self._last or _first(windows[0]), _last(windows[-1])
         if still and not self._all_noisy:
             # From one reading to the next: a slow sway is no noise.
             self._noisy |= rows[loop.JITTER] > np.sqrt(2) * self._step
             self._all_noisy = bool(self._noisy.all())
-        flaw = self._flaw(windows, longest, least_std, rows, noise_std)
-        whole = longest * len(dt) <= HOLE * (self._last_time - first)
+        flaw = "clipped" if clips else "gap" if longest > self.knobs.gap_s else ""
+        if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
+            flaw = "stuck"
+        end, unseen_turn, unseen_push = windows[-1].end_time, 0.0, 0.0
+        if longest * len(dt) > HOLE * (end - first):
+            unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before.gyro[-1])
+            if accel is not None:
+                unseen_push = unseen(
+                    dt, accel, accel[0] if before is None or before.accel is None else before.accel[-1]
+                )
         return Second(
-            start=first,
-            end=self._last_time,
-            dt=dt,
-            gyro=gyro,
-            accel=accel,
-            still=still,
-            flaw=flaw,
-            mean=rows[loop.MEAN],
-            std=rows[loop.STD],
-            mean_var=rows[loop.MEAN_VAR],
-            common_var=rows[loop.COMMON_VAR],
-            accel_mean=None if accel is None else rows[loop.ACCEL_MEAN],
-            accel_std=None if accel is None else rows[loop.ACCEL_STD],
-            accel_strength=strength,
-            unseen_turn=0.0 if whole else unseen(dt, gyro, before[0]),
-            unseen_push=0.0
-            if whole or accel is None
-            else unseen(dt, accel, accel[0] if before[1] is None else before[1]),
+            first,
+            end,
+            dt,
+            gyro,
+            accel,
+            still,
+            flaw,
+            rows[loop.MEAN],
+            rows[loop.STD],
+            rows[loop.MEAN_VAR],
+            rows[loop.COMMON_VAR],
+            None if accel is None else rows[loop.ACCEL_MEAN],
+            None if accel is None else rows[loop.ACCEL_STD],
+            strength,
+            unseen_turn,
+            unseen_push,
         )
 
-    def _flaw(self, windows: list[Window], longest: float, least_std: float, rows: Floats, noise_std: Floats) -> str:
-        if np.concatenate([window.clipped for window in windows]).any():
-            return "clipped"
-        if longest > self.knobs.gap_s:
-            return "gap"
-        if least_std > 1e-9:
-            return ""
-        # A gyro coarser than its noise may well repeat itself at rest; one that showed noise before may not.
-        noisy = self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6)
-        return "stuck" if ((rows[loop.HELD] == 1) & noisy).any() else ""
-
-
-def _first(window: Window) -> tuple[Floats, Floats | None]:
-    return window.gyro[0], None if window.accel is None else window.accel[0]
-
-
-def _last(window: Window) -> tuple[Floats, Floats | None]:
-    return window.gyro[-1], None if window.accel is None else window.accel[-1]
+    def _stuck(self, held: NDArray[np.bool_], noise_std: Floats) -> bool:
+        """Whether one of the axes that repeat themselves, held (3,), may not."""
+        # A gyro coarser than its noise may well do so at rest; one that showed noise before may not.
+        return bool((held & (self._noisy | (noise_std > self._step / 2) & (noise_std > 1e-6))).any())

@@ -40,9 +40,9 @@ class Since:
         rows = sight(self.rows, H)
         return rows[:, :n], rows[:, 2 * n :], rows[:, n : 2 * n].T
 
-    def step(self, F: Floats, walked: Floats) -> None:
-        """The state went on by F (n, n), and the bias walked by (3, 3)."""
-        went_on(self.rows, F, walked)
+    def step(self, F: Floats, Q: Floats) -> None:
+        """The state went on by F, with Q (n, n) added."""
+        went_on(self.rows, F, Q)
 
     def taken(self, K: Floats, H: Floats, late: "Since | None") -> None:
         """The state took something in with gain K (n, m) by H (m, n): something of now, or late itself."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimator.track.bias_filter import BIAS, OWN
 
 Floats = NDArray[np.float64]
+_NOTHING = np.zeros(OWN)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,8 @@ class History:
 
     def add(self, time: float, x: Floats, P: Floats, F: Floats, Q: Floats, bent: Floats | None = None) -> None:
         """Note the state x (6,), P (6, 6) at a time, and what led there: F and Q (6, 6), and bent (6,), added for certain."""
-        known = F @ self._steps[-1].known if self._steps else np.zeros(OWN)
+        known = self._steps[-1].known if self._steps else _NOTHING
+        known = known if known is _NOTHING else F @ known
         known = known if bent is None else known + bent
         self._steps.append(_Step(time, x[:OWN] - known, P[:OWN, :OWN].copy(), F, Q, known))
         if self._most is not None and len(self._steps) > self._most:

@@ -47,7 +47,7 @@ class Tilt:
         mean, std = second.accel_mean, second.accel_std
         if mean is None or std is None:
             return False
-        var = float(std @ std) / (3 * len(second)) + knobs.accel_floor**2
+        var = float(std @ std) / (3 * second.samples) + knobs.accel_floor**2
         now = (second.start + second.end) / 2
         while self._held and now - self._held[0][0] > knobs.over_s:
             self._held.popleft()

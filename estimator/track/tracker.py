@@ -10,11 +10,11 @@ from estimator.gyro import GyroModel
 from estimator.stillness import Window
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, Carried, start
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
 from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.doubt import Doubt, DoubtKnobs
 from estimator.track.evidence import GATES, Evidence, Receipt
-from estimator.track.gravity import ACCEL_BIAS, GRAVITY, Gravity, GravityKnobs
+from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, Gravity, GravityKnobs
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
 from estimator.track.temperature import TemperatureLaw
@@ -237,7 +237,7 @@ class Tracker:
             self._kept = None
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
-            second = replace(second, accel=None, accel_mean=None, accel_std=None)
+            second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second, noise_std)
         if second.flaw:
             # Before time goes on: what waits to be judged was measured before the gap.
@@ -252,7 +252,7 @@ class Tracker:
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
-            if any(widened.ravel().tolist()):
+            if widened is not None:
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
@@ -271,7 +271,7 @@ class Tracker:
             self._believe(self._model, state)
             self._filter.widen(self.knobs.bias_std**2 * np.eye(3))
 
-    def _carried(self, second: Second, noise_std: Floats) -> tuple[Span | None, Carried | None]:
+    def _carried(self, second: Second, noise_std: Floats) -> tuple[Span | None, Floats | None]:
         """The way of a second, and where it takes gravity; None where the way it went is not known."""
         if second.flaw or second.accel is None:
             self._gravity.lose()
@@ -279,9 +279,9 @@ class Tracker:
         bias = self._filter
         if len(bias.x) == OWN:
             bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
-        matrix = self._gravity.matrix_now(bias.x)
-        span = sum_up(second.dt, second.gyro, second.accel, matrix, bias.x[BIAS], bias.x[ACCEL_BIAS])
-        noise = float(noise_std.max()) * np.sqrt(span.seconds / len(second))
+        x, matrix = bias.x, self._model.matrix
+        span = sum_up(second.dt, second.gyro, second.accel, matrix, x[BIAS], x[ACCEL_BIAS], x[MATRIX])
+        noise = max(noise_std.tolist()) * sqrt(span.seconds / second.samples)
         return span, self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:

@@ -158,7 +158,7 @@ class Zaru:
         """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
         if not checked:
             return self.knobs.unproven_at_most**2
-        half = len(second) // 2
+        half = second.samples // 2
         change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
         return np.asarray(self.knobs.unproven**2 + change**2 / 4)
 

@@ -170,6 +170,7 @@ def test_what_was_learnt_of_the_slope_in_this_boot_is_kept_when_the_law_comes() 
     np.testing.assert_array_equal(state.P, before.P)
     warmer = device.tracker._filter
     warmer.predict(state.time + 1.0, state.temperature_c + 1.0)
+    assert warmer.bent is not None
     np.testing.assert_allclose(warmer.bent[SLOPE], 2 * LAW.quadratic)
 
 

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from estimator.gyro import COARSE_STEP, least_step, mean_var, rounding_var, spread
 from estimator.loops import second as loop
+from estimator.loops import span as loops
 from estimator.loops.gravity import carried
 from estimator.loops.late import knew_more, sight, went_on
 from estimator.loops.second import measured
@@ -29,7 +30,10 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     gyro = np.round(gyro / coarse) * coarse if coarse else gyro
     gyro[:, 2] = 0.5
     known = np.full(3, np.inf)
-    dt, rows = measured(time, gyro, accel if aided else accel[:0], -0.01, 1.0, COARSE_STEP, known)
+    clipped = np.zeros(n, bool)
+    clipped[n // 2] = coarse > 0
+    dt, rows, clips = measured(time, gyro, accel if aided else accel[:0], clipped, -0.01, 1.0, COARSE_STEP, known)
+    assert clips is (coarse > 0)
     np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
     mean, std = spread(gyro)
     step = least_step(gyro)
@@ -51,7 +55,7 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
 def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
     known = np.array([0.1, 1e-6, 0.2])
     gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
-    _, rows = measured(np.arange(50) / 50, gyro, gyro[:0], -0.02, 0.01, COARSE_STEP, known)
+    _, rows, _ = measured(np.arange(50) / 50, gyro, gyro[:0], np.zeros(50, bool), -0.02, 0.01, COARSE_STEP, known)
     np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
 
 
@@ -103,7 +107,7 @@ def test_what_waits_to_be_taken_is_followed(m: int) -> None:
     rows = np.vstack([cross, var, np.zeros((1, 3))])
     F = np.eye(n) + np.diag(rng.normal(size=n - 3), 3)
     walked = np.diag(rng.uniform(1.0, 2.0, 3))
-    went_on(rows, F, walked)
+    went_on(rows, F, np.pad(walked, (0, n - 3)))
     np.testing.assert_allclose(rows[:n], F @ cross + np.eye(n, 3) @ walked, rtol=1e-12)
     np.testing.assert_allclose(rows[n:-1], var + walked, rtol=1e-12)
     np.testing.assert_array_equal(rows[-1], [F[0, 3], 0.0, 0.0])
@@ -134,20 +138,16 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
 
     def gone_on(error: Floats) -> Floats:
         """Gravity and velocity after it, of a state that is off by so much."""
-        change = np.eye(3) + error[15:].reshape(3, 3)
-        _, vectors, _, _ = summed(dt, gyro, accel, change @ matrix, error[:3], error[12:15])
-        end, push = vectors[:3], vectors[3]
+        rows = summed(dt, gyro, accel, matrix, error[:3], error[12:15], error[15:])
+        end, push = rows[loops.END], rows[loops.PUSH]
         return np.concatenate([end.T @ (g + error[6:9]), end.T @ (v + error[9:12] + push - (g + error[6:9]) * T)])
 
-    scalars, vectors, by_bias, by_matrix = summed(dt, gyro, accel, matrix, np.zeros(3), np.zeros(3))
-    assert scalars[0] == pytest.approx(T)
-    end, push = vectors[:3], vectors[3]
+    span = summed(dt, gyro, accel, matrix, np.zeros(3), np.zeros(3), np.zeros(9))
+    assert span[loops.SCALARS, 0] == pytest.approx(T)
     x = np.concatenate([np.zeros(6), g, v, np.zeros(12)])
     turned, pushed, posed = 1e-4, 2e-3, 3e-2
-    moved, F, Q = carried(
-        x, end, push, -by_bias[:3] @ matrix, by_matrix[:3], -by_bias[3:] @ matrix, by_matrix[3:], -by_bias[:3],
-        T, kept, length, (turned, pushed, posed),
-    )  # fmt: skip
+    rows = carried(x, span, kept, length, (turned, pushed, posed))
+    moved, F, Q = rows[0], rows[1:25], rows[25:]
     np.testing.assert_allclose(moved[6:12], gone_on(np.zeros(24)), rtol=1e-9)
     step = 1e-5
     slopes = np.array([(gone_on(step * e) - gone_on(-step * e)) / (2 * step) for e in np.eye(24)]).T
@@ -159,7 +159,7 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     expected[12:15, 12:15] *= kept
     np.testing.assert_array_equal(F, expected)
     by_turn = np.zeros((24, 3))
-    by_turn[6:9] = end.T @ cross_matrix(g)
+    by_turn[6:9] = span[loops.END].T @ cross_matrix(g)
     by_turn[9:12] = -T / 2 * by_turn[6:9]
     added = turned * by_turn @ by_turn.T + np.diag(np.repeat([0.0, 0.0, 0.0, pushed, posed, 0.0, 0.0, 0.0], 3))
     np.testing.assert_allclose(Q, added, atol=1e-15)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from estimator.strapdown import sum_up
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter, BiasKnobs, BiasState, start
 from estimator.track.evidence import Receipt
-from estimator.track.gravity import ACCEL_BIAS, GRAVITY, SIZE, VELOCITY, G, Gravity, GravityKnobs
+from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, VELOCITY, G, Gravity, GravityKnobs
 
 Floats = NDArray[np.float64]
 N, STEP = 400, 1e-6
@@ -27,7 +27,7 @@ def moved(x: Floats) -> tuple[Floats, Floats]:
     time = np.arange(1, N + 1) / N
     gyro = np.column_stack([np.sin(3 * time), 0.7 * np.cos(2 * time), 0.5 * np.ones(N)])
     accel = G * UP + np.column_stack([np.cos(5 * time), np.sin(4 * time), time])
-    span = sum_up(np.full(N, 1 / N), gyro, accel, gravity.matrix_now(x), x[BIAS], x[ACCEL_BIAS])
+    span = sum_up(np.full(N, 1 / N), gyro, accel, np.eye(3), x[BIAS], x[ACCEL_BIAS], x[MATRIX])
     bias.predict(bias.time, carried=gravity.carry(span, bias, 0.0))
     return bias.x.copy(), bias.cov.copy()
 

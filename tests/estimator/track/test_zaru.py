@@ -73,7 +73,7 @@ def test_who_stands_and_sways_for_a_moment_is_believed_less_than_what_lies() -> 
         lying.moves(60.0)
         gyro = BIAS + np.radians(sway_dps) * np.linspace(-1, 1, N)[:, None]
         for second in lying.seconds(1.0):
-            receipts = lying.take(replace(second, gyro=gyro))
+            receipts = lying.take(second._replace(gyro=gyro))
         level = next(r for r in receipts if r.kind == "zaru level")
         assert level.reason == UNPROVEN
         cov.append(level.innovation_cov[0, 0])
@@ -198,8 +198,8 @@ def test_readings_that_never_differ_are_no_perfect_measurement() -> None:
     step = np.radians(0.061)
     rounding = np.full(3, step**2 / 12)
     for second in rest.seconds(60.0):
-        held = replace(
-            second, mean=step * np.round(BIAS / step), std=np.zeros(3), mean_var=rounding, common_var=rounding
+        held = second._replace(
+            mean=step * np.round(BIAS / step), std=np.zeros(3), mean_var=rounding, common_var=rounding
         )
         rest.take(held)
     score = rest.error_dps() / np.degrees(rest.filter.state.std)
@@ -212,7 +212,7 @@ def test_who_breathes_does_not_rest() -> None:
     judged = []
     for i, second in enumerate(rest.seconds(30.0)):
         breath = np.radians(0.3) * np.sin(2 * np.pi * i / 4.3) * np.array([1.0, 0.0, 0.0])
-        judged.append(rest.zaru.at_rest(replace(second, mean=second.mean + breath)))
+        judged.append(rest.zaru.at_rest(second._replace(mean=second.mean + breath)))
     assert not any(judged[3:])
 
 
@@ -357,7 +357,7 @@ def test_while_gravity_turns_no_rest_is_believed() -> None:
         angle = rate * (i + 0.5)
         pulled = 9.81 * np.array([0.0, np.sin(angle), np.cos(angle)])
         rest.up = pulled / 9.81
-        receipts += rest.take(replace(second, accel_mean=pulled))
+        receipts += rest.take(second._replace(accel_mean=pulled))
     assert {r.reason for r in receipts[6:] if r.kind == "zaru"} == {REFUSED_TILT}
     assert np.degrees(np.abs(rest.filter.state.bias - before)).max() < 0.01
     # And when gravity stays, it is a rest again.
