@@ -10,10 +10,11 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.rest import upright
 from estimator.track.bias_filter import BIAS, SLOPE, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
-from estimator.track.zaru import INSISTED, across
+from estimator.track.zaru import INSISTED
 
 Floats = NDArray[np.float64]
 VERTICAL = "bounded vertical"
@@ -65,7 +66,7 @@ class Bounded:
     def take(self, second: Second, bias: BiasFilter, up: Floats | None = None) -> list[Receipt]:
         """Take the next second, to the end of which the filter has gone on; receipts when it completes a stretch.
 
-        up (3,) is the direction of gravity's reading, None without an accelerometer.
+        up (3,) points as gravity's reading does, None without an accelerometer.
         """
         self._seconds.append(
             (second.start, second.end, second.mean, second.mean_var, second.common_var, bias.temperature_c)
@@ -135,4 +136,7 @@ def _against(before: _Refused | None, evidence: Evidence, innovation: Floats, bi
 
 def _parts(up: Floats | None) -> list[tuple[str, Floats]]:
     """Kinds of evidence, and the axes (m, 3) of each."""
-    return [("bounded", np.eye(3))] if up is None else [("bounded level", across(up)), (VERTICAL, up[None])]
+    if up is None:
+        return [("bounded", np.eye(3))]
+    along = upright(up)
+    return [("bounded level", along[:2]), (VERTICAL, along[2:])]

@@ -2,7 +2,7 @@
 
 from collections import deque
 from functools import cache
-from math import isfinite
+from math import isfinite, sqrt
 
 import numpy as np
 from scipy.stats import chi2
@@ -35,8 +35,8 @@ class Consistency:
             self._inflation = None
             self._nis.append(min(receipt.nis, _CAP * n))
             self._freedoms.append(n)
-            signs = receipt.innovation / np.sqrt(receipt.innovation_cov.diagonal())
-            self._signs.append(sum(signs.tolist()) / n)
+            each = zip(receipt.innovation.tolist(), receipt.innovation_cov.diagonal().tolist(), strict=True)
+            self._signs.append(sum(off / sqrt(var) for off, var in each) / n)
 
     def forget(self) -> None:
         """Begin anew: what was noted has been explained."""

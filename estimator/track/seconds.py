@@ -90,7 +90,7 @@ class Seconds:
             self.refused.add("spike", window.spikes)
         # A movement begins and ends too gently for those windows to tell: what seems still waits to see how it goes on.
         now, settle_s, coming = window.end_time, self.knobs.settle_s, self._coming
-        whole = list[Second]()
+        whole: list[Second] = []
         if window.still:
             coming.append((window, window.start_time - self._moved >= settle_s))
         else:  # movement is judged for good at once, and what waited is next to it

@@ -47,14 +47,14 @@ class Tilt:
         mean, std = second.accel_mean, second.accel_std
         if mean is None or std is None:
             return False
-        var = float(std @ std) / (3 * second.samples) + knobs.accel_floor**2
+        var = _square(std) / (3 * second.samples) + knobs.accel_floor**2
         now = (second.start + second.end) / 2
         while self._held and now - self._held[0][0] > knobs.over_s:
             self._held.popleft()
         turned = False
         if self._held:
             since, first, first_var = self._held[0]
-            error = sqrt((var + first_var) / float(mean @ mean))
+            error = sqrt((var + first_var) / _square(mean))
             if angle_between(first, mean) > knobs.sigmas * error:
                 self.seen = turned = True
                 self._held.clear()
@@ -68,3 +68,8 @@ class Tilt:
         seen_s = (second.start + second.end) / 2 - self._held[0][0]
         least = (self.knobs.sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
         return bool(seen_s >= min(least / rate, self.knobs.over_s - 1.5))
+
+
+def _square(vector: Floats) -> float:
+    a, b, c = vector.tolist()
+    return float(a * a + b * b + c * c)

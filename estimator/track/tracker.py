@@ -298,10 +298,7 @@ class Tracker:
             self._zaru.moved(self._filter)
             self._bounded.broken()
             return []
-        up = None
-        if span is not None:
-            g = self._filter.x[GRAVITY]
-            up = g / sqrt(g @ g)
+        up = None if span is None else self._filter.x[GRAVITY]
         if not resting:
             self._zaru.interrupted(self._filter)
             return self._bounded.take(second, self._filter, up)

@@ -6,18 +6,17 @@ lie inside its gate. When it stays outside but constant for long, it is believed
 """
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from math import ceil, radians, sqrt
-from operator import itemgetter
+from math import ceil, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.rest import calm
+from estimator.loops.rest import calm, measured, together, upright
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.seconds import Second
-from estimator.track.since import Since
 from estimator.track.tilt import Tilt, TiltKnobs
 
 Floats = NDArray[np.float64]
@@ -26,6 +25,9 @@ Floats = NDArray[np.float64]
 _RECENT = 8
 #: an NIS, by degrees of freedom, that one measurement in a thousand has
 _SURPRISE = {1: 10.83, 2: 13.82, 3: 16.27}
+_AXES = np.eye(3)
+#: what is to be judged with what follows; from, to
+_Waiting = tuple[Evidence, float, float]
 REFUSED_TILT, UNPROVEN = "it tilts", "quiet for a few seconds only"
 INSISTED, JUMPED = "insisted", "jumped"
 
@@ -80,7 +82,7 @@ class Zaru:
         self._proven = False  # whether the latest second of rest is one
         self._ever_proven = known
         self._tilt = Tilt(self.knobs.tilt)
-        self._waiting: deque[tuple[Evidence, float, float]] = deque()  # to be judged with what follows; from, to
+        self._waiting: deque[_Waiting] = deque()
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
 
     def moved(self, bias: BiasFilter) -> None:
@@ -113,35 +115,29 @@ class Zaru:
 
     def at_rest(self, second: Second) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
-        self._means[self._quiet % _RECENT, 0] = second.mean
-        self._means[self._quiet % _RECENT, 1] = second.mean_var
+        knobs = self.knobs
+        quiet = calm(self._means, self._quiet, second.mean, second.mean_var, knobs.quasi_static**2, knobs.scatter)
         self._quiet += 1
         if self._tilt.watch(second):
             self._waiting.clear()
-        if second.start - self._quiet_until >= self.knobs.gap_s:
+        if second.start - self._quiet_until >= knobs.gap_s:
             self._gap_s, self._surprised = second.start - self._quiet_until, set()
         self._quiet_until = second.end
-        resting = second.still and self._calm()
+        resting = second.still and quiet
         self._rests = self._rests + 1 if resting else 0
         return resting
 
-    def _calm(self) -> bool:
-        if self._quiet < 3:
-            return True
-        return calm(self._means[: self._quiet], self.knobs.quasi_static**2, self.knobs.scatter)
-
     def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
-        """Take a second of rest; up (3,) is the direction of gravity's reading, None without an accelerometer."""
+        """Take a second of rest; up (3,) points as gravity's reading does, None without an accelerometer."""
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         self._ever_proven |= proven
         checked = up is not None and self._ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
         var = second.mean_var + motion_var
-        common = second.common_var
         if up is None or second.accel_mean is None:
-            evidence = self._evidence("zaru", second, bias, np.eye(3), var, common, GATES[3])
-            receipts = self._gated(evidence, second, bias)
+            rows = measured(_AXES, second.mean, var, second.common_var, len(bias.x))
+            receipts = self._gated(_part("zaru", rows, 0, 3, GATES[3]), second, bias)
             return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
         if self._tilt.seen:
             bias.forget()
@@ -149,9 +145,9 @@ class Zaru:
             self._contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
             return [nothing]
-        level = self._level(second, bias, up, var, common)
-        evidence = self._evidence("zaru vertical", second, bias, up[None], var, common, self.knobs.vertical_gate)
-        receipts = [level, *self._gated(evidence, second, bias)]
+        rows = measured(upright(up), second.mean, var, second.common_var, len(bias.x))
+        level = self._level(_part("zaru level", rows, 0, 2, GATES[2]), second, bias)
+        receipts = [level, *self._gated(_part("zaru vertical", rows, 2, 3, self.knobs.vertical_gate), second, bias)]
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
@@ -162,9 +158,8 @@ class Zaru:
         change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
         return np.asarray(self.knobs.unproven**2 + change**2 / 4)
 
-    def _level(self, second: Second, bias: BiasFilter, up: Floats, var: Floats, common: Floats) -> Receipt:
+    def _level(self, evidence: Evidence, second: Second, bias: BiasFilter) -> Receipt:
         """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
-        evidence = self._evidence("zaru level", second, bias, across(up), var, common, GATES[2])
         self._adapt(evidence, bias)
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
@@ -178,10 +173,10 @@ class Zaru:
         if self._waiting and self._waiting[0][0].H.shape != evidence.H.shape:
             self._waiting.clear()  # the accelerometer came or went
             bias.forget()
-        evidence = _measured(self._questioned(evidence), bias.since())
-        self._waiting.append((evidence, second.start, second.end))
-        together = _mean([waiting for waiting, _, _ in self._waiting])
-        weighed = bias.weigh(together)
+        evidence = self._questioned(evidence)
+        late = evidence._replace(since=bias.since())
+        self._waiting.append((late, second.start, second.end))
+        weighed = bias.weigh(_mean(evidence, self._waiting) if len(self._waiting) > 1 else evidence)
         if weighed.accepted:
             self._contradiction = None
             ready = len(self._waiting) + 1 - ceil(self._waits(evidence, weighed))
@@ -194,7 +189,7 @@ class Zaru:
         self._contradiction = None
         # It may still turn: how sure that can be stays in question until it has moved and rests again.
         self._in_question = float(np.mean(weighed.innovation**2)) / 4
-        return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
+        return [self._believed(weighed, self._questioned(late), bias, INSISTED)]
 
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
@@ -217,17 +212,11 @@ class Zaru:
 
         Else the latest always does: it may be the last of its rest.
         """
-        own = max(evidence.R.diagonal().tolist())
-        known = max((weighed.innovation_cov - evidence.R / max(1, len(self._waiting))).diagonal().tolist())
-        return 1 if known > own else min(self.knobs.longest_wait_s, max(2.0, own / self.knobs.certain**2))
-
-    def _evidence(
-        self, kind: str, second: Second, bias: BiasFilter, axes: Floats, var: Floats, common: Floats, gate: float
-    ) -> Evidence:
-        """The reading along axes (m, 3)."""
-        H = np.zeros((len(axes), len(bias.x)))
-        H[:, BIAS] = axes
-        return Evidence(kind, axes @ second.mean, H, (axes * var) @ axes.T, gate, axes**2 @ common)
+        own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
+        most = float(max(own))
+        if max(var - R / len(self._waiting) for var, R in zip(seen, own, strict=True)) > most:
+            return 1
+        return min(self.knobs.longest_wait_s, max(2.0, most / self.knobs.certain**2))
 
     def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:
         """The bias has moved by what was refused: doubt all of it by that much, then take it."""
@@ -265,33 +254,14 @@ class Zaru:
         return bool(apart @ np.linalg.solve(R + R0 + walk, apart) <= GATES[len(z)])
 
 
-def _mean(evidence: list[Evidence]) -> Evidence:
-    """Some of the same kind as one: what is common to them does not average out.
-
-    Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
-    """
-    last = evidence[-1]
-    common = np.diag(last.common_var) if last.common_var is not None else np.zeros_like(last.R)
-    worth = np.array([1 / max(e.R.diagonal().tolist()) for e in evidence])
-    worth /= worth.sum()
-    z = worth @ np.array([e.z for e in evidence])
-    R = (
-        np.add.reduce([w * w * e.R for w, e in zip(worth.tolist(), evidence, strict=True)])
-        + (1 - worth @ worth) * common
-    )
-    return Evidence(last.kind, z, last.H, R, last.gate, last.common_var, last.soft)
+def _part(kind: str, rows: Floats, begin: int, end: int, gate: float) -> Evidence:
+    """Some of the rows that loops/rest.py has measured."""
+    n, part = rows.shape[1] - 5, slice(begin, end)
+    return Evidence(kind, rows[part, n + 3], rows[part, :n], rows[part, n + begin : n + end], gate, rows[part, n + 4])
 
 
-def _measured(evidence: Evidence, since: Since) -> Evidence:
-    return Evidence(
-        evidence.kind, evidence.z, evidence.H, evidence.R, evidence.gate, evidence.common_var, evidence.soft, since
-    )
-
-
-def across(up: Floats) -> Floats:
-    """(2, 3) two unit vectors across up."""
-    x, y, z = up.tolist()
-    _, a, b, c = min((abs(x), 0.0, z, -y), (abs(y), -z, 0.0, x), (abs(z), y, -x, 0.0), key=itemgetter(0))
-    length = sqrt(a * a + b * b + c * c)
-    a, b, c = a / length, b / length, c / length
-    return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
+def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
+    """All that wait, the latest among them, as one: what is common to them does not average out."""
+    common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
+    rows = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
+    return latest._replace(z=rows[:, -1], R=rows[:, :-1])

@@ -9,6 +9,8 @@ from estimator.loops import second as loop
 from estimator.loops import span as loops
 from estimator.loops.gravity import carried
 from estimator.loops.late import knew_more, sight, went_on
+from estimator.loops.rest import calm, together, upright
+from estimator.loops.rest import measured as measured_along
 from estimator.loops.second import measured
 from estimator.loops.span import summed
 from estimator.loops.weigh import weighed
@@ -127,6 +129,44 @@ def test_what_waits_to_be_taken_is_followed(m: int) -> None:
     np.testing.assert_allclose(
         seen, np.hstack([now, -H[:, :3] @ rows[:n].T, H[:, :3] @ rows[n:-1] @ H[:, :3].T]), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 8, 11])
+def test_means_that_scatter_more_than_they_may_are_not_calm(n: int) -> None:
+    rng, kept, motion_var = np.random.default_rng(n), 8, 0.1
+    means = np.zeros((kept, 2, 3))
+    for factor in (1.0, 3.0):
+        given, var = factor * rng.normal(size=(n, 3)), rng.uniform(0.5, 1.5, (n, 3))
+        told = [calm(means, i, given[i], var[i], motion_var, 1.5) for i in range(n)]
+        latest, latest_var = given[-kept:], var[-kept:]
+        spread = latest.var(axis=0, ddof=1) if n > 1 else np.zeros(3)
+        assert told[-1] == (n < 3 or bool((spread < 1.5 * (latest_var.mean(axis=0) + motion_var)).all()))
+
+
+@pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, -9.8, 0.0], [3.0, 0.0, 0.0], [1.0, -2.0, 0.5], [-5.0, 4.0, 8.0]])
+def test_upright_axes_are_at_right_angles(up: list[float]) -> None:
+    rows = upright(np.array(up))
+    np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(rows[2], np.array(up) / np.linalg.norm(up), rtol=1e-15)
+
+
+def test_a_mean_is_measured_along_axes() -> None:
+    rng, n = np.random.default_rng(0), 24
+    along, mean, var, common = rng.normal(size=(3, 3)), rng.normal(size=3), rng.uniform(size=3), rng.uniform(size=3)
+    rows = measured_along(along, mean, var, common, n)
+    np.testing.assert_allclose(rows[:, :n], np.hstack([along, np.zeros((3, n - 3))]))
+    np.testing.assert_allclose(rows[:, n : n + 3], along @ np.diag(var) @ along.T)
+    np.testing.assert_allclose(rows[:, n + 3 :], np.column_stack([along @ mean, along**2 @ common]))
+
+
+def test_measurements_together_count_by_what_they_are_worth() -> None:
+    rng, common = np.random.default_rng(0), np.array([0.1, 0.3])
+    z, R = rng.normal(size=(4, 2)), np.array([np.diag(rng.uniform(0.5, 2.0, 2)) + 0.1 for _ in range(4)])
+    rows = together(z, R, common)
+    worth = 1 / R.max(axis=(1, 2))
+    worth /= worth.sum()
+    np.testing.assert_allclose(rows[:, 2], worth @ z)
+    np.testing.assert_allclose(rows[:, :2], np.einsum("k,kij", worth**2, R) + (1 - worth @ worth) * np.diag(common))
 
 
 def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
