@@ -129,12 +129,14 @@ class BiasFilter:
     @property
     def x(self) -> Floats:
         """(n,) the state; not to be written to."""
-        return np.asarray(self._kf.x)
+        x: Floats = self._kf.x
+        return x
 
     @property
     def cov(self) -> Floats:
         """(n, n) its covariance; not to be written to."""
-        return np.asarray(self._kf.P)
+        P: Floats = self._kf.P
+        return P
 
     @property
     def state(self) -> BiasState:
@@ -256,7 +258,7 @@ class BiasFilter:
 
     def remembers(self, evidence: Evidence) -> bool:
         """Whether the state goes on from when this was measured: it was not begun anew since."""
-        return evidence.since is None or any(since is evidence.since for since in self._since)
+        return evidence.since is None or evidence.since in self._since
 
     def forget(self) -> None:
         """What was measured before now and has not been taken will not be."""

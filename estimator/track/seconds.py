@@ -121,10 +121,8 @@ class Seconds:
         windows, still = [window for window, _ in self._windows], False not in {still for _, still in self._windows}
         before, self._last, self._windows = self._last, windows[-1], []
         time, gyro = np.concatenate([w.time for w in windows]), np.concatenate([w.gyro for w in windows])
-        clipped, forces = (
-            np.concatenate([w.clipped for w in windows]),
-            [w.accel for w in windows if w.accel is not None],
-        )
+        clipped = np.concatenate([w.clipped for w in windows])
+        forces = [w.accel for w in windows if w.accel is not None]
         accel = np.concatenate(forces) if len(forces) == len(windows) else None
         first = float(time[0] - np.median(np.diff(time))) if before is None else before.end_time
         dt, rows, clips = loop.measured(
@@ -142,9 +140,8 @@ class Seconds:
         if longest * len(dt) > HOLE * (end - first):
             unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before.gyro[-1])
             if accel is not None:
-                unseen_push = unseen(
-                    dt, accel, accel[0] if before is None or before.accel is None else before.accel[-1]
-                )
+                pushed = accel[0] if before is None or before.accel is None else before.accel[-1]
+                unseen_push = unseen(dt, accel, pushed)
         return Second(
             first,
             end,
