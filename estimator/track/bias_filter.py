@@ -167,7 +167,7 @@ class BiasFilter:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
         wandered(rows, warmer, self.walked(dt, known=known), bend, over)
         self._step(rows, moved=carried is not None)
-        self._stepped = rows[n + 1 : n + 4, BIAS]
+        self._stepped = rows[n + 1 : n + 4, BIAS].copy()
         if self.bent is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, None

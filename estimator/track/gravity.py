@@ -68,11 +68,10 @@ class GravityKnobs:
 
 
 class Gravity:
-    """Carries gravity along in one filter; matrix (3, 3) is the calibration's, or the datasheet's."""
+    """Carries gravity along in one filter."""
 
-    def __init__(self, knobs: GravityKnobs, matrix: Floats) -> None:
+    def __init__(self, knobs: GravityKnobs) -> None:
         self.knobs = knobs
-        self.matrix = matrix
         #: whether g and v in the state are of now
         self.known = False
         self._lasting = Lasting(knobs.lasting)

@@ -94,7 +94,7 @@ class Tracker:
     def _believe(self, model: GyroModel, state: BiasState) -> None:
         """Go on from a state, with this model's matrix."""
         self._model = model
-        self._gravity = Gravity(self.knobs.gravity, model.matrix)
+        self._gravity = Gravity(self.knobs.gravity)
         self._filter = BiasFilter(replace(state, x=state.x[:OWN], P=state.P[:OWN, :OWN]), self.knobs.bias, self._law)
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), Bounded(self.knobs.bounded)

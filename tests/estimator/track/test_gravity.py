@@ -18,7 +18,7 @@ UP = np.array([0.48, 0.6, 0.64])
 
 def moved(x: Floats) -> tuple[Floats, Floats]:
     """The state after a second of motion, from a state x, and the covariance a state known but for STEP² gets."""
-    gravity = Gravity(GravityKnobs(accel_noise=0.0, accel_walk=0.0, accel_pose=0.0, way_share=0.0), np.eye(3))
+    gravity = Gravity(GravityKnobs(accel_noise=0.0, accel_walk=0.0, accel_pose=0.0, way_share=0.0))
     knobs = BiasKnobs()
     begun = gravity.extend(start(np.zeros(3), np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
     state = BiasState(x, np.eye(SIZE), begun.time)
@@ -53,7 +53,7 @@ def test_the_covariance_follows_the_state() -> None:
 
 def test_gravity_keeps_its_strength_and_is_begun_where_the_accelerometer_points() -> None:
     assert np.linalg.norm(moved(first())[0][GRAVITY]) == pytest.approx(G)
-    gravity, knobs = Gravity(GravityKnobs(), np.eye(3)), BiasKnobs()
+    gravity, knobs = Gravity(GravityKnobs()), BiasKnobs()
     state = gravity.extend(start(np.zeros(3), 1e-6 * np.eye(3), 0.0, knobs), np.full(3, 0.01), np.full(3, 0.01))
     bias = BiasFilter(replace(state), knobs)
     still = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), np.tile(G * UP, (N, 1)), np.eye(3), np.zeros(3), np.zeros(3))
@@ -67,7 +67,7 @@ def test_gravity_keeps_its_strength_and_is_begun_where_the_accelerometer_points(
 
 def resting(bias_std: float = 1e-3) -> tuple[Gravity, BiasFilter]:
     """Gravity in a filter that knows the gyro well."""
-    gravity, knobs = Gravity(GravityKnobs(), np.eye(3)), BiasKnobs()
+    gravity, knobs = Gravity(GravityKnobs()), BiasKnobs()
     begun = start(np.zeros(3), bias_std**2 * np.eye(3), 0.0, knobs)
     return gravity, BiasFilter(gravity.extend(begun, np.full(3, 1e-3), np.full(3, 1e-3)), knobs)
 
