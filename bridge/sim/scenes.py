@@ -81,7 +81,9 @@ def rests_and_motion(
     return recorded(body, Imperfection(spec, sensor_rng), steps, seconds, rate_hz)
 
 
-def walk_with_pauses(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0) -> Day:
+def walk_with_pauses(
+    seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0, spec: ImuSpec | None = None
+) -> Day:
     """On a table, then put on and walked with; in no pause does anybody stand quite still, and the skin warms the device."""
     rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 4]).spawn(3)
     wearer = Wearer(rng)
@@ -92,15 +94,19 @@ def walk_with_pauses(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0,
             yield from wearer.leg_and_pause()
 
     body = Body(life(), attitude=anyhow(rng))
-    return recorded(body, Imperfection(worn_spec(rate_hz), sensor_rng), Warmth(warmth_rng), rest_s + walk_s, rate_hz)
+    imperfect = Imperfection(spec or worn_spec(rate_hz), sensor_rng)
+    return recorded(body, imperfect, Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
-def steady_walk(seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0) -> Day:
+def steady_walk(
+    seed: int, rate_hz: float = 50.0, *, rest_s: float = 120.0, walk_s: float = 900.0, spec: ImuSpec | None = None
+) -> Day:
     """On a table, then put on and walked with, round corners and without a pause; the skin warms the device."""
     rng, sensor_rng, warmth_rng = np.random.default_rng([seed, 5]).spawn(3)
     wearer = Wearer(rng)
     body = Body(iter([wearer.table(rest_s), wearer.leg(walk_s)]), attitude=anyhow(rng))
-    return recorded(body, Imperfection(worn_spec(rate_hz), sensor_rng), Warmth(warmth_rng), rest_s + walk_s, rate_hz)
+    imperfect = Imperfection(spec or worn_spec(rate_hz), sensor_rng)
+    return recorded(body, imperfect, Warmth(warmth_rng), rest_s + walk_s, rate_hz)
 
 
 class Steps:
