@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from math import exp, expm1, isfinite, radians
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from estimator.loops.weigh import weighed
 from estimator.track.evidence import Evidence, Receipt
+from estimator.track.kalman import KalmanFilter
 from estimator.track.since import Since
 from estimator.track.temperature import TemperatureLaw
 
