@@ -1,7 +1,6 @@
 """Samples that wait until their half second of device time is over: they teach something together, however they came."""
 
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -61,17 +60,22 @@ class Part(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Samples of some parts: device time (n,) s, gyro (n, 3), accel (n, 3) or None, flags (n,), which of them are unfit (n,).
+    """Samples of some parts, rows (n, 7): flags (n,), and which of them are unfit (n,), None where none is."""
 
-    unfit: None where none is.
-    """
-
-    time: Floats
-    gyro: Floats
-    accel: Floats | None
+    rows: Floats
     flags: NDArray[np.uint32]
     unfit: NDArray[np.bool_] | None
     parts: list[Part]
+
+    @property
+    def time(self) -> Floats:
+        """(n,) s, of the device."""
+        return self.rows[:, TIME]
+
+    @property
+    def gyro(self) -> Floats:
+        """(n, 3) rad/s."""
+        return self.rows[:, GYRO]
 
     @property
     def boot(self) -> int:
@@ -87,7 +91,7 @@ class Run(NamedTuple):
     def sequences(self) -> NDArray[np.int64]:
         """(n,) their sequence numbers."""
         first, end = self.parts[0].batch.sequence + self.parts[0].first, self.last.batch.sequence + self.last.last
-        if end - first == len(self.time):
+        if end - first == len(self.rows):
             return np.arange(first, end)
         return np.concatenate([np.arange(part.first, part.last) + part.batch.sequence for part in self.parts])
 
@@ -120,20 +124,11 @@ class Block:
         return part.batch, part.first + len(part.rows) - (part.came - index)
 
 
-def joined(parts: list[Part]) -> Iterator[Run]:
-    """Parts in runs with or without accelerometer."""
-    begin = 0
-    for end in range(1, len(parts) + 1):
-        if end == len(parts) or (parts[end].batch.accel is None) != (parts[begin].batch.accel is None):
-            yield _joined(parts[begin:end])
-            begin = end
-
-
-def _joined(parts: list[Part]) -> Run:
+def joined(parts: list[Part]) -> Run:
+    """Parts as one."""
     rows = np.concatenate([part.rows for part in parts])
     flags, unfit = np.zeros(len(rows), np.uint32), None
     if any(part.flags is not None for part in parts):
         flags = np.concatenate([np.zeros(len(p.rows), np.uint32) if p.flags is None else p.flags for p in parts])
         unfit = (flags & UNFIT) != 0
-    accel = None if parts[0].batch.accel is None else rows[:, ACCEL]
-    return Run(rows[:, TIME], rows[:, GYRO], accel, flags, unfit, parts)
+    return Run(rows, flags, unfit, parts)

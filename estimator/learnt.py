@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from bridge.wire.messages import Calibration, Quality, State, Verdict
+from bridge.wire.messages import Calibration, Quality, SampleBatch, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
@@ -49,8 +49,9 @@ class Learnt:
         self.under_way: UnderWay | None = UnderWay(knobs.method)
         #: device time of the first sample after the latest silence
         self.silent_until = float("-inf")
-        #: device time of the last window that was judged, and host time of that
-        self.now, self._now_ns = began, 0
+        #: device time of the last window that was judged
+        self.now = began
+        self._last: tuple[SampleBatch, int] | None = None  # and where its last sample is
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -104,15 +105,14 @@ class Learnt:
         tracker = self.tracker
         before = tracker.time, self._belief
         tracked = tracker.time
-        for window in self._stillness.feed(run.time, run.gyro, run.accel, run.unfit):
+        for window in self._stillness.take(run.rows, run.unfit):
             self.now = window.end_time
-            batch, index = course.where(window.end - 1)
-            self._now_ns = sample_time_ns(batch, index)
+            batch, index = self._last = course.where(window.end - 1)
             if (celsius := temperature_at(batch, index)) is not None:
                 tracker.thermometer.read(self.now, celsius)
             self._window(window, outcome)
             earlier, tracked = tracked, tracker.time
-            self._past.note(self.now, batch.sequence + index, self._now_ns, tracked)
+            self._past.note(self.now, batch, index, tracked)
             if tracked != earlier and (improved := tracker.improved()) is not None:
                 belief = self._belief
                 outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
@@ -171,7 +171,8 @@ class Learnt:
                 self._finish(result, rest, under_way, outcome)
 
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
-        outcome.calibration = self._as_message(result, under_way.who, self._now_ns)
+        now_ns = 0 if self._last is None else sample_time_ns(*self._last)
+        outcome.calibration = self._as_message(result, under_way.who, now_ns)
         if result.verdict is not Verdict.ACCEPTED:
             under_way.repeat(result.repeat)
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)

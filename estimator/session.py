@@ -278,13 +278,10 @@ class DeviceSession:
     def _learn(self, outcome: Outcome) -> None:
         if not self._lesson:
             return
-        parts, self._lesson = self._lesson, []
-        news = False
-        for run in joined(parts):
-            if self.windowed is not None:
-                outcome.seconds += self.windowed.add(run, self._lesson_applied)
-            news |= self.learnt.learn(run, self._course, outcome)
-        if news:  # where nothing is learnt batches stay whole
+        run, self._lesson = joined(self._lesson), []
+        if self.windowed is not None:
+            outcome.seconds += self.windowed.add(run, self._lesson_applied)
+        if self.learnt.learn(run, self._course, outcome):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:

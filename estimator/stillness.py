@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.held import Held
+from estimator.block import ACCEL, GYRO, TIME
+from estimator.held import CLIPPED, Held
 from estimator.loops.windows import judged, nothing_known
 
 Floats = NDArray[np.float64]
@@ -55,25 +56,61 @@ class StillnessKnobs:
 
 
 class Window(NamedTuple):
-    """A short run of n samples, spikes mended: time (n,), gyro (n, 3), accel (n, 3) or None, clipped (n,).
+    """A short run of n samples, rows (n, 8): time, gyro, accel, and 1 where clipped; spikes mended, of which there were so many.
 
-    `end` counts samples since the first one fed; mean and std (3,) of its readings; spikes: how many were mended.
+    `end` counts samples since the first one fed. summed (4, 3): mean of gyro and accel, their standard deviations.
+    aided: whether there was an accelerometer all the time.
     """
 
     start: int
     end: int
     start_time: float
     end_time: float
-    time: Floats
-    gyro: Floats
-    accel: Floats | None
-    clipped: Flags
-    mean: Floats
-    std: Floats
-    accel_mean: Floats | None
-    accel_std: Floats | None
+    rows: Floats
+    summed: Floats
     spikes: int
     still: bool
+    aided: bool
+
+    @property
+    def time(self) -> Floats:
+        """(n,) s."""
+        return self.rows[:, TIME]
+
+    @property
+    def gyro(self) -> Floats:
+        """(n, 3) rad/s."""
+        return self.rows[:, GYRO]
+
+    @property
+    def accel(self) -> Floats | None:
+        """(n, 3) m/s²."""
+        return self.rows[:, ACCEL] if self.aided else None
+
+    @property
+    def clipped(self) -> Flags:
+        """(n,)."""
+        return np.asarray(self.rows[:, CLIPPED] != 0)
+
+    @property
+    def mean(self) -> Floats:
+        """(3,) of gyro."""
+        return np.asarray(self.summed[0])
+
+    @property
+    def std(self) -> Floats:
+        """(3,) of gyro."""
+        return np.asarray(self.summed[2])
+
+    @property
+    def accel_mean(self) -> Floats | None:
+        """(3,)."""
+        return self.summed[1] if self.aided else None
+
+    @property
+    def accel_std(self) -> Floats | None:
+        """(3,)."""
+        return self.summed[3] if self.aided else None
 
     @property
     def samples(self) -> int:
@@ -101,41 +138,31 @@ class Stillness:
 
     def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Iterator[Window]:
         """Take samples (n,), (n, 3), (n, 3), (n,) and yield each window as it closes; consume it all before feeding again."""
+        rows = np.full((len(time), CLIPPED), np.nan)
+        rows[:, TIME], rows[:, GYRO] = time, gyro
+        if accel is not None:
+            rows[:, ACCEL] = accel
+        return self.take(rows, clipped)
+
+    def take(self, rows: Floats, clipped: Flags | None = None) -> Iterator[Window]:
+        """The same of rows (n, 7), as a block has them."""
         held = self._held
-        held.put(time, gyro, accel, clipped)
+        held.put(rows, clipped)
         if held.span < self.knobs.window_s:
             return
-        times, read, clipping = held.waiting
-        rows = judged(times, read, clipping, self._state, self._recent, self._numbers)
-        if not len(rows):
+        waiting = held.waiting
+        found = judged(waiting, self._state, self._recent, self._numbers)
+        if not len(found):
             return
-        heads = rows[:, :7].tolist()
+        heads, begin = found[:, :7].tolist(), 0
         held.drop(int(heads[-1][2]))
-        rates, forces, begin = read[:, :3], read[:, 3:], 0
-        threes = [rows[:, at : at + 3] for at in range(7, 22, 3)]
-        for head, mean, accel_mean, std, accel_std, noise in zip(heads, *threes, strict=True):
+        for head, summed, noise in zip(heads, found[:, 7:19].reshape(-1, 4, 3), found[:, 19:], strict=True):
             begun, ended, end, spikes, still, aided, told = head
-            here = slice(begin, int(end))
-            start, self._count = self._count, self._count + here.stop - begin
-            begin = here.stop
+            here = waiting[begin : int(end)]
+            start, self._count, begin = self._count, self._count + len(here), int(end)
             if told:
                 self.noise_std, self.noise_known = noise, True
-            yield Window(
-                start,
-                self._count,
-                begun,
-                ended,
-                times[here],
-                rates[here],
-                forces[here] if aided else None,
-                clipping[here],
-                mean,
-                std,
-                accel_mean if aided else None,
-                accel_std if aided else None,
-                int(spikes),
-                bool(still),
-            )
+            yield Window(start, self._count, begun, ended, here, summed, int(spikes), bool(still), bool(aided))
 
 
 def _numbers(knobs: StillnessKnobs) -> tuple[float, ...]:

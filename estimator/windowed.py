@@ -65,8 +65,8 @@ def _together(before: Half, after: Half) -> bool:
 def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
     """A message of each second, of one device or of many: all of them in one go."""
     halves = [half for second in seconds for half in second]
-    lengths = np.array([len(half.run.time) for half in halves])
-    of_second = np.repeat(np.arange(len(seconds)), [sum(len(half.run.time) for half in second) for second in seconds])
+    lengths = np.array([len(half.run.rows) for half in halves])
+    of_second = np.repeat(np.arange(len(seconds)), [sum(len(half.run.rows) for half in second) for second in seconds])
     time = np.concatenate([half.run.time for half in halves])
     begin_s = np.array([second[0].number // BLOCKS * _SPAN_S for second in seconds])
     within = ((time - begin_s[of_second]) * WINDOWS_HZ).astype(np.int64).clip(0, _WINDOWS - 1)

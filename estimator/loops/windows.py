@@ -22,11 +22,9 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
     return state, recent
 
 
-@compiled("f8[:, ::1](f8[::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))")
-def judged(
-    time: Floats, read: Floats, clipped: NDArray[np.bool_], state: Floats, recent: Floats, knobs: tuple[float, ...]
-) -> Floats:
-    """(m, 22): the windows that time (n,), gyro and accel side by side (n, 6) and clipped (n,) make; spikes are mended there.
+@compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))")
+def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
+    """(m, 22): the windows that samples make, rows (n, 8) of time, gyro, accel and 1 where clipped; spikes are mended there.
 
     A row: begin and end time, where it ends in those samples, spikes, whether it is still, has an accelerometer, told of the
     noise; mean (6), std (6); noise (3).
@@ -41,8 +39,9 @@ def judged(
     def near(a: Floats, b: Floats) -> bool:
         return bool(abs(a[0] - b[0]) < tolerance and abs(a[1] - b[1]) < tolerance and abs(a[2] - b[2]) < tolerance)
 
+    time, read, clipped = rows[:, 0], rows[:, 1:7], rows[:, 7]
     held, fewest, begin, found = len(time), int(least), 0, 0
-    rows, ordered = np.empty((held // fewest, 22)), np.empty(RECENT)
+    windows, ordered = np.empty((held // fewest, 22)), np.empty(RECENT)
     while held - begin >= fewest and time[-1] - time[begin] >= window_s:
         end = begin
         while end < held and time[end] < time[begin] + window_s:
@@ -60,7 +59,7 @@ def judged(
             end += 1
         if end > held:
             break
-        row = rows[found]
+        row = windows[found]
         mean, std = row[7:13], row[13:19]
         n, begun, ended = end - begin, time[begin], time[end - 1]
         rate_hz = (n - 1) / (ended - begun) if ended > begun else 0.0
@@ -98,15 +97,16 @@ def judged(
                         read[begin + i - 1, c] = 0.5 * (around[i - 1] + around[i + 1])
                         lone[i - 1] = True
             spikes = lone.sum()
-            # One that was mended is no longer clipped.
-            clipped[begin:end] &= ~lone
+            for i in range(n):
+                if lone[i]:  # one that was mended is no longer clipped
+                    clipped[begin + i] = 0.0
             if not spikes:
                 break
 
         gap, cut_off, before = False, False, last[0]
         for i in range(begin, end):
             gap |= time[i] - before >= gap_s
-            cut_off |= clipped[i]
+            cut_off |= clipped[i] != 0.0
             before = time[i]
         last[0], last[1:] = ended, read[end - 1, :3]
         if gap:
@@ -164,4 +164,4 @@ def judged(
         row[4], row[5], row[6] = still, aided, told
         row[19:] = noise[1:]
         begin, found = end, found + 1
-    return rows[:found]
+    return windows[:found]

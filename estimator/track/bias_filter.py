@@ -11,12 +11,12 @@ from functools import cache
 from math import exp, expm1, inf, isfinite, isnan, radians
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from estimator.loops.gravity import wandered
 from estimator.loops.weigh import weighed
 from estimator.track.evidence import Evidence, Receipt
+from estimator.track.kalman import KalmanFilter
 from estimator.track.since import NOW, Since
 from estimator.track.temperature import TemperatureLaw
 

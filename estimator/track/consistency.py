@@ -5,7 +5,7 @@ from functools import cache
 from math import isfinite, sqrt
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimator.track.evidence import Receipt
 
@@ -76,4 +76,4 @@ class Consistency:
 
 @cache
 def _most(freedom: int) -> float:
-    return float(chi2.isf(_ALARM, freedom)) / freedom
+    return float(chdtri(freedom, _ALARM)) / freedom

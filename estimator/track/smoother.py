@@ -6,10 +6,10 @@ Kept for each second: the filter's own six states after all evidence, and how th
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import rts_smoother
 from numpy.typing import NDArray
 
 from estimator.track.bias_filter import BIAS, OWN
+from estimator.track.kalman import rts_smoother
 
 Floats = NDArray[np.float64]
 _NOTHING = np.zeros(OWN)

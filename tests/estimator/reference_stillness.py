@@ -76,23 +76,8 @@ class ReferenceStillness:
             begun, ended, mean[:3].tolist(), std[:3], denser, std[3:].tolist() if aided else None
         )
         self._learn(mean[:3].tolist(), std[:3].tolist(), rate_hz, still=still)
-        accel = (read[:, 3:], mean[3:], std[3:]) if aided else (None, None, None)
-        return Window(
-            start,
-            self._count,
-            begun,
-            ended,
-            time,
-            read[:, :3],
-            accel[0],
-            clipped,
-            mean[:3],
-            std[:3],
-            accel[1],
-            accel[2],
-            spikes,
-            still,
-        )
+        rows, summed = np.column_stack([time, read, clipped]), np.concatenate([mean, std]).reshape(4, 3)
+        return Window(start, self._count, begun, ended, rows, summed, spikes, still, bool(aided))
 
     def _judge(
         self, begun: float, ended: float, mean: Three, std: Floats, denser: float, accel_std: Three | None

@@ -35,23 +35,10 @@ def cut(
 
 def window(i: int, time: Floats, gyro: Floats, flags: NDArray[np.bool_], *, still: bool) -> Window:
     a, b = i * WINDOW, (i + 1) * WINDOW
-    part = gyro[a:b]
-    return Window(
-        a,
-        b,
-        float(time[a]),
-        float(time[b - 1]),
-        time[a:b],
-        part,
-        None,
-        flags[a:b],
-        part.mean(axis=0),
-        part.std(axis=0),
-        None,
-        None,
-        0,
-        still=still,
-    )
+    part, none = gyro[a:b], np.full(3, np.nan)
+    rows = np.column_stack([time[a:b], part, np.full_like(part, np.nan), flags[a:b]])
+    summed = np.array([part.mean(axis=0), none, part.std(axis=0), none])
+    return Window(a, b, float(time[a]), float(time[b - 1]), rows, summed, 0, still, aided=False)
 
 
 def noise(windows: int) -> Floats:

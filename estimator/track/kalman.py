@@ -1,0 +1,58 @@
+"""filterpy's filter and smoother, without waiting for what the rest of filterpy imports.
+
+That is scipy's statistics and its image filters: half of the time in which an estimator starts, while a ward waits for one that
+was ended. They are imported when something of them is called, by filterpy or by whoever uses filterpy beside us.
+"""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+
+class _Late:
+    """Something of a module, by its path in there. Until the module may be imported calling it does nothing."""
+
+    def __init__(self, module: "_LateModule", path: str) -> None:
+        self._module, self._path = module, path
+
+    def __getattr__(self, name: str) -> "_Late":
+        return _Late(self._module, f"{self._path}.{name}")
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        if not self._module.wanted:
+            return None  # filterpy tries one out while it is imported
+        found: Any = import_module(self._module.__name__)
+        for name in self._path.split("."):
+            found = getattr(found, name)
+        return found(*args, **kwargs)
+
+
+class _LateModule(ModuleType):
+    wanted = False
+
+    def __getattr__(self, name: str) -> _Late:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return _Late(self, name)
+
+
+@contextmanager
+def _later(*names: str) -> Iterator[None]:
+    """What is imported in here, and imports modules of these names, will import them when it uses them."""
+    late = {name: _LateModule(name) for name in names if name not in sys.modules}
+    sys.modules.update(late)
+    try:
+        yield
+    finally:
+        for name, module in late.items():
+            del sys.modules[name]
+            module.wanted = True
+
+
+with _later("scipy.stats", "scipy.ndimage"):
+    from filterpy.kalman import KalmanFilter, rts_smoother
+
+__all__ = ["KalmanFilter", "rts_smoother"]

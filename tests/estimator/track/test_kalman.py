@@ -1,0 +1,28 @@
+"""What filterpy has not imported yet it imports when it is used: nobody else may notice. In a process of its own."""
+
+import subprocess
+import sys
+
+CODE = """
+import sys
+from estimator.service import shell
+from estimator.track.kalman import KalmanFilter
+assert "scipy.stats" not in sys.modules and "scipy.ndimage" not in sys.modules, "the estimator waits for them"
+
+import numpy as np
+kf = KalmanFilter(dim_x=1, dim_z=1)
+kf.H, kf.P, kf.R = np.eye(1), np.eye(1), 3 * np.eye(1)
+kf.update(np.array([1.0]))
+from scipy.stats import norm
+assert kf.log_likelihood == norm.logpdf(1.0, 0.0, 2.0) < 0
+
+from filterpy.discrete_bayes import predict
+from filterpy.stats import multivariate_gaussian
+assert np.allclose(predict([0.0, 1.0, 0.0], 1, [0.0, 1.0, 0.0]), [0.0, 0.0, 1.0])
+assert np.isclose(multivariate_gaussian(0.5, 0.0, 1.0), norm.pdf(0.5))
+"""
+
+
+def test_what_is_imported_late_is_the_same() -> None:
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
