@@ -160,9 +160,8 @@ def corrected(
     for m in range(len(whole)):
         first, last, sequence, started = whole[m]
         at, own, n = end, parameters[m], last - first
-        if sequence:
-            packed[at] = 8 * 4 + _VARINT
-            at = put_varint(at + 1, sequence)
+        packed[at] = 8 * 4 + _VARINT
+        at = put_varint(at + 1, sequence)
         packed[at], packed[at + 9], packed[at + 18] = 8 * 5 + _FIXED, 8 * 6 + _FIXED, 8 * 7 + _FIXED
         put(at + 1, np.uint64(started), 8)
         put(at + 10, np.float64(real[m, 0]).view(np.uint64), 8)

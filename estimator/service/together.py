@@ -78,7 +78,10 @@ class Round(NamedTuple):
 
 
 def read(payloads: Sequence[bytes], senders: Sequence[Sender | None]) -> Round:
-    """The messages of a round, each from a sender that is known, or None."""
+    """The messages of a round, each from a sender that is known, or None.
+
+    Only how long after its first sample a batch ends is not looked at: one that goes on plainly ends soon (see Course).
+    """
     m, packed = len(payloads), np.frombuffer(bytearray().join(payloads), np.uint8)
     places, end = list[int](), 0
     for payload, sender in zip(payloads, senders, strict=True):
