@@ -127,22 +127,23 @@ def unpacked(
             first += n
 
 
-@compiled("void(i8[:, :], f8[:, :], f8[:, :], u8[:], f8[:, :], f8, u1[:], i8[:])")
+@compiled("void(i8[:, :], f8[:, :], u8[:, :], f8[:, :], u8[:], f8[:, :], f8, u1[:], i8[:])")
 def corrected(
-    whole: Wholes,
-    real: Floats,
+    parts: Wholes,
     parameters: Floats,
+    whole: Counts,
+    real: Floats,
     ticks: Counts,
     rows: Floats,
     limit: float,
     packed: Bytes,
     ends: Wholes,
 ) -> None:
-    """Samples of a round as m messages of corrected rates have them, from sequence number to rates, and where each ends.
+    """Parts of messages that came as messages of corrected rates have them, from sequence number to rates, and where each ends.
 
-    whole (m, 4): the first sample, and the last, of the round's ticks and rows (see `unpacked`), sequence number and start time
-    of the first; real (m, 2): tick period and clock rate; parameters (m, 12): matrix and bias. The rate of a reading is
-    matrix (reading - bias), summed from the left as gyro.py does. A message with a rate beyond the limit is left empty.
+    parts (m, 3): which message of those `unpacked`, its first sample and its last; parameters (m, 12): matrix and bias. The rate
+    of a reading is matrix (reading - bias), summed from the left as gyro.py does. A part with a rate beyond the limit is left
+    empty.
     """
 
     def put(at: int, value: np.uint64, size: int) -> None:
@@ -157,15 +158,19 @@ def corrected(
         return at + 1
 
     end = 0
-    for m in range(len(whole)):
-        first, last, sequence, started = whole[m]
-        at, own, n = end, parameters[m], last - first
+    for m in range(len(parts)):
+        came, skipped, n = parts[m, 0], parts[m, 1], parts[m, 2] - parts[m, 1]
+        at, own, begin, period, rate = end, parameters[m], np.int64(whole[came, 1]), real[came, 0], real[came, 1]
+        first, last = begin + skipped, begin + skipped + n
+        sequence, started = np.int64(whole[came, 3]) + skipped, np.int64(whole[came, 5])
+        # As block.py has it, to the bit.
+        started += np.int64(np.rint(np.float64(ticks[first] - ticks[begin]) * period * rate * 1e9))
         packed[at] = 8 * 4 + _VARINT
         at = put_varint(at + 1, sequence)
         packed[at], packed[at + 9], packed[at + 18] = 8 * 5 + _FIXED, 8 * 6 + _FIXED, 8 * 7 + _FIXED
         put(at + 1, np.uint64(started), 8)
-        put(at + 10, np.float64(real[m, 0]).view(np.uint64), 8)
-        put(at + 19, np.float64(real[m, 1]).view(np.uint64), 8)
+        put(at + 10, np.float64(period).view(np.uint64), 8)
+        put(at + 19, np.float64(rate).view(np.uint64), 8)
         packed[at + 27] = 8 * 8 + _BYTES
         at = put_varint(at + 28, 8 * n)
         for i in range(first, last):
@@ -177,9 +182,9 @@ def corrected(
         for i in range(first, last):
             x, y, z = rows[i, 1] - own[9], rows[i, 2] - own[10], rows[i, 3] - own[11]
             for r in range(3):
-                rate = np.float32(own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z)
-                fit &= bool(abs(rate) <= limit)
-                put(at, np.uint64(rate.view(np.uint32)), 4)
+                turn = np.float32(own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z)
+                fit &= bool(abs(turn) <= limit)
+                put(at, np.uint64(turn.view(np.uint32)), 4)
                 at += 4
         end = at if fit else end
         ends[m] = end

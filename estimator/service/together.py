@@ -11,7 +11,6 @@ from bridge.wire import columns_pb2 as columns
 from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import VERSION, SampleBatch
-from estimator.block import sample_time_ns
 from estimator.correction import Correction
 from estimator.loops.messages import MOST_OF_ONE, corrected, unpacked
 
@@ -44,14 +43,16 @@ class Come(NamedTuple):
     rows: Floats
     first_s: float
     last_s: float
-    #: which sample of the round is its first
-    place: int
+    #: which message of the round it is
+    number: int
 
 
 class Round(NamedTuple):
-    """What came of each message, None where it must go its own way; of all samples their ticks (n,) and rows (n, 7)."""
+    """What came of each message, None where it must go its own way; for the others see loops/messages.py."""
 
     come: list[Come | None]
+    whole: NDArray[np.uint64]
+    real: Floats
     ticks: NDArray[np.uint64]
     rows: Floats
 
@@ -60,16 +61,13 @@ class Round(NamedTuple):
 
         Empty where a rate is beyond the wire's range.
         """
-        m, room, whole, real = len(parts), 0, list[int](), list[float]()
-        for (batch, _, _, _, place), _, first, last in parts:
-            start_ns = sample_time_ns(batch, first) if first else batch.start_time_ns
-            whole += place + first, place + last, batch.sequence + first, start_ns
-            real += batch.tick_period_s, batch.clock_rate
+        m, room, which = len(parts), 0, list[int]()
+        for come, _, first, last in parts:
+            which += come.number, first, last
             room += MOST_OF_ONE + _CORRECTED * (last - first)
         parameters = np.concatenate([correction.parameters for _, correction, _, _ in parts]).reshape(m, 12)
         packed, ends = np.empty(room, np.uint8), np.empty(m, np.int64)
-        numbers = np.array(whole).reshape(m, 4), np.array(real).reshape(m, 2)
-        corrected(*numbers, parameters, self.ticks, self.rows, MAX_CORRECTED, packed, ends)
+        corrected(np.array(which, np.int64).reshape(m, 3), parameters, *self[1:], MAX_CORRECTED, packed, ends)
         said, begin, found = packed.tobytes(), 0, list[bytes]()
         for end in ends.tolist():
             found.append(said[begin:end])
@@ -94,7 +92,7 @@ def read(payloads: Sequence[bytes], senders: Sequence[Sender | None]) -> Round:
     of_all = np.array(places, np.int64).reshape(m, 2), _MOST, _LIMITS, whole, real
     unpacked(packed, *of_all, ticks, gyro, accel, celsius, rows)
     found = list[Come | None]()
-    for sender, numbers, others in zip(senders, whole.tolist(), real.tolist(), strict=True):
+    for number, (sender, numbers, others) in enumerate(zip(senders, whole.tolist(), real.tolist(), strict=True)):
         n, begin, boot, sequence, received_ns, start_ns, aided, warm = numbers
         if sender is None or not n:
             found.append(None)
@@ -116,8 +114,8 @@ def read(payloads: Sequence[bytes], senders: Sequence[Sender | None]) -> Round:
             _no_flags(n),
             sender.bridge,
         )
-        found.append(Come(batch, rows[here], first_s, last_s, begin))
-    return Round(found, ticks, rows)
+        found.append(Come(batch, rows[here], first_s, last_s, number))
+    return Round(found, whole, real, ticks, rows)
 
 
 @cache
