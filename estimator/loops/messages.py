@@ -18,6 +18,9 @@ Bytes = NDArray[np.uint8]
 #: of a message's fields all but its samples' own, and their tags, take no more than this
 MOST_OF_ONE = 56
 _FIXED, _VARINT, _BYTES = 1, 0, 2
+#: columns of `whole`: samples, the first of them, what is said of it, whether there are accel and °C; and of `real`
+COUNT, FIRST, BOOT, SEQUENCE, RECEIVED, START, AIDED, WARM = range(8)
+PERIOD, RATE, FIRST_S, LAST_S = range(4)
 
 
 @compiled("void(u1[:], i8[:, :], u8[:], f8[:], u8[:, :], f8[:, :], u8[:], f4[:, :], f4[:, :], f4[:], f8[:, :])")
@@ -36,10 +39,9 @@ def unpacked(
 ) -> None:
     """Of messages (m, 2), each from boot on to its end, their samples one after the other, and what is said of each message.
 
-    most (3): samples, sequence number, time; limits (3): of gyro, accel and °C. whole (m, 8): how many samples, 0 where anything
-    is unfit or not as a bridge writes it (whose samples are then not there); where they begin; boot, sequence number, receive and
-    start time; whether there are accel and °C. real (m, 4): tick period, clock rate, time of the first and of the last sample, s.
-    Then the columns of all, and their rows (n, 7), NaN where there is no accel.
+    most (3): samples, sequence number, time; limits (3): of gyro, accel and °C. whole (m, 8): no samples where anything is unfit,
+    or not as a bridge writes it: each field once, in their order. real (m, 4): tick period, clock rate, when the first and the
+    last sample were taken, s. Then the columns of all, and their rows (n, 7), NaN where there is no accel.
     """
 
     def number(at: int, size: int) -> np.uint64:
@@ -56,14 +58,11 @@ def unpacked(
 
     first, column, length = 0, np.empty(4, np.int64), np.empty(4, np.int64)
     for m in range(len(places)):
-        whole[m, 0] = 0
+        whole[m, COUNT] = 0
         at, end = places[m]
-        # As few bytes as these fields have, with a tick and a reading.
-        if (
-            end - at < 9 + 2 + 4 * 9 + 2 + 8 + 2 + 12
-            or packed[at] != 8 * 3 + _FIXED
-            or packed[at + 9] != 8 * 4 + _VARINT
-        ):
+        # Boot and sequence number; no fewer bytes than all these fields have with one sample.
+        fit = end - at >= 9 + 2 + 4 * 9 + 2 + 8 + 2 + 12
+        if not (fit and packed[at] == 8 * 3 + _FIXED and packed[at + 9] == 8 * 4 + _VARINT):
             continue
         boot, sequence, shift = number(at + 1, 8), np.uint64(0), 0
         at += 10
@@ -71,15 +70,14 @@ def unpacked(
             sequence |= np.uint64(packed[at] & 0x7F) << np.uint64(shift)
             at, shift = at + 1, shift + 7
         sequence |= np.uint64(packed[at]) << np.uint64(shift)
-        if packed[at] >= 0x80 or end - at < 1 + 4 * 9:
-            continue
+        fit = packed[at] < 0x80
         at += 1
-        asked = True
+        # Receive and start time, tick period and clock rate.
         for field in range(4):
-            asked &= packed[at + 9 * field] == 8 * (5 + field) + _FIXED
-        received, started = number(at + 1, 8), number(at + 10, 8)
-        period, rate = double(at + 19), double(at + 28)
+            fit &= packed[at + 9 * field] == 8 * (5 + field) + _FIXED
+        received, started, period, rate = number(at + 1, 8), number(at + 10, 8), double(at + 19), double(at + 28)
         at += 36
+        # Ticks, gyro, and accel and °C if there are any.
         for field in range(4):
             column[field] = length[field] = 0
             if end - at < 2 or packed[at] != 8 * (9 + field) + _BYTES:
@@ -94,36 +92,37 @@ def unpacked(
             column[field], length[field] = at, size
             at += size
         n = length[0] // 8
-        asked &= at == end and n >= 1 and np.uint64(n) <= most[0] and length[0] == 8 * n and length[1] == 12 * n
-        asked &= (length[2] == 0 or length[2] == 12 * n) and (length[3] == 0 or length[3] == 4 * n)
-        asked &= sequence <= most[1] and 0 < received < most[2] and 0 < started < most[2]
-        if not (asked and 1e-9 <= period <= 1.0 and 1e-4 <= rate <= 1e4):
+        fit &= at == end and n >= 1 and np.uint64(n) <= most[0] and length[0] == 8 * n and length[1] == 12 * n
+        fit &= (length[2] == 0 or length[2] == 12 * n) and (length[3] == 0 or length[3] == 4 * n)
+        fit &= sequence <= most[1] and 0 < received < most[2] and 0 < started < most[2]
+        if not (fit and 1e-9 <= period <= 1.0 and 1e-4 <= rate <= 1e4):
             continue
         before = np.uint64(0)
         for i in range(n):
             row, tick = first + i, number(column[0] + 8 * i, 8)
-            asked &= (i == 0 or tick > before) and tick < np.uint64(1 << 63)
+            fit &= (i == 0 or tick > before) and tick < np.uint64(1 << 63)
             ticks[row] = before = tick
             rows[row, 0] = tick * period
             for c in range(3):
                 value = single(column[1] + 12 * i + 4 * c)
-                asked &= abs(value) <= limits[0]
+                fit &= abs(value) <= limits[0]
                 gyro[row, c] = value
                 rows[row, 1 + c] = value
                 rows[row, 4 + c] = np.nan
                 if length[2]:
                     value = single(column[2] + 12 * i + 4 * c)
-                    asked &= abs(value) <= limits[1]
+                    fit &= abs(value) <= limits[1]
                     accel[row, c] = value
                     rows[row, 4 + c] = value
             if length[3]:
                 celsius[row] = single(column[3] + 4 * i)
-                asked &= abs(celsius[row]) <= limits[2]
-        if asked:
-            whole[m, 0], whole[m, 1] = n, first
-            whole[m, 2], whole[m, 3], whole[m, 4], whole[m, 5] = boot, sequence, received, started
-            whole[m, 6], whole[m, 7] = length[2] > 0, length[3] > 0
-            real[m, 0], real[m, 1], real[m, 2], real[m, 3] = period, rate, rows[first, 0], rows[first + n - 1, 0]
+                fit &= abs(celsius[row]) <= limits[2]
+        if fit:
+            whole[m, COUNT], whole[m, FIRST], whole[m, BOOT], whole[m, SEQUENCE] = n, first, boot, sequence
+            whole[m, RECEIVED], whole[m, START] = received, started
+            whole[m, AIDED], whole[m, WARM] = length[2], length[3]
+            real[m, PERIOD], real[m, RATE] = period, rate
+            real[m, FIRST_S], real[m, LAST_S] = rows[first, 0], rows[first + n - 1, 0]
             first += n
 
 
@@ -160,10 +159,16 @@ def corrected(
     end = 0
     for m in range(len(parts)):
         came, skipped, n = parts[m, 0], parts[m, 1], parts[m, 2] - parts[m, 1]
-        at, own, begin, period, rate = end, parameters[m], np.int64(whole[came, 1]), real[came, 0], real[came, 1]
+        at, own, begin, period, rate = (
+            end,
+            parameters[m],
+            np.int64(whole[came, FIRST]),
+            real[came, PERIOD],
+            real[came, RATE],
+        )
         first, last = begin + skipped, begin + skipped + n
-        sequence, started = np.int64(whole[came, 3]) + skipped, np.int64(whole[came, 5])
-        # As block.py has it, to the bit.
+        sequence, started = np.int64(whole[came, SEQUENCE]) + skipped, np.int64(whole[came, START])
+        # As sample_time_ns of block.py has it, to the bit.
         started += np.int64(np.rint(np.float64(ticks[first] - ticks[begin]) * period * rate * 1e9))
         packed[at] = 8 * 4 + _VARINT
         at = put_varint(at + 1, sequence)
