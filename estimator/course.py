@@ -59,7 +59,8 @@ class Course:
             rows[:, TIME] += self._shift
 
     def keep(self, rows: Floats, batch: SampleBatch) -> None:
-        """Let a batch without flags wait that ends no block: its rows (n, 7)."""
+        """Let a batch without flags wait that ends no block: its rows (n, 7), time by the device's clock."""
+        self.set_right(rows)
         self._block.add(rows, None, batch, 0)
         self.latest = rows.item(-1, TIME)
 

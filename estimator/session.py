@@ -185,7 +185,6 @@ class DeviceSession:
         It is to be corrected by `applied`, which is all that `handle` would do.
         """
         self._went_on(batch, len(rows))
-        self._course.set_right(rows)
         self._course.keep(rows, batch)
 
     def end_block(self, batch: SampleBatch, rows: Floats) -> tuple[Outcome, list[Cut]]:

@@ -74,86 +74,45 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """The payload of corrected/<device>."""
-    return _corrected(batch).SerializeToString()
+    return Stencil(batch, batch.epoch).encode(batch)
 
 
 class Stencil:
-    """Encodes corrected batches that differ from a first one in their samples only; epoch: said of all of them."""
+    """Encodes corrected batches that differ from a first one in their samples only; epoch: said of all of them.
+
+    A message is its fields one after the other, in the order of their numbers: those of the samples lie between the others.
+    """
 
     def __init__(self, first: CorrectedBatch, epoch: int) -> None:
-        self._message = _corrected(first)
-        self._message.epoch = epoch
-
-    def tell(
-        self,
-        boot: int,
-        quality: Quality,
-        calibration: str,
-        noise_std: Float32s,
-        bias_std: Float32s,
-        scale_std: Float32s,
-        cross_std: Float32s,
-        bias: Float32s,
-    ) -> None:
-        """What all batches have in common from now on; see CorrectedBatch."""
-        message = self._message
-        message.boot = boot
-        message.quality = int(quality)
-        message.calibration = clean(calibration, checks.MAX_NAME)
-        message.noise_std = column_of(noise_std, _FLOAT)
-        message.bias_std = column_of(bias_std, _FLOAT)
-        message.scale_std = column_of(scale_std, _FLOAT)
-        message.cross_std = column_of(cross_std, _FLOAT)
-        message.bias = column_of(bias, _FLOAT)
+        begin = columns.CorrectedBatch(version=VERSION, device=first.device, boot=first.boot)
+        end = columns.CorrectedBatch(
+            quality=int(first.quality),
+            noise_std=column_of(first.noise_std, _FLOAT),
+            bias_std=column_of(first.bias_std, _FLOAT),
+            scale_std=column_of(first.scale_std, _FLOAT),
+            cross_std=column_of(first.cross_std, _FLOAT),
+            bias=column_of(first.bias, _FLOAT),
+            calibration=clean(first.calibration, checks.MAX_NAME),
+            epoch=epoch,
+        )
+        self._begin, self._end = begin.SerializeToString(), end.SerializeToString()
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
-        return self.encode_rates(
-            batch, batch.sequence, batch.start_time_ns, batch.ticks, column_of(batch.rate, _FLOAT), batch.flags
+        samples = columns.CorrectedBatch(
+            sequence=batch.sequence,
+            start_time_ns=batch.start_time_ns,
+            tick_period_s=batch.tick_period_s,
+            clock_rate=batch.clock_rate,
+            ticks=column_of(batch.ticks, _UINT64),
+            rate=column_of(batch.rate, _FLOAT),
+            flags=packed_flags(batch.flags),
         )
+        return self.enclose(samples.SerializeToString())
 
-    def encode_rates(
-        self,
-        origin: SampleBatch | CorrectedBatch,
-        sequence: int,
-        start_time_ns: int,
-        ticks: NDArray[np.uint64],
-        rate: bytes,
-        flags: NDArray[np.uint32] | None,
-    ) -> bytes:
-        """The payload of samples from a batch: of the first its number and time, of all ticks (n,), packed rates, flags."""
-        message = self._message
-        message.sequence = sequence
-        message.start_time_ns = start_time_ns
-        message.tick_period_s = origin.tick_period_s
-        message.clock_rate = origin.clock_rate
-        message.ticks = column_of(ticks, _UINT64)
-        message.rate = rate
-        message.flags = b"" if flags is None else packed_flags(flags)
-        return message.SerializeToString()
-
-
-def _corrected(batch: CorrectedBatch) -> columns.CorrectedBatch:
-    return columns.CorrectedBatch(
-        version=VERSION,
-        device=batch.device,
-        boot=batch.boot,
-        sequence=batch.sequence,
-        start_time_ns=batch.start_time_ns,
-        tick_period_s=batch.tick_period_s,
-        clock_rate=batch.clock_rate,
-        ticks=column_of(batch.ticks, _UINT64),
-        rate=column_of(batch.rate, _FLOAT),
-        flags=packed_flags(batch.flags),
-        quality=int(batch.quality),
-        noise_std=column_of(batch.noise_std, _FLOAT),
-        bias_std=column_of(batch.bias_std, _FLOAT),
-        scale_std=column_of(batch.scale_std, _FLOAT),
-        cross_std=column_of(batch.cross_std, _FLOAT),
-        bias=column_of(batch.bias, _FLOAT),
-        calibration=clean(batch.calibration, checks.MAX_NAME),
-        epoch=batch.epoch,
-    )
+    def enclose(self, samples: bytes) -> bytes:
+        """The payload of a batch whose fields from sequence to flags are encoded already."""
+        return self._begin + samples + self._end
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:

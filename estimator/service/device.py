@@ -10,7 +10,7 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
 from bridge.wire.refusal import Reason
-from estimator.correction import Cut
+from estimator.correction import Correction
 from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.overload import OVERLOADED, UNKEPT
@@ -120,14 +120,10 @@ class Device:
         if wanted != (self.session.windowed is not None):
             self.session.windowed = Windowed() if wanted else None
 
-    def say_cut(self, batch: SampleBatch, cut: Cut) -> None:
-        """Publish a part of a batch, or all of it."""
-        self.say_corrected([cut.correction.apply(batch, cut.first, cut.last)])
-
-    def say_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> None:
-        """The same of what is corrected already, of a batch without flags: the rates, packed, within the wire's range."""
-        self._put_corrected(self._encoder.encode_rates(batch, cut, rate))
-        self._published(cut.last - cut.first)
+    def say_rates(self, batch: SampleBatch, correction: Correction, samples: bytes, n: int) -> None:
+        """Publish n samples of a batch without flags that are corrected and encoded already; see Encoder."""
+        self._put_corrected(self._encoder.enclose(batch, correction, samples))
+        self._published(n)
 
     def _published(self, n: int) -> None:
         self.said += n

@@ -15,32 +15,45 @@ log = logging.getLogger(__name__)
 FAILED = "session failed"
 
 
+#: of a device, before some work of it: samples held, taken in, corrected and published
+Before = tuple[int, int, int, int]
+
+
 class Isolation:
     """Does work of one device and goes on with the others whatever comes of it; `counts` are the ward's."""
 
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
-    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0, owed: int = 0) -> bool:
-        """Whether work(*args) went well; else the device's session begins anew.
-
-        came: samples that the work takes in. owed: samples that count as corrected, which the work is to publish.
-        """
-        sequence, held = device.session.sequence, device.overtaken.samples
-        samples_in, samples_out, told = sequence.samples_in, sequence.samples_out, device.told
+    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
+        """Whether work(*args) went well; else the device's session begins anew. came: samples that the work takes in."""
+        before = counted(device)
         try:
             work(*args)
-        except BusError:
-            raise  # the bus itself is gone: for all
-        except Exception:  # of whatever kind: a fault in one device's session must not end the service of all others
-            sequence = device.session.sequence
-            uncounted = held + came - (sequence.samples_in - samples_in)
-            unsaid = owed + sequence.samples_out - samples_out - (device.told - told)
-            device.restart(lost=max(0, unsaid), uncounted=max(0, uncounted))
-            self._counts.add("sessions failed")
-            if device.session.count_event(FAILED) == 1:
-                log.exception(
-                    "%s: its session failed and begins anew (more of this device are only counted)", device.name
-                )
+        except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+            self.failed(device, error, before, came=came)
             return False
         return True
+
+    def failed(self, device: Device, error: Exception, before: Before, *, came: int = 0, owed: int = 0) -> None:
+        """Work of a device has: its session begins anew. The service of all others must not end with it.
+
+        came: samples that the work was to take in. owed: samples that count as corrected, which it was to publish.
+        """
+        if isinstance(error, BusError):
+            raise error  # the bus itself is gone: for all
+        held, samples_in, samples_out, told = before
+        sequence = device.session.sequence
+        uncounted = held + came - (sequence.samples_in - samples_in)
+        unsaid = owed + sequence.samples_out - samples_out - (device.told - told)
+        device.restart(lost=max(0, unsaid), uncounted=max(0, uncounted))
+        self._counts.add("sessions failed")
+        if device.session.count_event(FAILED) == 1:
+            words = "%s: its session failed and begins anew (more of this device are only counted)"
+            log.error(words, device.name, exc_info=error)
+
+
+def counted(device: Device) -> Before:
+    """What `failed` needs to know."""
+    sequence = device.session.sequence
+    return device.overtaken.samples, sequence.samples_in, sequence.samples_out, device.told

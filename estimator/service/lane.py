@@ -7,35 +7,21 @@ to the bit. What one device says keeps its order.
 
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
-
-import numpy as np
 
 from bridge.bus.contract import Message
-from bridge.wire.batches import MAX_CORRECTED
-from bridge.wire.messages import SampleBatch
-from estimator.block import GYRO
-from estimator.correction import Cut
-from estimator.gyro import corrected
+from estimator.correction import Correction
 from estimator.outcome import Outcome
 from estimator.service.device import Device
-from estimator.service.isolation import Isolation
+from estimator.service.isolation import Isolation, counted
 from estimator.service.roster import MAX_DEVICES
-from estimator.service.together import Come, Floats, batches, read, within
+from estimator.service.together import Come, Round, Sender, read
 
 _MOST = 2 * MAX_DEVICES
-_NOBODY = None, ""
+_NOBODY = None, None
 
 
-class _Plain(NamedTuple):
-    """Of a plain batch a part, or all of it, and its rows (n, 7)."""
-
-    device: Device
-    batch: SampleBatch
-    cut: Cut
-    rows: Floats
-
-
+#: of a plain batch a part, or all of it: what corrects its samples from the first to the last
+_Part = tuple[Device, Come, Correction, int, int]
 Tell = Callable[[Device, Outcome], None]
 
 
@@ -43,20 +29,23 @@ class Lane:
     """Devices by the key of their raw samples; `take` does what is plain and hands the rest to `slow`, in order.
 
     guarded does some work of one device; tell publishes what a batch led to;
-    count takes the number of samples in each batch that does not take the door.
+    count takes the number of samples in the batches that do not take the door.
     """
 
     def __init__(
         self, slow: Callable[[Message], None], guarded: Isolation, tell: Tell, count: Callable[[int], None]
     ) -> None:
         self._slow, self._guarded, self._tell, self._count = slow, guarded, tell, count
-        self._devices: dict[str, tuple[Device, str]] = {}
+        self._devices: dict[str, tuple[Device, Sender]] = {}
 
     def admit(self, key: str, device: Device, bridge: str) -> None:
         """What comes under this key is of this device, from this bridge."""
+        known = self._devices.get(key)
+        if known is not None and known[0] is device and known[1].bridge == bridge:
+            return
         if len(self._devices) >= _MOST:
             self._devices.clear()  # of devices that are no more, too; those that are will be admitted again
-        self._devices[key] = device, bridge
+        self._devices[key] = device, Sender.of(device.name, bridge)
 
     def dismiss(self, device: Device) -> None:
         """It is ours no more."""
@@ -65,73 +54,63 @@ class Lane:
 
     def take(self, messages: Sequence[Message]) -> None:
         """A round of messages."""
-        now, known = time.monotonic(), self._devices
-        raws = [read(payload, known[key][1]) if key in known else None for key, payload in messages]
-        whole = iter(batches([raw for raw in raws if raw is not None]))
-        going: dict[str, list[_Plain]] = {}
-        for message, raw in zip(messages, raws, strict=True):
-            key = message.key
-            come = None if raw is None else next(whole, None)
-            device, _ = known.get(key, _NOBODY)
-            if come is not None and device is not None and _plain(device, come):
-                n, going_on = len(come.rows), going.setdefault(key, [])
-                self._count(n)
-                take = self._end_block if device.session.ends_block(come.last_s) else _keep
-                self._guarded(device, take, device, come, now, going_on, came=n)
-            else:
-                self._send(going.pop(key, []))
+        if not messages:
+            return
+        now, came, known = time.monotonic(), 0, self._devices
+        admitted = [known.get(key, _NOBODY) for key, _ in messages]
+        whole = read([payload for _, payload in messages], [sender for _, sender in admitted])
+        going = dict[str, list[_Part]]()
+        for message, (device, _), come in zip(messages, admitted, whole.come, strict=True):
+            if come is None or device is None or not _plain(device, come):
+                self._send(whole, going.pop(message.key, []))
                 self._slow(message)
-        self._send([plain for held in going.values() for plain in held])
+                continue
+            n, going_on, before = len(come.rows), going.setdefault(message.key, []), counted(device)
+            came += n
+            try:
+                self._go_on(device, come, now, whole, going_on)
+            except Exception as error:  # noqa: BLE001 - whatever it is, it stays with its device
+                self._guarded.failed(device, error, before, came=n)
+        self._count(came)
+        self._send(whole, [part for held in going.values() for part in held])
 
-    def _end_block(self, device: Device, come: Come, now: float, going_on: list[_Plain]) -> None:
-        batch, rows, _, _ = come
-        _heard(device, batch, now)
-        outcome, cuts = device.session.end_block(batch, rows)
+    def _go_on(self, device: Device, come: Come, now: float, whole: Round, going_on: list[_Part]) -> None:
+        session, (batch, rows, _, last_s, _) = device.session, come
+        device.heard = now
+        device.source.went_on(batch, now)
+        if not session.ends_block(last_s):
+            session.keep(batch, rows)
+            going_on.append((device, come, session.applied, 0, len(rows)))
+            return
+        outcome, cuts = session.end_block(batch, rows)
         if outcome.worded:  # after the samples that led to it, and before the first that it is applied to
-            self._send(going_on)
+            self._send(whole, going_on)
             going_on.clear()
         self._tell(device, outcome)
-        going_on += [_Plain(device, batch, cut, rows[cut.first : cut.last]) for cut in cuts]
+        going_on += [(device, come, *cut) for cut in cuts]
 
-    def _send(self, plain: list[_Plain]) -> None:
-        """Correct batches and publish them, in order."""
-        if not plain:
+    def _send(self, whole: Round, parts: list[_Part]) -> None:
+        """Correct samples of a round and publish them, in order."""
+        if not parts:
             return
-        lengths = [len(one.rows) for one in plain]
-        parameters = np.repeat(np.array([one.cut.correction.parameters for one in plain]), lengths, axis=0)
-        reading = np.concatenate([one.rows for one in plain])[:, GYRO]
-        rate = corrected(reading, parameters[:, :9].reshape(-1, 3, 3), parameters[:, 9:]).astype("<f4")
-        if not within(rate, MAX_CORRECTED):
-            for (device, batch, cut, _), n in zip(plain, lengths, strict=True):
-                self._guarded(device, device.say_cut, batch, cut, owed=n)
-            return
-        packed, size, begin = rate.tobytes(), rate.itemsize * 3, 0
-        for (device, batch, cut, _), n in zip(plain, lengths, strict=True):
-            end = begin + size * n
-            self._guarded(device, device.say_rates, batch, cut, packed[begin:end], owed=n)
-            begin = end
+        said = whole.corrected([part[1:] for part in parts])
+        for (device, come, correction, first, last), samples in zip(parts, said, strict=True):
+            before = counted(device)
+            try:
+                if samples:
+                    device.say_rates(come.batch, correction, samples, last - first)
+                else:  # a rate is beyond what the wire takes
+                    device.say_corrected([correction.apply(come.batch, first, last)])
+            except Exception as error:  # noqa: BLE001 - as above
+                self._guarded.failed(device, error, before, owed=last - first)
 
 
 def _plain(device: Device, come: Come) -> bool:
     """Whether a batch is plain."""
     batch = come.batch
     return (
-        batch.device == device.name
-        and batch.bridge == device.source.owner
+        batch.bridge == device.source.owner
         and device.announced
         and not device.overtaken
         and device.session.plain(batch.boot, batch.sequence, come.first_s, come.last_s)
     )
-
-
-def _keep(device: Device, come: Come, now: float, going_on: list[_Plain]) -> None:
-    batch, rows, _, _ = come
-    _heard(device, batch, now)
-    session = device.session
-    session.keep(batch, rows)
-    going_on.append(_Plain(device, batch, Cut(session.applied, 0, len(rows)), rows))
-
-
-def _heard(device: Device, batch: SampleBatch, now: float) -> None:
-    device.heard = now
-    device.source.went_on(batch, now)

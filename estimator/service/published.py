@@ -13,11 +13,11 @@ from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
-from estimator.block import sample_time_ns
-from estimator.correction import Cut, Told
+from estimator.correction import Correction
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
+_AT_REST = np.zeros((1, 3), np.float32)
 
 
 def status(said: Status, **more: Any) -> Status:
@@ -69,21 +69,18 @@ class Encoder:
         if self._stencil is not None and batch.bias is self._bias and _largest(batch.rate) <= MAX_CORRECTED:
             return self._stencil.encode(batch)
         fit = corrected(batch)
-        self._stencil, self._bias = Stencil(fit, self._epoch), batch.bias
-        return self._stencil.encode(fit)
+        return self._anew(fit, batch.bias).encode(fit)
 
-    def encode_rates(self, batch: SampleBatch, cut: Cut, rate: bytes) -> bytes:
-        """The same of a part of a batch without flags: its n corrected rates, packed, are within the wire's range."""
-        correction, first, last = cut
-        told = correction.told
-        if self._stencil is None or (told.bias is not self._bias and not _fit(told)):
-            rates = np.frombuffer(rate, "<f4").reshape(-1, 3)
-            return self.encode(correction.told_of(batch, first, last, rates))
-        if told.bias is not self._bias:
-            self._stencil.tell(batch.boot, correction.quality, correction.calibration, *told)
-            self._bias = told.bias
-        start_ns = sample_time_ns(batch, first) if first else batch.start_time_ns
-        return self._stencil.encode_rates(batch, batch.sequence + first, start_ns, batch.ticks[first:last], rate, None)
+    def enclose(self, batch: SampleBatch, correction: Correction, samples: bytes) -> bytes:
+        """The same of a part of a batch whose samples are corrected and encoded already, without flags; see Stencil."""
+        stencil, bias = self._stencil, correction.told.bias
+        if stencil is None or bias is not self._bias:
+            stencil = self._anew(corrected(correction.told_of(batch, 0, 1, _AT_REST)), bias)
+        return stencil.enclose(samples)
+
+    def _anew(self, fit: CorrectedBatch, bias: NDArray[np.float32]) -> Stencil:
+        self._stencil, self._bias = Stencil(fit, self._epoch), bias
+        return self._stencil
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
@@ -128,7 +125,7 @@ def windows(said: WindowBatch) -> WindowBatch | None:
     )
 
 
-def _fit(said: CorrectedBatch | Told) -> bool:
+def _fit(said: CorrectedBatch) -> bool:
     """Whether what all batches say that a correction has made is in the wire's range."""
     stds = (*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
     return all(abs(std) <= MAX_STD for std in stds) and all(abs(bias) <= MAX_RATE for bias in said.bias.tolist())

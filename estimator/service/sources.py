@@ -89,8 +89,8 @@ class Source:
 
     def went_on(self, batch: SampleBatch, heard_s: float) -> None:
         """A batch of the owner's came that only goes on."""
-        self._heard_s = heard_s
-        self._took(batch, heard_s)
+        self._heard_s, self._refused, self._latest = heard_s, 0, (batch, heard_s)
+        self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""

@@ -1,39 +1,39 @@
-"""The messages of a round read all at once: what is of no use so, or has anything out of the ordinary, goes its own way."""
+"""The messages of a round read all at once, and written, corrected: what is out of the ordinary goes its own way."""
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from bridge.wire import columns_pb2 as columns
-from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
+from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
-from bridge.wire.envelope import MAX_PAYLOAD
 from bridge.wire.messages import VERSION, SampleBatch
-from estimator.block import ACCEL, GYRO, TIME
+from estimator.correction import Correction
+from estimator.loops.messages import MOST_OF_ONE, corrected, unpacked
 
 Floats = NDArray[np.float64]
 
-_LAST_NS = MAX_TIME_NS - 10**15  # far enough from the end for any batch
+#: far enough from the end for any batch: samples of it, its number, its times
+_MOST = np.array([MAX_SAMPLES, MAX_SEQUENCE - MAX_SAMPLES, MAX_TIME_NS - 10**15], np.uint64)
+_LIMITS = np.array([MAX_RATE, MAX_ACCEL, MAX_CELSIUS])
+#: bytes that a sample takes at least, and takes when it is corrected
+_LEAST_OF_SAMPLE = _CORRECTED = 8 + 12
 
 
-class Raw(NamedTuple):
-    """What a message says whose columns fit together, and who sent it."""
+class Sender(NamedTuple):
+    """A device, the bridge it comes from, and how each message of it begins."""
 
     device: str
-    boot: int
-    sequence: int
-    receive_time_ns: int
-    start_time_ns: int
-    tick_period_s: float
-    clock_rate: float
-    ticks: bytes
-    gyro: bytes
-    accel: bytes
-    celsius: bytes
     bridge: str
+    begin: bytes
+
+    @classmethod
+    def of(cls, device: str, bridge: str) -> "Sender":
+        """The one of this device and this bridge."""
+        return cls(device, bridge, columns.SampleBatch(version=VERSION, device=device).SerializeToString())
 
 
 class Come(NamedTuple):
@@ -43,97 +43,79 @@ class Come(NamedTuple):
     rows: Floats
     first_s: float
     last_s: float
+    #: which message of the round it is
+    number: int
 
 
-def read(payload: bytes, bridge: str) -> Raw | None:
-    """The message, if its columns fit together and nothing of it is out of the ordinary."""
-    if len(payload) > MAX_PAYLOAD:
-        return None
-    try:
-        said = columns.SampleBatch.FromString(payload)
-    except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-        return None
-    raw = Raw(
-        said.device,
-        said.boot,
-        said.sequence,
-        said.receive_time_ns,
-        said.start_time_ns,
-        said.tick_period_s,
-        said.clock_rate,
-        said.ticks,
-        said.gyro,
-        said.accel,
-        said.temperature_c,
-        bridge,
-    )
-    _, _, sequence, receive_ns, start_ns, period_s, rate, ticks, gyro, accel, celsius, _ = raw
-    size = len(ticks)
-    ordinary = (
-        said.version == VERSION
-        and 8 <= size <= 8 * MAX_SAMPLES
-        and size % 8 == 0
-        and 2 * len(gyro) == 3 * size
-        and (not accel or 2 * len(accel) == 3 * size)
-        and (not celsius or 2 * len(celsius) == size)
-        and not said.flags
-        and sequence <= MAX_SEQUENCE - MAX_SAMPLES
-        and 0 < receive_ns < _LAST_NS
-        and 0 < start_ns < _LAST_NS
-        and 1e-9 <= period_s <= 1.0
-        and 1e-4 <= rate <= 1e4
-    )
-    return raw if ordinary else None
+class Round(NamedTuple):
+    """What came of each message, None where it must go its own way; for the others see loops/messages.py."""
+
+    come: list[Come | None]
+    whole: NDArray[np.uint64]
+    real: Floats
+    ticks: NDArray[np.uint64]
+    rows: Floats
+
+    def corrected(self, parts: Sequence[tuple[Come, Correction, int, int]]) -> list[bytes]:
+        """Samples of batches, from the first to the last, as messages of corrected ones have them (see Stencil).
+
+        Empty where a rate is beyond the wire's range.
+        """
+        m, room, which = len(parts), 0, list[int]()
+        for come, _, first, last in parts:
+            which += come.number, first, last
+            room += MOST_OF_ONE + _CORRECTED * (last - first)
+        parameters = np.concatenate([correction.parameters for _, correction, _, _ in parts]).reshape(m, 12)
+        packed, ends = np.empty(room, np.uint8), np.empty(m, np.int64)
+        corrected(np.array(which, np.int64).reshape(m, 3), parameters, *self[1:], MAX_CORRECTED, packed, ends)
+        said, begin, found = packed.tobytes(), 0, list[bytes]()
+        for end in ends.tolist():
+            found.append(said[begin:end])
+            begin = end
+        return found
 
 
-def batches(raws: list[Raw]) -> list[Come]:
-    """The messages of a round; none where one value of them is unfit: then each goes its own way."""
-    if not raws:
-        return []
-    packed_ticks, packed_gyro, packed_accel, packed_celsius = (
-        b"".join(column) for column in list(zip(*raws, strict=True))[7:11]
-    )
-    ticks, celsius = np.frombuffer(packed_ticks, "<u8"), np.frombuffer(packed_celsius, "<f4")
-    gyro, accel = (np.frombuffer(column, "<f4").reshape(-1, 3) for column in (packed_gyro, packed_accel))
-    lengths = np.array([len(raw.ticks) for raw in raws]) // 8
-    ends = np.add.accumulate(lengths)
-    begins = ends - lengths
-    first = np.zeros(len(ticks), bool)
-    first[begins] = True
-    rising = bool((first[1:] | (ticks[1:] > ticks[:-1])).all()) and int(ticks.max()) < 2**63
-    fit = all(within(column, limit) for column, limit in ((gyro, MAX_RATE), (accel, MAX_ACCEL), (celsius, MAX_CELSIUS)))
-    if not (rising and fit):
-        return []
-    rows = np.full((len(ticks), 7), np.nan)
-    rows[:, TIME] = ticks * np.repeat([raw.tick_period_s for raw in raws], lengths)
-    rows[:, GYRO] = gyro
-    rows[np.repeat([bool(raw.accel) for raw in raws], lengths), ACCEL] = accel
-    found, pushed, warmed = list[Come](), 0, 0
-    places = (column.tolist() for column in (begins, ends, rows[begins, TIME], rows[ends - 1, TIME]))
-    for raw, begin, end, first_s, last_s in zip(raws, *places, strict=True):
-        force = warmth = None
-        n = end - begin
-        if raw.accel:
-            force, pushed = accel[pushed : pushed + n], pushed + n
-        if raw.celsius:
-            warmth, warmed = celsius[warmed : warmed + n], warmed + n
+def read(payloads: Sequence[bytes], senders: Sequence[Sender | None]) -> Round:
+    """The messages of a round, each from a sender that is known, or None.
+
+    Only how long after its first sample a batch ends is not looked at: one that goes on plainly ends soon (see Course).
+    """
+    m, packed = len(payloads), np.frombuffer(bytearray().join(payloads), np.uint8)
+    places, end = list[int](), 0
+    for payload, sender in zip(payloads, senders, strict=True):
+        begin, end = end, end + len(payload)
+        places += begin + len(sender.begin) if sender and payload.startswith(sender.begin) else end, end
+    n = len(packed) // _LEAST_OF_SAMPLE
+    ticks, rows, celsius = np.empty(n, np.uint64), np.empty((n, 7)), np.empty(n, np.float32)
+    gyro, accel = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+    whole, real = np.empty((m, 8), np.uint64), np.empty((m, 4))
+    of_all = np.array(places, np.int64).reshape(m, 2), _MOST, _LIMITS, whole, real
+    unpacked(packed, *of_all, ticks, gyro, accel, celsius, rows)
+    found = list[Come | None]()
+    for number, (sender, numbers, others) in enumerate(zip(senders, whole.tolist(), real.tolist(), strict=True)):
+        n, begin, boot, sequence, received_ns, start_ns, aided, warm = numbers
+        if sender is None or not n:
+            found.append(None)
+            continue
+        period_s, rate, first_s, last_s = others
+        here = slice(begin, begin + n)
         batch = SampleBatch(
-            raw.device,
-            raw.boot,
-            raw.sequence,
-            raw.receive_time_ns,
-            raw.start_time_ns,
-            raw.tick_period_s,
-            raw.clock_rate,
-            ticks[begin:end],
-            gyro[begin:end],
-            force,
-            warmth,
+            sender.device,
+            boot,
+            sequence,
+            received_ns,
+            start_ns,
+            period_s,
+            rate,
+            ticks[here],
+            gyro[here],
+            accel[here] if aided else None,
+            celsius[here] if warm else None,
             _no_flags(n),
-            raw.bridge,
+            sender.bridge,
         )
-        found.append(Come(batch, rows[begin:end], first_s, last_s))
-    return found
+        found.append(Come(batch, rows[here], first_s, last_s, number))
+    return Round(found, whole, real, ticks, rows)
 
 
 @cache
@@ -141,8 +123,3 @@ def _no_flags(n: int) -> NDArray[np.uint32]:
     flags = np.zeros(n, np.uint32)
     flags.setflags(write=False)
     return flags
-
-
-def within(column: NDArray[np.float32], limit: float) -> bool:
-    """Whether all values are finite and of a magnitude up to limit."""
-    return not column.size or bool(np.maximum.reduce(np.abs(column), axis=None) <= limit)

@@ -7,7 +7,6 @@ device says keeps its order, so what comes of it is the same whenever its turn i
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from operator import itemgetter
 
 from bridge.bus.contract import Message
 
@@ -114,9 +113,9 @@ class Turns:
         return min(AT_ONCE, left + (self._clock() - since) * A_SECOND)
 
     def _prompt(self, messages: Sequence[Message]) -> Sequence[Message]:
-        counts = Counter(map(itemgetter(0), messages))
-        came = self._came_now()
-        came.update(counts)
+        keys = [key for key, _ in messages]
+        counts, came = Counter(keys), self._came_now()
+        came.update(keys)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
         if not often and not self._queues.keys() & counts.keys() and max(counts.values(), default=0) <= SHARE:
             return messages

@@ -33,11 +33,10 @@ _WARM_S = 15.0
 _ROUNDS = "drain, gate, turns"
 _PARTS = {
     "estimator.service.lane:Lane.take": "lane",
-    "estimator.service.lane:read": "lane: parsed",
-    "estimator.service.lane:batches": "lane: checked",
+    "estimator.service.lane:read": "lane: read and checked",
     "estimator.session:DeviceSession.end_block": "a block's end",
     "estimator.service.lane:Lane._send": "corrected",
-    "estimator.service.published:Encoder.encode_rates": "encoded",
+    "estimator.service.published:Encoder.enclose": "encoded",
     "estimator.service.shell:Service._learn": "learnt: around it",
     "estimator.session:joined": "learnt: blocks joined",
     "estimator.learnt:Learnt.learn": "learnt: of each window",

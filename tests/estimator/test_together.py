@@ -1,0 +1,207 @@
+"""A round read and written all at once says what the door and the codec say, to the bit, or leaves it to them."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.wire import codec, keys
+from bridge.wire import columns_pb2 as columns
+from bridge.wire.batches import MAX_SEQUENCE, Stencil
+from bridge.wire.checks import MAX_TIME_NS
+from bridge.wire.messages import Quality, SampleBatch
+from estimator.correction import Correction
+from estimator.course import PLAIN_S
+from estimator.gyro import GyroModel
+from estimator.service.published import Encoder
+from estimator.service.together import Come, Round, Sender, read
+
+KEY = keys.build("w", "raw", bridge="b", device="d")
+SENDER = Sender.of("d", "b")
+
+
+def batch_of(rng: np.random.Generator, n: int, *, accel: bool = True, celsius: bool = False) -> SampleBatch:
+    return SampleBatch(
+        device="d",
+        boot=int(rng.integers(1, 2**64, dtype=np.uint64)),
+        sequence=int(2 ** rng.uniform(0, 61)),
+        receive_time_ns=int(rng.integers(1, 2**61)),
+        start_time_ns=int(rng.integers(1, 2**61)),
+        tick_period_s=float(rng.choice([1e-6, 1.0, 0.01 / 3])),
+        clock_rate=float(rng.choice([1.0, 1.00001234])),
+        ticks=np.cumsum(rng.integers(1, 1000, n), dtype=np.uint64) + rng.integers(2**50, dtype=np.uint64),
+        gyro=rng.normal(0, 9, (n, 3)).astype(np.float32),
+        accel=rng.normal(0, 9, (n, 3)).astype(np.float32) if accel else None,
+        temperature_c=rng.normal(30, 5, n).astype(np.float32) if celsius else None,
+        flags=np.zeros(n, np.uint32),
+        bridge="b",
+    )
+
+
+def came_of(payloads: list[bytes]) -> Round:
+    return read(payloads, [SENDER] * len(payloads))
+
+
+def assert_as_the_door_says(come: Come, payload: bytes) -> None:
+    decoded = codec.decode_samples(KEY, payload)
+    for field in fields(SampleBatch):
+        mine, theirs = getattr(come.batch, field.name), getattr(decoded, field.name)
+        np.testing.assert_array_equal(mine, theirs)
+        assert type(mine) is type(theirs)
+    missing = np.full_like(decoded.gyro, np.nan)
+    sides = decoded.device_time[:, None], decoded.gyro, missing if decoded.accel is None else decoded.accel
+    np.testing.assert_array_equal(come.rows, np.hstack(sides))
+    assert (come.first_s, come.last_s) == (decoded.device_time[0], decoded.device_time[-1])
+
+
+def test_what_a_bridge_writes_is_read() -> None:
+    rng = np.random.default_rng(0)
+    payloads = [
+        codec.encode_samples(batch_of(rng, n, accel=accel, celsius=celsius))
+        for n in (1, 2, 10, 50, codec.MAX_SAMPLES)
+        for accel in (True, False)
+        for celsius in (True, False)
+    ]
+    for come, payload in zip(came_of(payloads).come, payloads, strict=True):
+        assert come is not None
+        assert_as_the_door_says(come, payload)
+
+
+def test_nobodys_and_anothers_messages_are_left_to_the_door() -> None:
+    payload = codec.encode_samples(batch_of(np.random.default_rng(1), 10))
+    other = codec.encode_samples(replace(batch_of(np.random.default_rng(1), 10), device="e"))
+    senders = [SENDER, None, SENDER, Sender.of("dd", "b"), SENDER, SENDER]
+    found = read([payload, payload, other, payload, b"", payload], senders).come
+    assert [come is not None for come in found] == [True, False, False, False, False, True]
+    assert read([], []).come == []
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"flags": np.full(10, 2, np.uint32)},
+        {"boot": 0},
+        {"sequence": 0},
+        {"sequence": MAX_SEQUENCE},
+        {"receive_time_ns": 0},
+        {"receive_time_ns": -5},
+        {"start_time_ns": MAX_TIME_NS},
+        {"tick_period_s": 0.0},
+        {"tick_period_s": np.nan},
+        {"tick_period_s": 1.5},
+        {"clock_rate": np.inf},
+        {"clock_rate": 1e-5},
+        {"ticks": np.arange(10, dtype=np.uint64)[::-1]},
+        {"ticks": np.zeros(10, np.uint64)},
+        {"ticks": np.arange(10, dtype=np.uint64) + np.uint64(2**63 - 5)},
+        {"ticks": np.arange(9, dtype=np.uint64)},
+        {"ticks": np.zeros(0, np.uint64)},
+        {"gyro": np.full((10, 3), np.nan, np.float32)},
+        {"gyro": np.full((10, 3), -1001.0, np.float32)},
+        {"gyro": np.zeros((9, 3), np.float32)},
+        {"accel": np.full((10, 3), np.inf, np.float32)},
+        {"accel": np.zeros((11, 3), np.float32)},
+        {"temperature_c": np.full(10, 501.0, np.float32)},
+        {"temperature_c": np.zeros(9, np.float32)},
+    ],
+    ids=lambda odd: next(iter(odd)),
+)
+def test_what_is_unfit_or_odd_is_left_to_the_door_and_its_neighbours_are_not(odd: dict[str, Any]) -> None:
+    rng = np.random.default_rng(2)
+    payloads = [codec.encode_samples(batch_of(rng, 10)) for _ in range(3)]
+    payloads[1] = codec.encode_samples(replace(batch_of(rng, 10), **odd))
+    before, unfit, after = came_of(payloads).come
+    assert unfit is None
+    assert before is not None
+    assert_as_the_door_says(before, payloads[0])
+    assert after is not None
+    assert_as_the_door_says(after, payloads[2])
+
+
+@given(st.data())
+def test_nothing_is_read_that_the_door_refuses_or_reads_otherwise(data: st.DataObject) -> None:
+    rng = np.random.default_rng(data.draw(st.integers(0, 9)))
+    whole = codec.encode_samples(batch_of(rng, int(rng.integers(1, 4)), celsius=bool(rng.integers(2))))
+    payload = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 3))):
+        at, end = (data.draw(st.integers(0, len(payload))) for _ in range(2))
+        how = data.draw(st.sampled_from(["changed", "left out", "again", "put in"]))
+        if how == "changed" and at < len(payload):
+            payload[at] = data.draw(st.integers(0, 255))
+        elif how == "left out":
+            del payload[at:end]
+        elif how == "again":
+            payload[at:at] = payload[at:end]
+        else:
+            payload[at:at] = data.draw(st.binary(max_size=4))
+    (come,) = came_of([bytes(payload)]).come
+    if come is not None and come.last_s < come.first_s + PLAIN_S:  # for longer ones see the session
+        assert_as_the_door_says(come, bytes(payload))
+
+
+def test_fields_twice_or_in_another_order_are_left_to_the_door() -> None:
+    whole = columns.SampleBatch.FromString(codec.encode_samples(batch_of(np.random.default_rng(3), 3, celsius=True)))
+    parts = []
+    for field, value in whole.ListFields():
+        one = columns.SampleBatch()
+        setattr(one, field.name, value)
+        parts.append(one.SerializeToString())
+    assert came_of([b"".join(parts)]).come[0] is not None
+    for n in range(len(parts)):
+        without = parts[:n] + parts[n + 1 :]
+        for at in range(len(parts)):
+            payload = b"".join([*without[:at], parts[n], *without[at:]])
+            assert (came_of([payload]).come[0] is not None) == (at == n)
+            assert came_of([b"".join([*parts[:at], parts[n], *parts[at:]])]).come[0] is None
+        (come,) = came_of([b"".join(without)]).come
+        if come is None:  # what may be missing is not missed
+            assert n < len(parts) - 2
+        else:
+            assert_as_the_door_says(come, b"".join(without))
+
+
+def test_a_number_in_more_bytes_than_it_needs_is_read_or_left_to_the_door() -> None:
+    payload = codec.encode_samples(replace(batch_of(np.random.default_rng(4), 3), sequence=5))
+    at = payload.index(b"\x20\x05") + 1
+    for n in range(1, 12):
+        longer = payload[:at] + b"\x85" + b"\x80" * (n - 1) + b"\x00" + payload[at + 1 :]
+        (come,) = came_of([longer]).come
+        if come is not None:
+            assert_as_the_door_says(come, longer)
+        else:
+            assert n > 8
+
+
+def correction_of(rng: np.random.Generator, scale: float = 1.0) -> Correction:
+    matrix, vectors = scale * np.eye(3) + rng.normal(0, 0.1, (3, 3)), rng.normal(0, 1, (5, 3))
+    return Correction(GyroModel(matrix, vectors[0], *np.abs(vectors[1:4])), np.abs(vectors[4]), Quality.GOOD, "it")
+
+
+def test_it_is_corrected_and_encoded_as_a_batch_by_itself() -> None:
+    rng = np.random.default_rng(5)
+    batches = [replace(batch_of(rng, int(rng.integers(2, 60))), tick_period_s=1e-6) for _ in range(200)]
+    batches[0] = replace(batches[0], gyro=np.full_like(batches[0].gyro, -0.0))
+    came = came_of([codec.encode_samples(batch) for batch in batches])
+    parts = []
+    for batch, come in zip(batches, came.come, strict=True):
+        assert come is not None
+        correction, cut = correction_of(rng), int(rng.integers(1, len(batch)))
+        parts += [(come, correction, 0, cut), (come, correction, cut, len(batch))]
+    for samples, (come, correction, first, last) in zip(came.corrected(parts), parts, strict=True):
+        alone = correction.apply(come.batch, first, last)
+        assert Encoder(7).enclose(come.batch, correction, samples) == Encoder(7).encode(alone)
+        assert Stencil(alone, 7).enclose(samples) == codec.encode_corrected(replace(alone, epoch=7))
+
+
+@pytest.mark.parametrize("scale", [1e3, np.nan, 1e300])
+def test_a_rate_beyond_the_wire_is_not_encoded_and_its_neighbours_are(scale: float) -> None:
+    rng = np.random.default_rng(6)
+    came = came_of([codec.encode_samples(batch_of(rng, 10)) for _ in range(3)])
+    corrections = [correction_of(rng), correction_of(rng, scale), correction_of(rng)]
+    parts = [(come, one, 0, 10) for come, one in zip(came.come, corrections, strict=True) if come is not None]
+    alone = [came.corrected([part])[0] for part in parts]
+    assert came.corrected(parts) == alone
+    assert [bool(samples) for samples in alone] == [True, False, True]
