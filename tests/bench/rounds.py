@@ -40,7 +40,7 @@ _PARTS = {
     "estimator.service.shell:Service._learn": "learnt: around it",
     "estimator.session:joined": "learnt: blocks joined",
     "estimator.learnt:Learnt.learn": "learnt: of each window",
-    "estimator.stillness:Stillness.feed": "learnt: stillness",
+    "estimator.stillness:Stillness.take": "learnt: stillness",
     "estimator.track.tracker:Tracker.window": "learnt: tracker",
     "estimator.under_way:UnderWay.add": "learnt: calibration",
     "estimator.under_way:UnderWay.window": "learnt: calibration",
