@@ -3,7 +3,7 @@
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from estimator.database.errors import StoreError
 
@@ -27,8 +27,9 @@ def owned(path: str) -> Iterator[None]:
             raise StoreError(
                 f"store {path}: another estimator{f' (process {who})' if who.isdigit() else ''} has it; each needs one of its own"
             ) from None
-        os.ftruncate(lock, 0)
-        os.write(lock, str(os.getpid()).encode())
+        with suppress(OSError):  # on a full disk nobody is told who has it
+            os.ftruncate(lock, 0)
+            os.write(lock, str(os.getpid()).encode())
         yield
     finally:
         os.close(lock)

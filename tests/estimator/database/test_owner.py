@@ -12,8 +12,10 @@ from estimator.database import StoreError
 from estimator.database.owner import owned
 
 _HAVE = """
-import sys
+import resource, sys
 from estimator.database.owner import owned
+if len(sys.argv) > 2:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
 with owned(sys.argv[1]):
     print("mine", flush=True)
     sys.stdin.read()
@@ -38,6 +40,18 @@ def test_a_store_is_one_estimators_until_it_ends_however_it_ends(tmp_path: Path)
         assert (tmp_path / "a.sqlite3.lock").read_text() == str(os.getpid())
     with owned(store):
         pass
+
+
+def test_on_a_full_disk_it_is_had_all_the_same(tmp_path: Path) -> None:
+    store = str(tmp_path / "a.sqlite3")
+    other = subprocess.Popen(
+        [sys.executable, "-c", _HAVE, store, "full"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout is not None
+    assert other.stdout.readline() == "mine\n"
+    with pytest.raises(StoreError, match="another estimator has it"), owned(store):
+        pass
+    other.communicate()
 
 
 def test_where_nothing_may_be_written_beside_it_nobody_can_tell(tmp_path: Path) -> None:
