@@ -7,8 +7,8 @@ of them is then four multiplications.
 from math import atan2, hypot
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +59,8 @@ def coned(steps: Floats) -> Floats:
 
 def log(attitude: Floats) -> Floats:
     """(…, 3) rotation vectors of attitudes (…, 3, 3), of length 0 to pi."""
-    vectors: Floats = Rotation.from_matrix(attitude.reshape(-1, 3, 3)).as_rotvec().reshape(attitude.shape[:-1])
-    return vectors
+    vectors: Floats = scipy.spatial.transform.Rotation.from_matrix(attitude.reshape(-1, 3, 3)).as_rotvec()
+    return vectors.reshape(attitude.shape[:-1])
 
 
 def cross_matrix(vector: Floats) -> Floats:

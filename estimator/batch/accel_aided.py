@@ -17,8 +17,7 @@ from collections.abc import Sequence
 from math import degrees, radians
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+import scipy
 
 from bridge.wire.messages import Verdict
 from bridge.wording import count
@@ -60,7 +59,7 @@ def by_accel_aided(capture: Capture) -> Result:
         return np.concatenate(r), np.vstack(J)
 
     start = np.array([1.0, 1, 1, 0, 0, 0, 0, 0, 0])
-    found = least_squares(lambda x: residuals(x)[0], start, jac=lambda x: residuals(x)[1], method="lm")
+    found = scipy.optimize.least_squares(lambda x: residuals(x)[0], start, jac=lambda x: residuals(x)[1], method="lm")
     r, J = residuals(found.x)
     if np.linalg.cond(J.T @ J) > 1e8:
         reason = "the poses do not determine the matrix: rest it on all its sides, turning between about every axis"
@@ -105,7 +104,9 @@ def _of_poses(
     variance = (float(r @ r) + left) / (float(np.sum((by_accel - J @ taken) ** 2)) + freedom)
     # Three residuals a movement, of which gravity determines two; few leave the variance itself unsure, as Student's has it.
     freedom = max(3, freedom + 2 * len(links) - 9)
-    return np.asarray(variance * freedom / (freedom - 2) * taken @ taken.T + gain @ block_diag(*noise) @ gain.T)
+    return np.asarray(
+        variance * freedom / (freedom - 2) * taken @ taken.T + gain @ scipy.linalg.block_diag(*noise) @ gain.T
+    )
 
 
 def gravity_of(accel: Floats) -> Floats:
@@ -116,7 +117,7 @@ def gravity_of(accel: Floats) -> Floats:
 def _accelerometer(accel: Floats) -> tuple[Floats, Floats]:
     """T and a0 (9,) and the unit directions (n, 3) they make of the readings they were found from."""
     start = np.array([1.0, 1, 1, 0, 0, 0, 0, 0, 0])
-    fit = least_squares(lambda x: np.linalg.norm(_corrected(accel, x), axis=1) - G, start, method="lm")
+    fit = scipy.optimize.least_squares(lambda x: np.linalg.norm(_corrected(accel, x), axis=1) - G, start, method="lm")
     g = _corrected(accel, fit.x)
     return np.asarray(fit.x), np.asarray(g / np.linalg.norm(g, axis=1)[:, None])
 

@@ -9,8 +9,8 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from estimator import rotation
 from estimator.batch.capture import Rest, Samples
@@ -62,7 +62,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     turned = ((samples.gyro - rest.bias) @ matrix.T * dt[:, None])[: n * block].reshape(n, block, 3).sum(axis=1)
     measured = samples.accel[: n * block].reshape(n, block, 3).mean(axis=1)
     vectors = np.einsum("mij,tj->mti", MAPPINGS, turned).reshape(-1, 3)
-    steps = Rotation.from_rotvec(vectors).as_matrix().reshape(len(MAPPINGS), n, 3, 3)
+    steps = scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix().reshape(len(MAPPINGS), n, 3, 3)
     gravity = np.broadcast_to(rest.accel, (len(MAPPINGS), 3))
     total = np.zeros(len(MAPPINGS))
     for t in range(n):

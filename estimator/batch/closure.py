@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from estimator import rotation
 from estimator.batch.capture import Capture, Rest, TurnCapture
@@ -105,9 +105,9 @@ def _as_shown(told: Evidence, found: Fit, knobs: ClosureKnobs) -> Evidence:
     turn_dof, rest_dof = 6, 3 * told.rest.shape[1] - 3
     turns, rests = float(found.misfit[0].sum()), float(found.rest_misfit[0])
     shown = told
-    if turns > chdtri(turn_dof, knobs.honest_p):
+    if turns > scipy.special.chdtri(turn_dof, knobs.honest_p):
         shown = replace(shown, end_cov=told.end_cov + (turns / turn_dof - 1) * found.f_cov)
-    if rest_dof and rests > chdtri(rest_dof, knobs.honest_p):
+    if rest_dof and rests > scipy.special.chdtri(rest_dof, knobs.honest_p):
         larger = rests / rest_dof
         shown = replace(shown, rest_var=larger * told.rest_var, walk=larger * told.walk)
     return shown

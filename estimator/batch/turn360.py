@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from math import pi, radians
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from estimator import rotation
 from estimator.batch.capture import Capture, TurnCapture
@@ -98,7 +98,9 @@ def solve_criteria(S: list[Floats]) -> Floats:
     def slope(dK: Floats) -> Floats:
         return np.array([S_i.T @ (S_i @ dK) / np.linalg.norm(S_i @ dK) for S_i in S])
 
-    x: Floats = least_squares(excess, guess, jac=slope, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    x: Floats = scipy.optimize.least_squares(
+        excess, guess, jac=slope, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12
+    ).x
     return x
 
 

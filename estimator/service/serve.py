@@ -21,6 +21,9 @@ from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
 
+#: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
+_REST_S = 3.0
+
 
 def run(ward: Ward) -> None:
     """Serve until SIGINT or SIGTERM; a missing router is waited for.
@@ -58,6 +61,10 @@ def run(ward: Ward) -> None:
         stack.callback(clerk.close)
         store = Store(database)
         collect_seldom()
+        rest = threading.Timer(_REST_S, _load_rest)
+        rest.daemon = True
+        stack.callback(rest.cancel)
+        rest.start()
         Service(
             ward.ward,
             ward.estimator,
@@ -94,6 +101,12 @@ def _load() -> None:
     finally:
         gc.freeze()
         gc.enable()
+
+
+def _load_rest() -> None:
+    """What is imported when it is used first: loading it would hold up all devices when the first of them is calibrated."""
+    for part in ("linalg", "optimize", "spatial.transform", "special"):
+        import_module(f"scipy.{part}")
 
 
 def collect_seldom() -> None:

@@ -5,7 +5,7 @@ from functools import cache
 from math import isfinite, sqrt
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from estimator.track.evidence import Receipt
 
@@ -76,4 +76,4 @@ class Consistency:
 
 @cache
 def _most(freedom: int) -> float:
-    return float(chdtri(freedom, _ALARM)) / freedom
+    return float(scipy.special.chdtri(freedom, _ALARM)) / freedom

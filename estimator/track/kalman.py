@@ -1,7 +1,7 @@
 """filterpy's filter and smoother, without waiting for what the rest of filterpy imports.
 
-That is scipy's statistics and its image filters: half of the time in which an estimator starts, while a ward waits for one that
-was ended. They are imported when something of them is called, by filterpy or by whoever uses filterpy beside us.
+That is most of scipy: half of the time in which an estimator starts, while a ward waits for one that was ended. It is imported
+when something of it is called, by filterpy or by whoever uses filterpy beside us; so is what is called as `scipy.part.name`.
 """
 
 import sys
@@ -52,7 +52,7 @@ def _later(*names: str) -> Iterator[None]:
             module.wanted = True
 
 
-with _later("scipy.stats", "scipy.ndimage"):
+with _later("scipy.linalg", "scipy.ndimage", "scipy.sparse", "scipy.sparse.linalg", "scipy.stats"):
     from filterpy.kalman import KalmanFilter, rts_smoother
 
 __all__ = ["KalmanFilter", "rts_smoother"]

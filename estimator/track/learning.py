@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtrs
 
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.temperature import TemperatureLaw
@@ -75,7 +75,7 @@ def _told(boot: Points, axis: int, reference_c: float, walk: float) -> _Told:
     since = boot.time - boot.time[0]
     C = np.diag(np.maximum(boot.std[:, axis], _LEAST_STD) ** 2) + walk**2 * np.minimum.outer(since, since)
     all_of_it = np.column_stack([np.ones(m), warmer, warmer**2, boot.bias[:, axis]])
-    white, _ = dtrtrs(np.linalg.cholesky(C), all_of_it, lower=1)
+    white, _ = scipy.linalg.lapack.dtrtrs(np.linalg.cholesky(C), all_of_it, lower=1)
     one = white[:, :1] / np.linalg.norm(white[:, 0])
     rest = white[:, 1:] - one @ (one.T @ white[:, 1:])  # whatever the offset is
     A, y = rest[:, :2], rest[:, 2]
