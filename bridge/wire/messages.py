@@ -419,6 +419,7 @@ class Checkpoint:
     bridge: str = ""  # whose samples of it are taken
     turned: tuple[int, ...] = ()  # axes whose turns were taken of a calibration under way
     answers: tuple[tuple[str, "CommandReply"], ...] = ()  # verbs of the last few commands, and what they were answered
+    lag_k: float = 0.0  # by how much warmer the device was then than temperature_c, which is an average
 
 
 @dataclass(frozen=True, slots=True)

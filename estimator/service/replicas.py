@@ -46,6 +46,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         bridge=device.source.owner,
         turned=session.learnt.turned,
         answers=answers,
+        lag_k=state.lag_k if state is not None and known else 0.0,
     )
 
 
@@ -106,7 +107,7 @@ class Replicas:
         bias = None
         if len(known.x):
             at = known.device_time_s, known.temperature_c, known.powered_s
-            bias = BiasState(known.x, known.covariance, *at)
+            bias = BiasState(known.x, known.covariance, *at, lag_k=known.lag_k)
         if calibration is None and bias is None and not known.turned:
             return None
         asked = (known.asked_by, known.asked_why) if known.asked_by else None

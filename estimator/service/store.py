@@ -100,7 +100,8 @@ class Store:
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        text = json.dumps([x, P, *at, {"doubted": doubted, "asked": asked, "reached": reached}])
+        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k}
+        text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
@@ -202,7 +203,7 @@ class Store:
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
-                more = kept[_STATE] if len(kept) > _STATE else {}
+                more = _more(kept)
                 asked = tuple(more["asked"]) if more.get("asked") else None
                 return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
@@ -215,7 +216,7 @@ class Store:
         found: dict[str, tuple[int, int, int]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
             kept = json.loads(row["state"])
-            more = kept[_STATE] if len(kept) > _STATE else {}
+            more = _more(kept)
             found.pop(row["device"], None)
             if more.get("reached") and not more.get("asked"):
                 found[row["device"]] = int(row["boot"], 16), *more["reached"]
@@ -305,7 +306,12 @@ def _state(kept: list[Any]) -> BiasState | None:
         return None
     x, P, time, temperature, powered = kept[:_STATE]
     celsius, since = np.nan if temperature is None else temperature, -np.inf if powered is None else powered
-    return BiasState(np.array(x), np.array(P), time, celsius, since)
+    return BiasState(np.array(x), np.array(P), time, celsius, since, lag_k=_more(kept).get("lag_k", 0.0))
+
+
+def _more(kept: list[Any]) -> dict[str, Any]:
+    """What else is known of the boot; of an earlier truerate nothing."""
+    return kept[_STATE] if len(kept) > _STATE else {}
 
 
 def _or_none(value: float) -> float | None:

@@ -49,7 +49,10 @@ class BiasKnobs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasState:
-    """All that evolves: x (n,), P (n, n), device time and temperature now, and when the device was powered up."""
+    """All that evolves: x (n,), P (n, n), device time and temperature now, and when the device was powered up.
+
+    The temperature is an average over the last while; the device is lag_k warmer than that.
+    """
 
     x: Floats
     P: Floats
@@ -58,6 +61,7 @@ class BiasState:
     powered: float = -np.inf
     #: where the slope was last given way to change
     bent_c: float = np.nan
+    lag_k: float = 0.0
 
     @property
     def bias(self) -> Floats:

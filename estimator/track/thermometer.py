@@ -38,6 +38,11 @@ class Thermometer:
         """The average."""
         return self._read[-1][1] if self._read else float("nan")
 
+    @property
+    def lag(self) -> float:
+        """By how many kelvin the latest reading is above the average; 0 where there is none."""
+        return self.reading - self.now if self._read else 0.0
+
     def read(self, time: float, celsius: float) -> None:
         """Note a reading."""
         if self._read and abs(celsius - self.now) > self.knobs.leap_k:
@@ -56,6 +61,13 @@ class Thermometer:
         if isfinite(celsius):
             self._read.clear()
             self._read.append((time, celsius))
+
+    def go_on_with(self, time: float, celsius: float, lag: float) -> None:
+        """Note a reading; where it is the first, of a device whose average is `lag` K behind it."""
+        first = not self._read
+        self.read(time, celsius)
+        if first:
+            self.go_on(time, celsius - lag)
 
     def at(self, time: float) -> float:
         """As it was at a time."""

@@ -110,7 +110,7 @@ class Tracker:
     @property
     def worth_keeping(self) -> BiasState:
         """The estimate with all of its evidence: now's, or what was restored until it is reached."""
-        return self.state if self._kept is None else self._kept
+        return replace(self.state, lag_k=self.thermometer.lag) if self._kept is None else self._kept
 
     @property
     def time(self) -> float:
@@ -192,11 +192,11 @@ class Tracker:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
         self._evidence_time = min(state.time, now)
-        self._kept = self._filter.state if now < state.time else None
+        self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
         if 0 < now - state.time < self.knobs.thermometer.average_s:
             self.thermometer.go_on(state.time, state.temperature_c)
         if temperature_c is not None:
-            self.thermometer.read(now, temperature_c)
+            self.thermometer.go_on_with(now, temperature_c, state.lag_k)
         celsius = np.nan if temperature_c is None else self.thermometer.now
         if self._kept is None:
             self._filter.predict(now, celsius)

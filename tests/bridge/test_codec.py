@@ -144,6 +144,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
         draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
         draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
         tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
+        draw(st.floats(-500, 500)),
     )  # fmt: skip
 
 
@@ -623,6 +624,7 @@ KEPT = Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, 30.0, 0.0, False, "
         ({"epoch": 2**63}, Reason.RANGE),
         ({"powered_s": INF}, Reason.NON_FINITE),
         ({"device_time_s": NAN}, Reason.NON_FINITE),
+        ({"lag_k": NAN}, Reason.NON_FINITE),
     ],
     ids=str,
 )

@@ -98,6 +98,7 @@ def beyond(value: float) -> float:
         ("checkpoint", "device_time_s", -1e12, 1e12),
         ("checkpoint", "powered_s", -1e12, 1e12),
         ("checkpoint", "temperature_c", -500, 500),
+        ("checkpoint", "lag_k", -500, 500),
         ("owned", "load", 0, 1e4),
     ],
 )

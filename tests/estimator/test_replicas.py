@@ -40,6 +40,10 @@ def test_another_goes_on_where_the_first_was() -> None:
     replicas.note(over_the_wire(said))
     remembered = replicas.recall(NAME, 1, NOW_NS + 1_000_000_000)
     assert remembered is not None
+    assert remembered.bias is not None
+    kept = device.session.checkpoint()
+    assert kept is not None
+    assert remembered.bias.lag_k == kept.lag_k != 0
     other = DeviceSession(NAME)
     other.info = info()
     there = feed(other, rest, remembered).corrected

@@ -21,6 +21,7 @@ BIAS = BiasState(
     123.456,
     31.5,
     powered=30.0,
+    lag_k=0.5,
 )
 GOOD = replace(CALIBRATION, model="m", firmware="1.0", gyro_range=8.7, rate_hz=104.0)
 
@@ -65,7 +66,7 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     np.testing.assert_array_equal(remembered.bias.x, BIAS.x)
     np.testing.assert_array_equal(remembered.bias.P, BIAS.P)
     got = remembered.bias
-    assert (got.time, got.temperature_c, got.powered) == (123.456, 31.5, 30.0)
+    assert (got.time, got.temperature_c, got.powered, got.lag_k) == (123.456, 31.5, 30.0, 0.5)
 
 
 def test_an_unknown_temperature_and_power_up_stay_unknown(store: Store) -> None:
