@@ -353,13 +353,20 @@ class Service:
         if outcome.revision is not None:
             device.say_revision(outcome.revision)
         if outcome.changed:
-            device.say_status(self._now_ns())
+            self._say_changed(device)
             if device.session.learnt.turned:
                 self._peers.tell(device)  # or nobody could say that they are lost with us
             self._turns.slow(device.key, now=device.session.learnt.near)
         if device.session.to_learn:
             kind = Kind.CALIBRATE if device.session.learnt.near else Kind.LEARN
             self._quiet.add(kind, device.name, partial(self._learn, device))
+
+    def _say_changed(self, device: Device) -> None:
+        """Its status; of one that is taken over rates come first: it may be one of a hundred."""
+        if device.latest is None and self._peers.replicas.bridge(device.name):
+            self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
+        else:
+            device.say_status(self._now_ns())
 
     def _every_second(self, now: float) -> None:
         self._stock.check()

@@ -155,6 +155,30 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
 
 
+def test_rates_of_a_device_that_is_taken_over_come_before_what_is_said_of_it(
+    both: Both, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:-20])
+    assert both.has() == [SECOND]
+    before = both.client.statuses(0.1)[NAME].epoch
+    both.stream.drain()
+    both.kill(SECOND)
+    with monkeypatch.context() as busy:
+        busy.setattr(both.services[FIRST]._quiet, "work", lambda: None)
+        busy.setattr(both.services[FIRST], "_next_status", both.now + 10.0)
+        both.send(batches[-20:])
+        both.pass_(0.5)
+    epochs = {batch.epoch for batch in both.stream.drain()}
+    assert min(epochs) > before
+    assert NAME not in both.client.statuses(0.1)
+    both.pass_(0.1)
+    assert both.client.statuses(0.1)[NAME].epoch == max(epochs)
+
+
 class Cut:
     """A subscription over a line on which nothing passes for a while; what was said meanwhile comes when it is whole again."""
 
