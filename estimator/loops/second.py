@@ -11,34 +11,28 @@ Floats = NDArray[np.float64]
 MEAN, STD, STEP, MEAN_VAR, COMMON_VAR, JITTER, HELD, ACCEL_MEAN, ACCEL_STD, SCALARS = range(10)
 
 
-@compiled("Tuple((f8[::1], f8[:, ::1], b1))(f8[:], f8[:, :], f8[:, :], b1[:], f8, f8, f8, f8[:])")
+@compiled("Tuple((f8[::1], f8[:, ::1], b1))(f8[:, ::1], f8, f8, f8, f8[:])")
 def measured(
-    time: Floats,
-    gyro: Floats,
-    accel: Floats,
-    clipped: NDArray[np.bool_],
-    first: float,
-    coarsest: float,
-    step_if_none: float,
-    known: Floats,
+    samples: Floats, first: float, coarsest: float, step_if_none: float, known: Floats
 ) -> tuple[Floats, Floats, bool]:
-    """Steps dt (n,) of samples at time (n,) after `first`, s, and rows of three of their gyro (n, 3) and accel (n or 0, 3).
+    """Steps dt (n,) of samples after `first`, s, and rows of three of their gyro and accel, NaN where there is none.
 
-    And whether one of them is clipped (n,).
+    And whether one of them is clipped. samples (n, 8): time, gyro, accel, and 1 where clipped.
 
     MEAN, STD; STEP: the least difference between readings, `step_if_none` if there is none, or where none deviates less than
     `coarsest`, the least `known` (3,), which is kept up; MEAN_VAR and COMMON_VAR: see gyro.py; JITTER: deviation from one
     reading to the next; HELD: 1 where all are the same; ACCEL_MEAN, ACCEL_STD; SCALARS: the least STD, the longest dt, the mean
     strength of accel.
     """
-    n, pushed = len(time), len(accel)
+    time, gyro, accel, clipped = samples[:, 0], samples[:, 1:4], samples[:, 4:7], samples[:, 7]
+    n = len(time)
     dt, rows = np.empty(n), np.zeros((10, 3))
     before, longest, clips = first, -np.inf, False
     for i in range(n):
         dt[i] = time[i] - before
         before = time[i]
         longest = max(longest, dt[i])
-        clips |= clipped[i]
+        clips |= clipped[i] != 0.0
     least_std, unknown = np.inf, False
     for axis in range(3):
         total = jump = 0.0
@@ -61,16 +55,16 @@ def measured(
         least_std = min(least_std, rows[STD, axis])
         unknown = unknown or not np.isfinite(known[axis])
         total = square = 0.0
-        for i in range(pushed):
+        for i in range(n):
             total += accel[i, axis]
-        mean = total / pushed
-        for i in range(pushed):
+        mean = total / n
+        for i in range(n):
             square += (accel[i, axis] - mean) ** 2
-        rows[ACCEL_MEAN, axis], rows[ACCEL_STD, axis] = mean, np.sqrt(square / (pushed - 1))
+        rows[ACCEL_MEAN, axis], rows[ACCEL_STD, axis] = mean, np.sqrt(square / (n - 1))
     strength = 0.0
-    for i in range(pushed):
+    for i in range(n):
         strength += np.sqrt(accel[i, 0] ** 2 + accel[i, 1] ** 2 + accel[i, 2] ** 2)
-    rows[SCALARS, 0], rows[SCALARS, 1], rows[SCALARS, 2] = least_std, longest, strength / pushed
+    rows[SCALARS, 0], rows[SCALARS, 1], rows[SCALARS, 2] = least_std, longest, strength / n
     for axis in range(3):
         step = known[axis]
         if least_std < coarsest or unknown:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.refusal import Tally
+from estimator.block import ACCEL, GYRO, TIME
 from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
 from estimator.stillness import Window
@@ -22,7 +23,6 @@ Floats = NDArray[np.float64]
 Judged = tuple[Window, bool]
 #: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
 _COARSEST = radians(2.0)
-_NONE = np.empty((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,16 +118,13 @@ class Seconds:
             whole.append(self._close(noise_std))
 
     def _close(self, noise_std: Floats) -> Second:
-        windows, still = [window for window, _ in self._windows], False not in {still for _, still in self._windows}
-        before, self._last, self._windows = self._last, windows[-1], []
-        time, gyro = np.concatenate([w.time for w in windows]), np.concatenate([w.gyro for w in windows])
-        clipped = np.concatenate([w.clipped for w in windows])
-        forces = [w.accel for w in windows if w.accel is not None]
-        accel = np.concatenate(forces) if len(forces) == len(windows) else None
+        windows = self._windows
+        still, aided = all(still for _, still in windows), all(window.aided for window, _ in windows)
+        before, self._last, self._windows = self._last, windows[-1][0], []
+        samples = np.concatenate([window.rows for window, _ in windows])
+        time, gyro, accel = samples[:, TIME], samples[:, GYRO], samples[:, ACCEL] if aided else None
         first = float(time[0] - np.median(np.diff(time))) if before is None else before.end_time
-        dt, rows, clips = loop.measured(
-            time, gyro, _NONE if accel is None else accel, clipped, first, _COARSEST, COARSE_STEP, self._step
-        )
+        dt, rows, clips = loop.measured(samples, first, _COARSEST, COARSE_STEP, self._step)
         least_std, longest, strength = rows[loop.SCALARS].tolist()
         if still and not self._all_noisy:
             # From one reading to the next: a slow sway is no noise.
@@ -136,7 +133,7 @@ class Seconds:
         flaw = "clipped" if clips else "gap" if longest > self.knobs.gap_s else ""
         if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
             flaw = "stuck"
-        end, unseen_turn, unseen_push = windows[-1].end_time, 0.0, 0.0
+        end, unseen_turn, unseen_push = self._last.end_time, 0.0, 0.0
         if longest * len(dt) > HOLE * (end - first):
             unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before.gyro[-1])
             if accel is not None:

@@ -34,7 +34,8 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
     known = np.full(3, np.inf)
     clipped = np.zeros(n, bool)
     clipped[n // 2] = coarse > 0
-    dt, rows, clips = measured(time, gyro, accel if aided else accel[:0], clipped, -0.01, 1.0, COARSE_STEP, known)
+    samples = np.column_stack([time, gyro, accel if aided else np.full((n, 3), np.nan), clipped])
+    dt, rows, clips = measured(samples, -0.01, 1.0, COARSE_STEP, known)
     assert clips is (coarse > 0)
     np.testing.assert_array_equal(dt, np.diff(time, prepend=-0.01))
     mean, std = spread(gyro)
@@ -57,7 +58,8 @@ def test_readings_of_a_second(seed: int, coarse: float, *, aided: bool) -> None:
 def test_the_least_step_is_remembered_where_noise_hides_it() -> None:
     known = np.array([0.1, 1e-6, 0.2])
     gyro = np.random.default_rng(0).normal(0.0, 5.0, (50, 3))
-    _, rows, _ = measured(np.arange(50) / 50, gyro, gyro[:0], np.zeros(50, bool), -0.02, 0.01, COARSE_STEP, known)
+    samples = np.column_stack([np.arange(50) / 50, gyro, gyro, np.zeros(50)])
+    _, rows, _ = measured(samples, -0.02, 0.01, COARSE_STEP, known)
     np.testing.assert_array_equal(rows[loop.STEP], [0.1, 1e-6, 0.2])
 
 
