@@ -1,9 +1,15 @@
-"""All devices of one bridge on the bus: one thread publishes what every link has, all back to back."""
+"""All devices of one bridge on the bus: one thread publishes what every link has, a few links at a time.
 
+Each is published once in the time between batches. All at once, those who read would have nothing to do for most of that time,
+and then the last waits for all the others.
+"""
+
+import itertools
 import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from functools import partial
 from typing import Self
 
@@ -26,6 +32,8 @@ _CACHE_MOST = 3000
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
 _TURN = 0.5  # of the time between batches: the most that one device may take of it
+#: in the time between batches links are published in so many shares
+SHARES = 8
 
 _log = logging.getLogger(__name__)
 
@@ -106,6 +114,7 @@ class Ward:
         cache = cached(self._batch_s)
         self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
+        self._all = list(zip(self._links, self._outlets, strict=True))
         # Who can send faster during a calibration must hear of it, and who sends for nothing.
         self._calibrating = Calibrating(bus, ward)
         self._rivals = Rivals(config.id, (device.id for device in config.devices))
@@ -138,24 +147,27 @@ class Ward:
             link.stop()
         self._stop.set()
         self._pump.join()
-        self._publish(last=True)
+        self._publish(self._all, last=True)
         for outlet in self._outlets:
             outlet.close()
         self._calibrating.close()
         self._alive.close()
 
     def _run(self) -> None:
+        shares = max(1, min(SHARES, len(self._all)))
         due_s = time.monotonic()
-        while not self._stop.is_set():
-            self._publish()
-            due_s = max(due_s + self._batch_s, time.monotonic())
+        for turn in itertools.count():
+            if self._stop.is_set():
+                return
+            self._publish(self._all[turn % shares :: shares])
+            due_s = max(due_s + self._batch_s / shares, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
-    def _publish(self, *, last: bool = False) -> None:
+    def _publish(self, some: Iterable[tuple[Link, Outlet]], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
         for status in self._calibrating.hear(now_s):
             self._rivals.take(status)
-        for link, outlet in zip(self._links, self._outlets, strict=True):
+        for link, outlet in some:
             taken = link.take() if last else link.take(partial(outlet.wants, now_s))
             link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
             try:

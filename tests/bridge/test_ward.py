@@ -29,7 +29,7 @@ from bridge.link import Link
 from bridge.merge import merged
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import Outlet, Ward
+from bridge.ward import SHARES, Outlet, Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, Quality, SampleBatch, SampleFlag, State, Status
 from bridge.wire.refusal import Tally
@@ -189,6 +189,31 @@ def test_a_router_that_goes_away_costs_nothing_within_the_cache(
         here = listener.count()
         listener.until(lambda: listener.count() > here + 50)
     assert unbroken(listener.batches["d1"])
+
+
+@pytest.mark.parametrize(("devices", "most"), [(1, 1), (5, 1), (8, 1), (17, 3)])
+def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
+    broker: MemoryBroker, devices: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All back to back, the last of a hundred waited for the others at whoever reads."""
+    turns: list[list[str]] = []
+    enough = threading.Event()
+
+    def note(_: Ward, some: Sequence[tuple[Link, Outlet]], *, last: bool = False) -> None:
+        if not last:
+            turns.append([link.device for link, _ in some])
+            if len(turns) == 3 * SHARES:
+                enough.set()
+
+    monkeypatch.setattr(Ward, "_publish", note)
+    names = [f"d{i}" for i in range(devices)]
+    simulated = tuple(Device(id=name, driver="simulated", options=SimulatedOptions()) for name in names)
+    with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
+        assert enough.wait(10.0)
+    shares = min(SHARES, devices)
+    assert max(map(len, turns)) == most
+    for begin in range(0, 2 * shares, shares):
+        assert sorted(name for turn in turns[begin : begin + shares] for name in turn) == sorted(names)
 
 
 def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:
