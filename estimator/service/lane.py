@@ -19,7 +19,6 @@ from estimator.service.together import Come, Round, Sender, read
 _MOST = 2 * MAX_DEVICES
 _NOBODY = None, None
 
-
 #: of a plain batch a part, or all of it: what corrects its samples from the first to the last
 _Part = tuple[Device, Come, Correction, int, int]
 Tell = Callable[[Device, Outcome], None]
@@ -86,8 +85,8 @@ class Lane:
         if outcome.worded:  # after the samples that led to it, and before the first that it is applied to
             self._send(whole, going_on)
             going_on.clear()
-        self._tell(device, outcome)
-        going_on += [(device, come, *cut) for cut in cuts]
+        if self._guarded(device, self._tell, device, outcome, owed=len(rows)):
+            going_on += [(device, come, *cut) for cut in cuts]
 
     def _send(self, whole: Round, parts: list[_Part]) -> None:
         """Correct samples of a round and publish them, in order."""
