@@ -17,10 +17,8 @@ def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, late: Floats)
     """
     m, n = H.shape
     rows, L = np.empty((m, 1 + m)), np.zeros((m, m))
-    seen, noise = (
-        np.zeros((m, n)),
-        np.zeros((m, 3)),
-    )  # H P, and what H sees of the error that x has in common with the walk
+    # H P, and what H sees of the error that x has in common with the walk.
+    seen, noise = np.zeros((m, n)), np.zeros((m, 3))
     warmer = late[n + 3, 0] if len(late) > 0 else 0.0
     sight = H.copy()
     for i in range(m):
