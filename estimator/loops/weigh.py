@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, late: Floats) -> tuple[Floats, float]:
     """Of a measurement z (m,) = H (m, n) x with covariance R (m, m): its innovation, beside that its covariance, (m, 1 + m); NIS.
 
-    The NIS is not finite where not all of that is, or where R leaves a part of it without noise. late: the rows (n + 4, 3) of
+    The NIS is not finite where not all of that is, or where R leaves a part of it without noise. late: the rows (n + 5, 3) of
     late.py where it is a measurement of then; else (0, 3).
     """
     m, n = H.shape
