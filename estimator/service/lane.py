@@ -40,7 +40,7 @@ class Lane:
     def admit(self, key: str, device: Device, bridge: str) -> None:
         """What comes under this key is of this device, from this bridge."""
         known = self._devices.get(key)
-        if known is not None and known[0] is device and known[1].bridge == bridge:
+        if known is not None and known[0] is device:  # a key names its bridge, too
             return
         if len(self._devices) >= _MOST:
             self._devices.clear()  # of devices that are no more, too; those that are will be admitted again
