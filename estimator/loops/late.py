@@ -1,7 +1,7 @@
 """The loops behind track/since.py: the walk w from a measurement to now.
 
-Rows (n + 4, 3) of one: E[e wᵀ] (n, 3) with the error e of the state, E[w wᵀ] (3, 3), and in the first place of the last row how
-many kelvin warmer it is now.
+Rows (n + 5, 3) of one: E[e wᵀ] (n, 3) with the error e of the state, E[w wᵀ] (3, 3); in the first place of the next row how
+many kelvin warmer it is now; and by how much more than E[w wᵀ] it has in common, along each axis, with a walk that began earlier.
 """
 
 import numpy as np
@@ -40,10 +40,11 @@ def knew_more(late: Floats, K: Floats, H: Floats, other: Floats) -> None:
             for j in range(3):
                 seen[i, j] += H[i, k] * late[k, j]
         if len(other) > 0:
-            # Of two walks to now the shorter is a part of the longer.
+            # Of two walks to now the shorter is a part of the longer, and its first step, of which it has a mean, all of it is.
             shorter = late if late[n, 0] < other[n, 0] else other
-            for k in range(3):
-                for j in range(3):
+            for j in range(3):
+                seen[i, j] -= H[i, j] * shorter[n + 4, j]
+                for k in range(3):
                     seen[i, j] -= H[i, k] * shorter[n + k, j]
     for k in range(n):
         for i in range(m):

@@ -56,6 +56,16 @@ def unpacked(
     def double(at: int) -> np.float64:
         return np.uint64(number(at, 8)).view(np.float64)
 
+    def varint(at: int, end: int, most: int) -> tuple[np.uint64, int]:
+        """Where it ends, too. One of more than so many bytes is larger than any that fits: its last bit is kept."""
+        value, shift = np.uint64(0), 0
+        while at < end and packed[at] >= 0x80 and shift < 7 * (most - 1):
+            value |= np.uint64(packed[at] & 0x7F) << np.uint64(shift)
+            at, shift = at + 1, shift + 7
+        if at < end:
+            value |= np.uint64(packed[at]) << np.uint64(shift)
+        return value, at + 1
+
     first, column, length = 0, np.empty(4, np.int64), np.empty(4, np.int64)
     for m in range(len(places)):
         whole[m, COUNT] = 0
@@ -64,14 +74,8 @@ def unpacked(
         fit = end - at >= 9 + 2 + 4 * 9 + 2 + 8 + 2 + 12
         if not (fit and packed[at] == 8 * 3 + _FIXED and packed[at + 9] == 8 * 4 + _VARINT):
             continue
-        boot, sequence, shift = number(at + 1, 8), np.uint64(0), 0
-        at += 10
-        while packed[at] >= 0x80 and shift < 56:
-            sequence |= np.uint64(packed[at] & 0x7F) << np.uint64(shift)
-            at, shift = at + 1, shift + 7
-        sequence |= np.uint64(packed[at]) << np.uint64(shift)
-        fit = packed[at] < 0x80
-        at += 1
+        boot = number(at + 1, 8)
+        sequence, at = varint(at + 10, end, 9)
         # Receive and start time, tick period and clock rate.
         for field in range(4):
             fit &= packed[at + 9 * field] == 8 * (5 + field) + _FIXED
@@ -82,15 +86,9 @@ def unpacked(
             column[field] = length[field] = 0
             if end - at < 2 or packed[at] != 8 * (9 + field) + _BYTES:
                 continue
-            at, size, shift = at + 1, np.int64(0), 0
-            while at < end and packed[at] >= 0x80 and shift < 21:
-                size |= np.int64(packed[at] & 0x7F) << shift
-                at, shift = at + 1, shift + 7
-            if at < end:
-                size |= np.int64(packed[at]) << shift
-            at += 1
-            column[field], length[field] = at, size
-            at += size
+            size, column[field] = varint(at + 1, end, 4)
+            length[field] = np.int64(size)
+            at = column[field] + length[field]
         n = length[0] // 8
         fit &= at == end and n >= 1 and np.uint64(n) <= most[0] and length[0] == 8 * n and length[1] == 12 * n
         fit &= (length[2] == 0 or length[2] == 12 * n) and (length[3] == 0 or length[3] == 4 * n)
@@ -159,13 +157,8 @@ def corrected(
     end = 0
     for m in range(len(parts)):
         came, skipped, n = parts[m, 0], parts[m, 1], parts[m, 2] - parts[m, 1]
-        at, own, begin, period, rate = (
-            end,
-            parameters[m],
-            np.int64(whole[came, FIRST]),
-            real[came, PERIOD],
-            real[came, RATE],
-        )
+        at, own, begin = end, parameters[m], np.int64(whole[came, FIRST])
+        period, rate = real[came, PERIOD], real[came, RATE]
         first, last = begin + skipped, begin + skipped + n
         sequence, started = np.int64(whole[came, SEQUENCE]) + skipped, np.int64(whole[came, START])
         # As sample_time_ns of block.py has it, to the bit.

@@ -12,15 +12,13 @@ Floats = NDArray[np.float64]
 def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, late: Floats) -> tuple[Floats, float]:
     """Of a measurement z (m,) = H (m, n) x with covariance R (m, m): its innovation, beside that its covariance, (m, 1 + m); NIS.
 
-    The NIS is not finite where not all of that is, or where R leaves a part of it without noise. late: the rows (n + 4, 3) of
+    The NIS is not finite where not all of that is, or where R leaves a part of it without noise. late: the rows (n + 5, 3) of
     late.py where it is a measurement of then; else (0, 3).
     """
     m, n = H.shape
     rows, L = np.empty((m, 1 + m)), np.zeros((m, m))
-    seen, noise = (
-        np.zeros((m, n)),
-        np.zeros((m, 3)),
-    )  # H P, and what H sees of the error that x has in common with the walk
+    # H P, and what H sees of the error that x has in common with the walk.
+    seen, noise = np.zeros((m, n)), np.zeros((m, 3))
     warmer = late[n + 3, 0] if len(late) > 0 else 0.0
     sight = H.copy()
     for i in range(m):

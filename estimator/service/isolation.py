@@ -14,7 +14,6 @@ log = logging.getLogger(__name__)
 
 FAILED = "session failed"
 
-
 #: of a device, before some work of it: samples held, taken in, corrected and published
 Before = tuple[int, int, int, int]
 
@@ -25,20 +24,20 @@ class Isolation:
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
-    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
-        """Whether work(*args) went well; else the device's session begins anew. came: samples that the work takes in."""
+    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0, owed: int = 0) -> bool:
+        """Whether work(*args) went well; else the device's session begins anew. came, owed: see `failed`."""
         before = counted(device)
         try:
             work(*args)
         except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
-            self.failed(device, error, before, came=came)
+            self.failed(device, error, before, came=came, owed=owed)
             return False
         return True
 
     def failed(self, device: Device, error: Exception, before: Before, *, came: int = 0, owed: int = 0) -> None:
         """Work of a device has: its session begins anew. The service of all others must not end with it.
 
-        came: samples that the work was to take in. owed: samples that count as corrected, which it was to publish.
+        came: samples that the work was to take in. owed: samples that count as corrected before it, and only it could publish.
         """
         if isinstance(error, BusError):
             raise error  # the bus itself is gone: for all

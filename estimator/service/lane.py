@@ -19,7 +19,6 @@ from estimator.service.together import Come, Round, Sender, read
 _MOST = 2 * MAX_DEVICES
 _NOBODY = None, None
 
-
 #: of a plain batch a part, or all of it: what corrects its samples from the first to the last
 _Part = tuple[Device, Come, Correction, int, int]
 Tell = Callable[[Device, Outcome], None]
@@ -41,7 +40,7 @@ class Lane:
     def admit(self, key: str, device: Device, bridge: str) -> None:
         """What comes under this key is of this device, from this bridge."""
         known = self._devices.get(key)
-        if known is not None and known[0] is device and known[1].bridge == bridge:
+        if known is not None and known[0] is device:  # a key names its bridge, too
             return
         if len(self._devices) >= _MOST:
             self._devices.clear()  # of devices that are no more, too; those that are will be admitted again
@@ -86,8 +85,8 @@ class Lane:
         if outcome.worded:  # after the samples that led to it, and before the first that it is applied to
             self._send(whole, going_on)
             going_on.clear()
-        self._tell(device, outcome)
-        going_on += [(device, come, *cut) for cut in cuts]
+        if self._guarded(device, self._tell, device, outcome, owed=len(rows)):
+            going_on += [(device, come, *cut) for cut in cuts]
 
     def _send(self, whole: Round, parts: list[_Part]) -> None:
         """Correct samples of a round and publish them, in order."""

@@ -116,7 +116,7 @@ class BiasFilter:
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
-        self._stepped = np.zeros((3, 3))  # what the last step added to the bias
+        self._stepped = Since(n, np.zeros((3, 3)))  # the walk since what was measured in the last step
         self._since.clear()
 
     def restart(self, state: BiasState) -> None:
@@ -171,7 +171,7 @@ class BiasFilter:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
         wandered(rows, warmer, self.walked(dt, known=known), bend, over)
         self._step(rows, moved=carried is not None)
-        self._stepped = rows[n + 1 : n + 4, BIAS].copy()
+        self._stepped = Since(n, rows[n + 1 : n + 4, BIAS])
         if self.bent is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, None
@@ -187,7 +187,7 @@ class BiasFilter:
         self._kf.predict(F=F, Q=Q)
         if moved:
             self._kf.x = rows[0]
-        for since in self._since:
+        for since in self._followed():
             since.step(F, Q)
 
     def expect(self, law: TemperatureLaw) -> None:
@@ -199,7 +199,7 @@ class BiasFilter:
             P = self._kf.P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-            for since in self._since:
+            for since in self._followed():
                 since.cross[SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
@@ -257,8 +257,12 @@ class BiasFilter:
 
     def since(self) -> Since:
         """The moment of what was measured in the last step, for what is to be taken later."""
-        self._since.append(Since(len(self._kf.x), self._stepped))
-        return self._since[-1]
+        self._since = self._followed()
+        return self._stepped
+
+    def _followed(self) -> list[Since]:
+        """All that something may be taken by later."""
+        return self._since if self._stepped in self._since else [*self._since, self._stepped]
 
     def remembers(self, evidence: Evidence) -> bool:
         """Whether the state goes on from when this was measured: it was not begun anew since."""
@@ -307,8 +311,9 @@ class BiasFilter:
             kf.update_correlated(evidence.z, R=R + noise, H=H)
             kf.P = (kf.P + kf.P.T) / 2
             self._since = [since for since in self._since if since is not late]
-        for since in self._since:
-            since.taken(kf.K, H, late)
+        for since in self._followed():
+            if since is not late:
+                since.taken(kf.K, H, late)
 
 
 @cache

@@ -18,18 +18,22 @@ NOW = np.empty((0, 3))
 
 
 class Since:
-    """The walk from a measurement to now, in rows (n + 4, 3) of loops/late.py."""
+    """The walk from a measurement to now, in rows (n + 5, 3) of loops/late.py."""
 
     def __init__(self, n: int, walked: Floats) -> None:
-        """Walked (3, 3): variance of the walk while it was measured; its mean is half a step older than the step's end."""
-        self.rows = np.zeros((n + 4, 3))
+        """Walked (3, 3), diagonal: variance of the walk while it was measured; its mean is half a step older than the step's end.
+
+        To be made as the step ends, before anything of it is taken in.
+        """
+        self.rows = np.zeros((n + 5, 3))
         self.rows[:3] = walked / 2
         self.rows[n : n + 3] = walked / 3
+        self.rows[n + 4] = walked.diagonal() / 6
 
     @property
     def cross(self) -> Floats:
         """(n, 3) covariance of the error of the state with the walk; to be written to."""
-        return self.rows[:-4]
+        return self.rows[:-5]
 
     def sight(self, H: Floats) -> tuple[Floats, Floats, Floats]:
         """What a measurement of then by H (m, n) sees of the state as it is now, (m, n).

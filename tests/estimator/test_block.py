@@ -46,6 +46,9 @@ def test_what_waits_is_taken_once_and_what_has_no_accelerometer_reads_nan() -> N
     assert np.flatnonzero(np.isnan(run.rows).any(axis=1)).tolist() == list(range(20, 30))
     assert run.sequences.tolist() == list(range(40))
     assert block.take() == []
+    block.add(rows_of(batches[0], 3, 10), None, batches[0], 3)
+    block.add(rows_of(batches[3], 0, 5), None, batches[3], 0)
+    assert joined(block.take()).sequences.tolist() == [*range(3, 10), *range(30, 35)]
     np.testing.assert_array_equal(run.time, calibration(seed=1).time[:40])
 
 

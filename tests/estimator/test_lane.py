@@ -15,11 +15,13 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
 from estimator.config import Estimator
+from estimator.service.device import Device
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from estimator.session import DeviceSession
+from tests.estimator.memory_ward import Ward
 from tests.estimator.served import Kept
-from tests.estimator.stream import calibration
+from tests.estimator.stream import Stream, calibration
 
 WARD = "w"
 DEVICES = ("one", "two", "three")
@@ -165,9 +167,31 @@ def test_a_leap_of_the_devices_clock_is_treated_alike(
     assert (counts["refused leap"], counts["range"]) == (1, len(batches[150]))
 
 
-def test_large_rates_are_clipped_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
+@pytest.mark.parametrize("most", [2000.0, 900.0])
+def test_large_rates_are_clipped_alike(
+    tmp_path: Path, lives: dict[str, list[SampleBatch]], monkeypatch: pytest.MonkeyPatch, most: float
+) -> None:
+    for where in ("together", "published"):
+        monkeypatch.setattr(f"estimator.service.{where}.MAX_CORRECTED", most)
     large = [
         Message(key("one"), codec.encode_samples(replace(b, gyro=np.full_like(b.gyro, 999.0)) if i % 7 == 0 else b))
         for i, b in enumerate(lives["one"])
     ]
-    both(tmp_path, rounds_of(large, 3))
+    assert both(tmp_path, rounds_of(large, 3)) > 200
+
+
+def test_what_changes_is_said_after_the_samples_that_led_to_it(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead, say = list[int](), Device.say_status
+
+    def noted(device: Device, time_ns: int) -> None:
+        ahead.append(device.session.sequence.samples_out - device.told)
+        say(device, time_ns)
+
+    monkeypatch.setattr(Device, "say_status", noted)
+    batches = once.batches()
+    for start in range(0, len(batches), 30):
+        ward.send(batches[start : start + 30])
+    assert len(ahead) > 3
+    assert max(ahead) == 10, "the batch in which a block ends may be corrected anew from there on"

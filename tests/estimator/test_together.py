@@ -90,6 +90,7 @@ def test_nobodys_and_anothers_messages_are_left_to_the_door() -> None:
         {"receive_time_ns": -5},
         {"start_time_ns": MAX_TIME_NS},
         {"tick_period_s": 0.0},
+        {"tick_period_s": 1e-10},
         {"tick_period_s": np.nan},
         {"tick_period_s": 1.5},
         {"clock_rate": np.inf},
@@ -119,6 +120,29 @@ def test_what_is_unfit_or_odd_is_left_to_the_door_and_its_neighbours_are_not(odd
     assert_as_the_door_says(before, payloads[0])
     assert after is not None
     assert_as_the_door_says(after, payloads[2])
+
+
+def test_more_samples_than_the_door_takes_are_left_to_it() -> None:
+    payload = codec.encode_samples(batch_of(np.random.default_rng(7), codec.MAX_SAMPLES + 1, accel=False))
+    assert came_of([payload]).come == [None]
+
+
+@pytest.mark.parametrize("column", ["ticks", "gyro", "accel", "temperature_c"])
+def test_a_column_with_a_part_of_a_number_is_left_to_the_door(column: str) -> None:
+    message = columns.SampleBatch.FromString(codec.encode_samples(batch_of(np.random.default_rng(8), 3, celsius=True)))
+    setattr(message, column, getattr(message, column) + b"\0")
+    assert came_of([message.SerializeToString()]).come == [None]
+
+
+def test_a_message_cut_short_anywhere_is_left_to_the_door_or_is_whole_without_the_rest() -> None:
+    whole = codec.encode_samples(batch_of(np.random.default_rng(9), 1, celsius=True))
+    read_all_the_same = 0
+    for end in range(len(whole)):
+        (come,) = came_of([whole[:end]]).come
+        if come is not None:
+            read_all_the_same += 1
+            assert_as_the_door_says(come, whole[:end])
+    assert read_all_the_same == 2  # without the temperature, and without the accelerometer too
 
 
 @given(st.data())

@@ -75,7 +75,7 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
     H[:, :6] = rng.normal(size=(m, 6))
     R = np.diag(rng.uniform(1.0, 2.0, m))
     x, z = rng.normal(size=n), rng.normal(size=m)
-    late_rows = np.vstack([cross, var, [[0.5, 0.0, 0.0]]])
+    late_rows = np.vstack([cross, var, [[0.5, 0.0, 0.0]], np.zeros((1, 3))])
     rows, nis = weighed(z, H, R, x, P, late_rows if late else NOW)
     innovation, S = rows[:, 0], rows[:, 1:]
     # The error of x and the walk w, of which a late measurement sees H (x - w), as one state.
@@ -108,28 +108,34 @@ def test_what_has_no_inverse_has_no_nis(var: float) -> None:
 def test_what_waits_to_be_taken_is_followed(m: int) -> None:
     rng, n = np.random.default_rng(m), 24
     cross, var = rng.normal(size=(n, 3)), np.diag(rng.uniform(1.0, 2.0, 3))
-    rows = np.vstack([cross, var, np.zeros((1, 3))])
+    own = rng.uniform(0.1, 0.2, 3)
+    rows = np.vstack([cross, var, np.zeros((1, 3)), own])
     F = np.eye(n) + np.diag(rng.normal(size=n - 3), 3)
     walked = np.diag(rng.uniform(1.0, 2.0, 3))
     went_on(rows, F, np.pad(walked, (0, n - 3)))
     np.testing.assert_allclose(rows[:n], F @ cross + np.eye(n, 3) @ walked, rtol=1e-12)
-    np.testing.assert_allclose(rows[n:-1], var + walked, rtol=1e-12)
-    np.testing.assert_array_equal(rows[-1], [F[0, 3], 0.0, 0.0])
+    np.testing.assert_allclose(rows[n:-2], var + walked, rtol=1e-12)
+    np.testing.assert_array_equal(rows[-2:], [[F[0, 3], 0.0, 0.0], own])
     H, K = np.zeros((m, n)), rng.normal(size=(n, m))
     H[:, :6] = rng.normal(size=(m, 6))
     for scale in (None, 0.5, 2.0):
         before, other = rows.copy(), rows.copy()
-        other[n:-1] *= scale or 1.0
+        other[n:-2] *= scale or 1.0
+        other[-1] *= 3.0
         knew_more(rows, K, H, NOW if scale is None else other)
-        shorter = (0.0 if scale is None else min(scale, 1.0)) * before[n:-1]
+        shorter = (
+            np.zeros((3, 3))
+            if scale is None
+            else min(scale, 1.0) * before[n:-2] + np.diag(own if scale > 1.0 else 3.0 * own)
+        )
         expected = before[:n] - K @ (H @ before[:n] - H[:, :3] @ shorter)
         np.testing.assert_allclose(rows[:n], expected, rtol=1e-9, atol=1e-12)
         np.testing.assert_array_equal(rows[n:], before[n:])
     seen = sight(rows, H)
     now = H.copy()
-    now[:, 3:6] -= rows[-1, 0] * H[:, :3]
+    now[:, 3:6] -= rows[-2, 0] * H[:, :3]
     np.testing.assert_allclose(
-        seen, np.hstack([now, -H[:, :3] @ rows[:n].T, H[:, :3] @ rows[n:-1] @ H[:, :3].T]), rtol=1e-9
+        seen, np.hstack([now, -H[:, :3] @ rows[:n].T, H[:, :3] @ rows[n:-2] @ H[:, :3].T]), rtol=1e-9
     )
 
 

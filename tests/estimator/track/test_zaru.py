@@ -362,3 +362,41 @@ def test_while_gravity_turns_no_rest_is_believed() -> None:
     assert np.degrees(np.abs(rest.filter.state.bias - before)).max() < 0.01
     # And when gravity stays, it is a rest again.
     assert rest.lives(ZaruKnobs().tilt.settled_s + ZaruKnobs().tilt.over_s + 10.0)[-1].accepted
+
+
+@pytest.mark.parametrize("leap", [1.0, 1000.0])
+@pytest.mark.parametrize("waits", [0, 1, 3])
+@pytest.mark.parametrize("now", [True, False])
+def test_late_no_more_is_known_than_all_that_was_measured_says(leap: float, waits: int, *, now: bool) -> None:
+    """Against all at once: walks, their means and what was measured as one Gaussian. In one step the bias may leap."""
+    knobs, steps, along = BiasKnobs(), 6, np.array([[0.1, 0.2, 1.0]])
+    P0, R, now_R = np.radians(0.02) ** 2, np.radians(0.006) ** 2, np.radians(0.004) ** 2
+    seconds = np.where(np.arange(steps) == 3, leap, 1.0)
+    # The first bias, the walk of each step, and how far the mean of each is behind its end.
+    prior, ends = np.zeros((1 + 2 * steps, 1 + 2 * steps)), np.tri(steps, 1 + 2 * steps, 1)
+    prior[0, 0] = P0
+    for k, own in enumerate([1 + k, 1 + k + steps] for k in range(steps)):
+        prior[np.ix_(own, own)] = knobs.rate_random_walk**2 * seconds[k] * np.array([[1, 1 / 2], [1 / 2, 1 / 3]])
+    bias = BiasFilter(start(np.zeros(3), P0 * np.eye(3), 0.0, knobs), knobs)
+    waiting: list[Evidence] = []
+    for time in np.cumsum(seconds):
+        bias.predict(time)
+        if now:
+            bias.update(Evidence("now", np.zeros(2), np.eye(2, OWN), now_R * np.eye(2), np.inf))
+        H = np.pad(along, ((0, 0), (0, OWN - 3)))
+        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf, since=bias.since()))
+        while len(waiting) > waits:
+            bias.update(waiting.pop(0))
+    for evidence in waiting:
+        bias.update(evidence)
+    behind = np.eye(steps, 1 + 2 * steps, 1 + steps)
+    seen, var = np.kron(ends - behind, along), np.full(steps, R)
+    if now:
+        seen, var = np.vstack([seen, np.kron(ends, np.eye(2, 3))]), np.append(var, np.full(2 * steps, now_R))
+    before, last = np.kron(prior, np.eye(3)), np.kron(ends[-1], np.eye(3))
+    S = seen @ before @ seen.T + np.diag(var)
+    least = last @ before @ last.T - last @ before @ seen.T @ np.linalg.solve(S, seen @ before @ last.T)
+    if now:  # what it tells of the walks that wait is not used
+        assert np.linalg.eigvalsh(bias.cov[:3, :3] - least).min() > -1e-6 * least.max()
+    else:
+        np.testing.assert_allclose(bias.cov[:3, :3], least, rtol=1e-9, atol=1e-9 * least.max())
