@@ -185,8 +185,9 @@ def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pyt
 
 @pytest.mark.parametrize("seconds", ["-3", "0", "nan"])
 def test_watching_takes_time(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["watch", "chest", "--seconds", seconds]) == 2
-    assert f"--seconds is {seconds}; more than 0 is taken" in capsys.readouterr().err
+    for words in (["watch", "chest"], ["calibrate", "--live", "chest"]):
+        assert main([*words, "--seconds", seconds]) == 2
+        assert f"--seconds is {seconds}; more than 0 is taken" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["demo.toml", "ward.toml"])
