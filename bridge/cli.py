@@ -81,7 +81,7 @@ def _run(args: argparse.Namespace) -> int:
 def _replay(args: argparse.Namespace) -> int:
     root = ward_of(args)
     # A bad file is said at once, not tried again and again.
-    tables = _of_a_ward(args) if args.file.suffix == ".mcap" else _of_a_device(args)
+    tables = _of_a_ward(args) if args.file.suffix.lower() == ".mcap" else _of_a_device(args)
     bridge = Bridge(
         id=f"replay-{tables[0]['id']}"[:32] if len(tables) == 1 else "replay",
         devices=tuple(Device.from_table(table) for table in tables),

@@ -2,7 +2,7 @@
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 from bridge.toml_file import ConfigError, nearest
@@ -16,12 +16,28 @@ _NO_CHOICE = re.compile(r"(?P<where>.*)invalid choice: '(?P<word>.*)' \(choose f
 class Parser(argparse.ArgumentParser):
     """Its verbs are of its kind, too."""
 
+    def parse_known_args(  # type: ignore[override] # argparse's overloads say no more
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """See argparse; what is left over is refused here, where the verb's options are known."""
+        given, over = super().parse_known_args(args, namespace)
+        if over:
+            self.error(_left_over(over, self._option_string_actions))
+        return given, over
+
     def error(self, message: str) -> NoReturn:
-        """See argparse; the nearest word stands where all would."""
+        """See argparse, in one line; the nearest word stands where all would."""
         if match := _NO_CHOICE.fullmatch(message):
             known = re.findall(r"[\w-]+", match["known"])
             message = f"{match['where']}unknown {match['word']!r}; {nearest(match['word'], known)}"
-        super().error(message)
+        self.exit(2, f"{self.prog}: {message} (`{self.prog} --help` says more)\n")
+
+
+def _left_over(words: Sequence[str], options: Iterable[str]) -> str:
+    wrong = next((word for word in words if word.startswith("-")), "").partition("=")[0]
+    if wrong:
+        return f"unknown option {wrong!r}; {nearest(wrong, (one for one in options if one.startswith('--')))}"
+    return f"unexpected {' '.join(map(repr, words))}"
 
 
 class Version(argparse.Action):
@@ -36,6 +52,13 @@ class Version(argparse.Action):
 
         print(f"{parser.prog} {version('truerate')}")
         parser.exit()
+
+
+def seed(text: str) -> int:
+    """Of random numbers; for argparse."""
+    if not (text.isdecimal() and int(text) < 1 << 31):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {(1 << 31) - 1} is expected")
+    return int(text)
 
 
 def add_verb(

@@ -151,6 +151,8 @@ def _renew(given: argparse.Namespace) -> int:
         ]
     if not members and not given.soon:
         raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
+    if not members:
+        print("none ends within 14 days; nothing was renewed")
     for member in dict.fromkeys(members):
         _made(folder.renew(member, now, given.days))
     return 0

@@ -105,19 +105,20 @@ def load(
     device and boot, counted from 1, choose from a ward's recording.
     """
     path = Path(path)
+    kind = path.suffix.lower()
     check_file(path)
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise RecordingError(f"{path}: {size} bytes; at most {MAX_BYTES} are taken")
-    if path.suffix == ".part":
+    if kind == ".part":
         raise RecordingError(f"{path}: it was not finished; make it whole first: truerate recording recover {path}")
-    if path.suffix == ".mcap":
+    if kind == ".mcap":
         return _of_stretch(path, *_chosen(path, device, boot))
     if device is not None or boot is not None:
         raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
-    if path.suffix == ".npz":
+    if kind == ".npz":
         columns = _read_npz(path)
-    elif path.suffix in {".csv", ".txt"}:
+    elif kind in {".csv", ".txt"}:
         columns = read_csv(path)
     else:
         raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
@@ -231,10 +232,11 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     if n < 2:
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
+    for said in (rate, rate_hz):
+        if said is not None and not 0.1 <= said <= 100_000:
+            raise RecordingError(f"{path}: rate_hz is {said:g}; 0.1 to 100000 is taken")
     if rate_hz is not None and rate is not None and abs(rate_hz - rate) > _SAME_RATE * rate:
         _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is not used", path, rate, rate_hz)
-    if rate is not None and not 0.1 <= rate <= 100_000:
-        raise RecordingError(f"{path}: rate_hz is {rate:g}; 0.1 to 100000 is taken")
     time = _time(path, columns.get("t_s"), rate, n)
     if "t_s" in columns:
         check_time(path, time)
@@ -255,7 +257,7 @@ def _check_values(path: Path, name: str, column: Floats) -> None:
     bad = np.argwhere(~np.isfinite(column))
     if len(bad):
         where = f" at sample {bad[0][0]}" if column.ndim else ""
-        raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({len(bad)} such values)")
+        raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({count(len(bad), 'such value')})")
     if name not in _LIMITS:
         return
     limit, words = _LIMITS[name]

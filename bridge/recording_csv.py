@@ -84,7 +84,19 @@ def _names(path: Path, header: list[str]) -> list[str]:
         )
     if len(header) == 1 and (between := next((mark for mark in ";\t" if mark in header[0]), "")):
         raise RecordingError(f"{path}: its columns are {between!r} apart; commas are expected, and points in numbers")
+    if len(header) < 3:
+        raise RecordingError(
+            f"{path}: its first row is {','.join(header)[:60]!r}; the names of the columns are expected there, commas between"
+        )
+    if all(map(_is_number, header)):
+        raise RecordingError(
+            f"{path}: its first row is of numbers; the names of the columns are expected there, as t_s,gx_dps,gy_dps,gz_dps"
+        )
     names = [name.strip().lower() for name in header]
+    if "" in names:
+        raise RecordingError(
+            f"{path}: column {names.index('') + 1} of the header has no name; give it one, or end no row with a comma"
+        )
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise RecordingError(f"{path}: the header has {', '.join(sorted(twice))} more than once")
@@ -128,7 +140,9 @@ def _constant(path: Path, rate_hz: Floats) -> Floats:
 
 def _no_gyro(names: list[str]) -> str:
     wanted = [f"{prefix}{axis}_{unit}" for unit in _GYRO for prefix in ("gyro_", "g") for axis in "xyz"]
-    missing = "the columns gyro_x_rad_s, gyro_y_rad_s, gyro_z_rad_s (or gx_dps, gy_dps, gz_dps) are needed"
+    missing = (
+        "the columns gyro_x_rad_s, gyro_y_rad_s, gyro_z_rad_s (or gx_dps, gy_dps, gz_dps: with the unit) are needed"
+    )
     hints = [
         f"{name!r}: did you mean {close[0]!r}?"
         for name in names
@@ -139,8 +153,14 @@ def _no_gyro(names: list[str]) -> str:
 
 def _bad_number(path: Path, names: list[str], number: int, row: list[str]) -> RecordingError:
     for name, value in zip(names, row, strict=True):
-        try:
-            float(value)
-        except ValueError:
+        if not _is_number(value):
             return RecordingError(f"{path}: row {number}, column {name!r}: {value[:32]!r} is not a number")
     return RecordingError(f"{path}: row {number} is not of numbers")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -105,10 +105,12 @@ def _calibrate(given: argparse.Namespace) -> int:
     else:
         console = Console()
         for words in passed_over:
-            console.print(f"passed over: {words}", style="dim", highlight=False)
+            console.print(f"passed over: {words}", style="dim", highlight=False, soft_wrap=True)
         if isfinite(result.covariance.sum()):
             _show_parameters(console, result)
-        console.print(f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False)
+        console.print(
+            f"{result.verdict.name.lower()} ({result.method}): {result.reason}", highlight=False, soft_wrap=True
+        )
     return 0 if result.verdict is Verdict.ACCEPTED else 1
 
 

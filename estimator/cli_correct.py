@@ -53,7 +53,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         "out",
         type=Path,
         metavar="OUT",
-        help="where to write, .npz or .csv; an OUT that is there is replaced; never IN",
+        help="where to write, .npz or .csv; one that this wrote before is replaced, no other file",
     )
     way = verb.add_mutually_exclusive_group()
     way.add_argument("--realtime", action="store_true", help="what was known when each sample came (default)")

@@ -37,6 +37,8 @@ def live(given: argparse.Namespace) -> int:
 
     if given.file is not None:
         raise ConfigError("a recording or --live DEVICE, not both")
+    if given.seconds is not None and not given.seconds > 0:
+        raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     ward, routers = ward_of(given, Role.COMMANDER)
     told = load(given.config, Ward) if given.config else None
     terminal = os.environ.get("LC_ALL") or os.environ.get("LC_MESSAGES") or os.environ.get("LANG", "")

@@ -1,11 +1,12 @@
 """The verbs that measure the methods by simulation: `truerate study ...`."""
 
 import argparse
+from math import inf, nan
 from pathlib import Path
 
 from rich.console import Console
 
-from bridge.cli_parser import Verbs, add_verb
+from bridge.cli_parser import Verbs, add_verb, seed
 from bridge.config import ConfigError
 from estimator import picture_file
 
@@ -21,8 +22,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     does = "errors of Algorithm 1 over simulated sessions, with a table and a picture"
     verb = add_verb(inner, "algorithm1", _study, does)
     verb.add_argument("--sessions", type=_at_least_one, default=200)
-    verb.add_argument("--noise", type=float, default=0.03, metavar="DPS", help=_NOISE)
-    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help=_WOBBLE)
+    verb.add_argument("--noise", type=_above_zero, default=0.03, metavar="DPS", help=_NOISE)
+    verb.add_argument("--wobble", type=_from_zero, default=0.0, metavar="DEG", help=_WOBBLE)
     verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
     does = "the paper's simulation: Algorithm 1 and closure against truth and the best possible"
     _add_paper(add_verb(inner, "paper", _study_paper, does))
@@ -41,10 +42,12 @@ def _add_paper(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--runs", type=_at_least_one, default=15_000, help="sessions at each noise (default: %(default)s)"
     )
-    verb.add_argument("--noise", type=float, nargs="+", default=[0.03, 0.15], metavar="DPS", help=_NOISE)
-    verb.add_argument("--wobble", type=float, default=0.0, metavar="DEG", help=_WOBBLE)
-    verb.add_argument("--replacement", type=float, default=0.0, metavar="DEG", help="misses of the hand, std per axis")
-    verb.add_argument("--seed", type=int, default=1)
+    verb.add_argument("--noise", type=_above_zero, nargs="+", default=[0.03, 0.15], metavar="DPS", help=_NOISE)
+    verb.add_argument("--wobble", type=_from_zero, default=0.0, metavar="DEG", help=_WOBBLE)
+    verb.add_argument(
+        "--replacement", type=_from_zero, default=0.0, metavar="DEG", help="misses of the hand, std per axis"
+    )
+    verb.add_argument("--seed", type=seed, default=1)
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
     verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
 
@@ -54,14 +57,14 @@ def _add_scaling(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--total", type=_at_least_one, default=100_000, help="of all wards (default: %(default)s)")
     verb.add_argument(
         "--message-us",
-        type=float,
+        type=_above_zero,
         default=150.0,
         help="µs of a core for ten samples, as `make bench-load` measures them",
     )
     verb.add_argument(
-        "--router-us", type=float, default=12.0, help="the same of the router, for each message it passes on"
+        "--router-us", type=_above_zero, default=12.0, help="the same of the router, for each message it passes on"
     )
-    verb.add_argument("--known-s", type=float, default=0.1, help="s until the others know of a death (hung: 1.5)")
+    verb.add_argument("--known-s", type=_from_zero, default=0.1, help="s until the others know of a death (hung: 1.5)")
     verb.add_argument("--picture", type=Path, default=Path("out/scaling.png"))
 
 
@@ -72,6 +75,22 @@ def _at_least_one(text: str) -> int:
         number = 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1 on is expected")
+    return number
+
+
+def _from_zero(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = nan
+    if not 0 <= number < inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number from 0 on is expected")
+    return number
+
+
+def _above_zero(text: str) -> float:
+    if not (number := _from_zero(text)):
+        raise argparse.ArgumentTypeError("0: a number above 0 is expected")
     return number
 
 

@@ -85,6 +85,7 @@ def _check_written(path: Path) -> None:
         raise ConfigError(f"--write {path}: a device model ends in .toml")
     if path.exists():
         raise ConfigError(f"--write {path}: it is there already; choose another name, or remove it")
+    picture_file.check_folder("--write", path)
 
 
 def _write(path: Path, source: Path, rest: "AtRest", like: str) -> None:

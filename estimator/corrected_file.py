@@ -7,6 +7,7 @@ bias_x_rad_s, bias_std_x_rad_s …; quality by its name.
 """
 
 import os
+import zipfile
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
@@ -39,6 +40,20 @@ def check(out: Path, recorded: Path) -> None:
         raise RecordingError(f"{out}: is not a file, but a pipe or a device; give a file's name")
     if out.exists() and recorded.exists() and out.samefile(recorded):
         raise RecordingError(f"{out}: is the recording itself, which is never overwritten; give another name")
+    if out.exists() and not _is_corrected(out):
+        raise RecordingError(f"{out}: is there, and is no corrected recording; give another name, or remove it first")
+
+
+def _is_corrected(path: Path) -> bool:
+    """Whether a file is of this kind: then another may take its place."""
+    try:
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                return "quality_names.npy" in archive.namelist()
+        with path.open("rb") as file:
+            return file.readline(80).startswith(b"t_s,rate_x_rad_s,")
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 def save(

@@ -14,6 +14,11 @@ def check(option: str, path: Path) -> None:
         raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
     if path.is_dir():
         raise ConfigError(f"{option} {path}: a folder; give the picture a name of its own")
+    check_folder(option, path)
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Refuse a file of any kind that could not be made there, as above."""
     folder = next(above for above in path.absolute().parents if above.exists())
     if not folder.is_dir():
         raise ConfigError(f"{option} {path}: {folder} is a file, not a folder")

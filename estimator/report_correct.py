@@ -13,6 +13,7 @@ from estimator.corrected import Corrected
 from estimator.gyro import AXES
 
 _MOST_SAID = 12
+_NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
 _MEANS = {
     "NONE": "nothing known yet",
     "PRIOR": "another boot's scale",
@@ -45,14 +46,14 @@ def as_json(corrected: Corrected, recording: Recording, out: Path) -> dict[str, 
 def as_words(corrected: Corrected, recording: Recording, out: Path) -> Iterator[str]:
     """A few lines: what came, how far to trust it, what was used and what refused, where it is."""
     minutes = recording.time_s[-1] / 60
-    how = "smoothed, all of it with what is known at its end" if corrected.smoothed else "as it would have been live"
+    how = "with what is known at its end" if corrected.smoothed else "as it would have been live"
     yield f"{count(len(corrected), 'sample')}, {minutes:.1f} min at {recording.rate_hz:.4g} Hz, corrected {how}"
     yield "quality: " + ", ".join(
         f"{name} {_span(seconds)} ({_MEANS[name]})" for name, seconds in corrected.seconds().items()
     )
     bias, std = np.degrees(corrected.bias[-1]), np.degrees(corrected.bias_std[-1])
     yield "bias at the end: " + ", ".join(f"{AXES[i]} {bias[i]:+.4f} ± {std[i]:.4f}" for i in range(3)) + " °/s"
-    yield f"calibration: {corrected.calibration or 'none; `--calibration FILE` gives one'}"
+    yield f"calibration: {corrected.calibration or _NONE}"
     if (warm := recording.temperature_c) is not None:
         yield f"temperature: {warm.min():.1f} to {warm.max():.1f} °C"
     if corrected.quality[-1] == Quality.DEGRADED:

@@ -118,7 +118,7 @@ class WardView:
         if silence := _silence(now - heard):
             state, reason = SILENT, silence
         elif trouble:
-            reason = f"{reason}: {trouble}" if reason else trouble
+            reason = f"{trouble}; {reason}" if reason else trouble
         if clash := rivals.found([status]):
             about["notices"] = {"bridges": clash[0], **about.get("notices", {})}
         return Row(

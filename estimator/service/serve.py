@@ -40,9 +40,9 @@ def run(ward: Ward) -> None:
             except OSError:
                 _look_for_another(ward, ward.estimator.id, stop)  # which would be why
                 raise
+        routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
         database = Database(ward.estimator.store, patient=True)
         stack.callback(database.close)
-        routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
         data, control = (connected(routers, stop, patient=True) for _ in range(2))
         if data is None or control is None:
             return

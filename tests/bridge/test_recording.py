@@ -175,6 +175,13 @@ def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
         ("t_s,gx_dps,gy_dps,gz_dps\n", "0 samples; at least 2"),
         ("t_s;gx_dps;gy_dps;gz_dps\n0;1;2;3\n", "its columns are ';' apart; commas are expected"),
         ("t_s\tgx_dps\tgy_dps\tgz_dps\n0\t1\t2\t3\n", r"its columns are '\t' apart"),
+        (
+            "t_s gx_dps gy_dps gz_dps\n0 1 2 3\n",
+            "its first row is 't_s gx_dps gy_dps gz_dps'; the names of the columns",
+        ),
+        ("# logger 3\nt_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n", "its first row is '# logger 3'; the names of the columns"),
+        ("0.00,1,2,3\n0.01,1,2,3\n", "its first row is of numbers"),
+        ("t_s,gx_dps,gy_dps,gz_dps,\n0,1,2,3,\n", "column 5 of the header has no name"),
         ("t_s,gx_dps,gy_dps,gz_dps\n0,1,1,5,2,0,3,0\n", "the header has 4; are there commas in its numbers?"),
         ("t_s,t_ms,gx_dps,gy_dps,gz_dps\n5,0,1,1,1\n5.01,20,1,1,1\n", "'t_s' and 't_ms' are not the same in two units"),
         (
@@ -186,6 +193,11 @@ def test_a_csv_in_si_without_times_needs_a_rate(tmp_path: Path) -> None:
 )
 def test_a_bad_csv_is_refused(tmp_path: Path, text: str, said: str) -> None:
     assert said in refusal(written(tmp_path, text))
+
+
+def test_a_name_may_end_in_capitals(tmp_path: Path) -> None:
+    path = written(tmp_path, "t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n0.01,1,2,3\n")
+    assert len(load(path.rename(tmp_path / "DAY.CSV"))) == 2
 
 
 def test_a_csv_may_say_the_same_twice_and_its_rate_in_a_column(tmp_path: Path) -> None:

@@ -185,8 +185,9 @@ def test_without_a_router_one_line_says_what_to_do(words: list[str], capsys: pyt
 
 @pytest.mark.parametrize("seconds", ["-3", "0", "nan"])
 def test_watching_takes_time(seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["watch", "chest", "--seconds", seconds]) == 2
-    assert f"--seconds is {seconds}; more than 0 is taken" in capsys.readouterr().err
+    for words in (["watch", "chest"], ["calibrate", "--live", "chest"]):
+        assert main([*words, "--seconds", seconds]) == 2
+        assert f"--seconds is {seconds}; more than 0 is taken" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["demo.toml", "ward.toml"])
@@ -271,6 +272,31 @@ def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixtu
         with pytest.raises(SystemExit):
             main(words)
         assert "unknown 'wach'; did you mean 'watch'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["calibrate", "a.npz", "--metod", "turn360"],
+            "truerate calibrate: unknown option '--metod'; did you mean '--method'?",
+        ),
+        (["bridge", "run", "a.toml", "--cofig=x"], "truerate bridge run: unknown option '--cofig'; "),
+        (["calibrate", "a.npz", "b.npz"], "truerate calibrate: unexpected 'b.npz'"),
+        (["demo", "--seed", "-1"], "'-1': a whole number from 0 to"),
+        (["study", "paper", "--noise", "0"], "a number above 0 is expected"),
+        (["study", "paper", "--wobble", "-3"], "'-3': a number from 0 on is expected"),
+        (["study", "paper", "--wobble", "nan"], "'nan': a number from 0 on is expected"),
+    ],
+)
+def test_what_no_verb_takes_is_refused_in_a_line(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    told = capsys.readouterr().err
+    assert (ended.value.code, told.count("\n")) == (2, 1)
+    assert said in told
 
 
 def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:

@@ -143,6 +143,24 @@ def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool)
     assert picture.stat().st_size > 20_000
 
 
+@pytest.mark.parametrize("kind", ["npz", "csv"])
+def test_only_what_it_wrote_before_is_replaced(
+    session: Session, recorded: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"out.{kind}"
+    for _ in range(2):
+        assert main(["correct", str(recorded), str(out)]) == 0
+    other = tmp_path / f"other.{kind}"
+    if kind == "npz":
+        np.savez(other, gyro_rad_s=session.gyro, rate_hz=104.0)
+    else:
+        other.write_text("t_s,gx_dps,gy_dps,gz_dps\n0,1,2,3\n")
+    before = other.read_bytes()
+    assert main(["correct", str(recorded), str(other)]) == 1
+    assert "is no corrected recording; give another name" in capsys.readouterr().err
+    assert other.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [

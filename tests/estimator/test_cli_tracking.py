@@ -81,6 +81,7 @@ def test_a_model_is_written_and_read_back(tmp_path: Path, capsys: pytest.Capture
     [
         (["--write", "mine.json"], "ends in .toml"),
         (["--write", "mine.toml", "--model", "mpu6050"], "did you mean 'mpu-6050'"),
+        (["--write", "/dev/null/mine.toml"], "/dev/null is a file, not a folder"),
     ],
 )
 def test_wrong_use_is_said_before_the_work(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -91,7 +91,7 @@ def test_a_device_of_which_no_word_comes_is_not_what_it_was() -> None:
 
 def test_what_keeps_a_device_from_being_read_is_said() -> None:
     [row] = view(status("a", State.LOST), about("a", trouble="the port is missing")).rows(10.0)
-    assert row.reason == "all is well: the port is missing"
+    assert row.reason == "the port is missing; all is well"
     [row] = view(about("a")).rows(10.0)
     assert (row.state, "no estimator" in row.reason) == ("unknown", True)
 

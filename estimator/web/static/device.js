@@ -160,5 +160,7 @@ watch(`trail/${id}`, (data) => {
   const n = data.byteLength / 36, time = Array.from(new Float64Array(data, 0, n)), rest = new Float32Array(data, 8 * n);
   const column = (i, map = (v) => v) => time.map((_, row) => number(map(rest[7 * row + i], row)));
   AXES.forEach((_, axis) => biases[axis].set([time, column(axis), column(axis, (v, row) => v + 2 * rest[7 * row + 3 + axis]), column(axis, (v, row) => v - 2 * rest[7 * row + 3 + axis])]));
-  temperatures.set([time, column(6)]);
+  const celsius = column(6);
+  $("warmth").hidden = celsius.every((value) => value === null);
+  temperatures.set([time, celsius]);
 });

@@ -71,6 +71,7 @@ function result(now, said) {
   $("certificate").href = `/devices/${encodeURIComponent(id)}/calibrations/${encodeURIComponent(now.calibration)}/certificate`;
   if ($("rows").dataset.of === now.calibration) return;
   $("rows").dataset.of = now.calibration;
+  $("compare").classList.toggle("first", !now.result.some((row) => row.before));
   $("rows").replaceChildren(...now.result.map((row) => {
     const line = document.createElement("tr"), axis = document.createElement("th");
     axis.scope = "row";

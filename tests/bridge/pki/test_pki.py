@@ -66,6 +66,11 @@ def test_private_keys_are_for_their_owner_alone(pki: Path) -> None:
     assert {stat.S_IMODE(folder.stat().st_mode) for folder in (pki, pki / "issuers")} == {0o700}
 
 
+def test_where_nothing_is_to_be_renewed_that_is_said(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(pki, "renew", "--soon") == 0
+    assert "none ends within 14 days" in capsys.readouterr().out
+
+
 def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
     assert run(pki, "issue", "router:r", "--host", "10.0.0.5", "--host", "ward.example", "--days", "3") == 0
     path, key = pki / "router.r.pem", (pki / "router.r.key").read_bytes()

@@ -192,8 +192,9 @@ def test_a_bus_table_is_whole_or_refused(given: dict[str, object], words: str) -
 
 
 def test_a_role_that_would_be_denied_silently_says_so_itself(
-    files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    files: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     files.write("viewer.hall", "viewer.hall")
     session = tmp_path / "session.csv"
     session.write_text("t_s,gx_dps,gy_dps,gz_dps\n" + "".join(f"{n / 100},0,0,0\n" for n in range(50)))
@@ -211,6 +212,7 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
     ):
         assert main(arguments) == 2
         assert needed in capsys.readouterr().err
+    assert not (tmp_path / "truerate.sqlite3").exists(), "who may not serve leaves no store behind"
 
 
 def test_a_plain_bus_asks_nobody_who_he_is() -> None:
