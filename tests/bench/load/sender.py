@@ -1,4 +1,4 @@
-"""A bridge of many devices, as a process: paced, all devices back to back each period; or a burst, all at once.
+"""A bridge of many devices, as a process: paced, a share of the devices at a time as bridge.ward does; or a burst, all at once.
 
 `python -m tests.bench.load.sender ENDPOINT DEVICES RATE_HZ BATCH paced SECONDS WARM_S` or `... burst MESSAGES 0`
 """
@@ -8,7 +8,7 @@ import sys
 import time
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.ward import cached
+from bridge.ward import SHARES, cached
 from tests.bench.load.stream import Fleet
 
 
@@ -20,17 +20,20 @@ def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amoun
         time.sleep(1.0)  # for everybody to learn of so many
         rounds = round(float(amount) / fleet.period_s) if mode == "paced" else int(amount) // fleet.n
         made = [list(fleet.round(i, time.time_ns())) for i in range(rounds)] if mode == "burst" else None
-        warm = round(float(warm_s) / fleet.period_s)
+        warm, shares = round(float(warm_s) / fleet.period_s), min(SHARES, fleet.n)
         due_s, late_s = time.monotonic(), 0.0
         for number in range(warm + rounds):
             if number == warm:
                 print(json.dumps({"before": warm * fleet.n}), flush=True)
                 late_s = 0.0
-            ready = made[number] if made is not None else fleet.round(number, time.time_ns())
-            for i, payload in ready:
-                publishers[i].put(payload)
-            if made is None:
-                due_s += fleet.period_s
+            if made is not None:
+                for i, payload in made[number]:
+                    publishers[i].put(payload)
+                continue
+            for share in range(shares):
+                for i, payload in fleet.round(number, time.time_ns(), range(share, fleet.n, shares)):
+                    publishers[i].put(payload)
+                due_s += fleet.period_s / shares
                 late_s = max(late_s, time.monotonic() - due_s)
                 time.sleep(max(0.0, due_s - time.monotonic()))
         print(json.dumps({"sent": (warm + rounds) * fleet.n, "late_s": late_s}), flush=True)

@@ -1,6 +1,6 @@
 """Messages of many devices, as a bridge would send them, ready to be put: a minute of a ward's life over and over."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -50,12 +50,12 @@ class Fleet:
         """Between two messages of one device."""
         return self.batch / self.rate_hz
 
-    def round(self, number: int, time_ns: int) -> Iterator[tuple[int, bytes]]:
-        """The message of every device of round `number`, said to be taken and received at time_ns: (device, payload)."""
+    def round(self, number: int, time_ns: int, which: Iterable[int] | None = None) -> Iterator[tuple[int, bytes]]:
+        """The message of every device of round `number`, or of some, said to be taken and received at time_ns: (device, payload)."""
         sequence = number * self.batch
         taken_s = (sequence + 1 + np.arange(self.batch)) / self.rate_hz
         ticks = np.rint((taken_s + self._ages[:, None]) / _TICK_S).astype("<u8")
-        for i in range(self.n):
+        for i in range(self.n) if which is None else which:
             gyro, accel = self._columns[i % _LIVES][number % self._slots]
             yield (
                 i,
