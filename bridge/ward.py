@@ -1,8 +1,4 @@
-"""All devices of one bridge on the bus: one thread publishes what every link has, a few links at a time.
-
-Each is published once in the time between batches. All at once, those who read would have nothing to do for most of that time,
-and then the last waits for all the others.
-"""
+"""All devices of one bridge on the bus: one thread publishes what every link has, each once in the time between batches."""
 
 import itertools
 import logging
@@ -32,8 +28,9 @@ _CACHE_MOST = 3000
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
 _TURN = 0.5  # of the time between batches: the most that one device may take of it
-#: in the time between batches links are published in so many shares
-SHARES = 8
+#: in the time between batches up to so many devices are published in so many shares: all at once, the last would wait for all
+#: others at whoever reads. Of more devices there is always something to read, and it costs less when much comes at once
+_SPREAD, _SHARES = 128, 8
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +38,11 @@ _log = logging.getLogger(__name__)
 def cached(batch_s: float) -> int:
     """How many messages of a device are kept for who missed them, one each batch_s."""
     return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
+
+
+def shares(devices: int) -> int:
+    """In how many parts so many devices are published, one part after the other."""
+    return max(1, min(_SHARES, devices)) if devices <= _SPREAD else 1
 
 
 class Outlet:
@@ -154,13 +156,12 @@ class Ward:
         self._alive.close()
 
     def _run(self) -> None:
-        shares = max(1, min(SHARES, len(self._all)))
-        due_s = time.monotonic()
+        parts, due_s = shares(len(self._all)), time.monotonic()
         for turn in itertools.count():
             if self._stop.is_set():
                 return
-            self._publish(self._all[turn % shares :: shares])
-            due_s = max(due_s + self._batch_s / shares, time.monotonic())
+            self._publish(self._all[turn % parts :: parts])
+            due_s = max(due_s + self._batch_s / parts, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
     def _publish(self, some: Iterable[tuple[Link, Outlet]], *, last: bool = False) -> None:

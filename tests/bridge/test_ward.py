@@ -29,7 +29,7 @@ from bridge.link import Link
 from bridge.merge import merged
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import SHARES, Outlet, Ward
+from bridge.ward import Outlet, Ward, shares
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, DeviceInfo, Quality, SampleBatch, SampleFlag, State, Status
 from bridge.wire.refusal import Tally
@@ -202,7 +202,7 @@ def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
     def note(_: Ward, some: Sequence[tuple[Link, Outlet]], *, last: bool = False) -> None:
         if not last:
             turns.append([link.device for link, _ in some])
-            if len(turns) == 3 * SHARES:
+            if len(turns) == 24:
                 enough.set()
 
     monkeypatch.setattr(Ward, "_publish", note)
@@ -210,10 +210,11 @@ def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
     simulated = tuple(Device(id=name, driver="simulated", options=SimulatedOptions()) for name in names)
     with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
         assert enough.wait(10.0)
-    shares = min(SHARES, devices)
+    parts = shares(devices)
+    assert [shares(n) for n in (0, 128, 129)] == [1, 8, 1], "of many, all at once costs readers less"
     assert max(map(len, turns)) == most
-    for begin in range(0, 2 * shares, shares):
-        assert sorted(name for turn in turns[begin : begin + shares] for name in turn) == sorted(names)
+    for begin in range(0, 2 * parts, parts):
+        assert sorted(name for turn in turns[begin : begin + parts] for name in turn) == sorted(names)
 
 
 def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: MemoryBroker, listener: Listener) -> None:

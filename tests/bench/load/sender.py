@@ -8,7 +8,7 @@ import sys
 import time
 
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.ward import SHARES, cached
+from bridge.ward import cached, shares
 from tests.bench.load.stream import Fleet
 
 
@@ -20,7 +20,7 @@ def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amoun
         time.sleep(1.0)  # for everybody to learn of so many
         rounds = round(float(amount) / fleet.period_s) if mode == "paced" else int(amount) // fleet.n
         made = [list(fleet.round(i, time.time_ns())) for i in range(rounds)] if mode == "burst" else None
-        warm, shares = round(float(warm_s) / fleet.period_s), min(SHARES, fleet.n)
+        warm, parts = round(float(warm_s) / fleet.period_s), shares(fleet.n)
         due_s, late_s = time.monotonic(), 0.0
         for number in range(warm + rounds):
             if number == warm:
@@ -30,10 +30,10 @@ def main(endpoint: str, devices: str, rate_hz: str, batch: str, mode: str, amoun
                 for i, payload in made[number]:
                     publishers[i].put(payload)
                 continue
-            for share in range(shares):
-                for i, payload in fleet.round(number, time.time_ns(), range(share, fleet.n, shares)):
+            for part in range(parts):
+                for i, payload in fleet.round(number, time.time_ns(), range(part, fleet.n, parts)):
                     publishers[i].put(payload)
-                due_s += fleet.period_s / shares
+                due_s += fleet.period_s / parts
                 late_s = max(late_s, time.monotonic() - due_s)
                 time.sleep(max(0.0, due_s - time.monotonic()))
         print(json.dumps({"sent": (warm + rounds) * fleet.n, "late_s": late_s}), flush=True)
