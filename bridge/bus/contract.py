@@ -60,6 +60,10 @@ class Subscription(Protocol):
         """How long the oldest message that was not read yet has been here; 0 where there is none."""
 
     @property
+    def caught_up(self) -> bool:
+        """Whether what caches held when this was declared has come, or was waited for long enough."""
+
+    @property
     def closed(self) -> bool:
         """Nothing will ever come again, by close() here or because the bus was closed: a reading loop must end."""
 

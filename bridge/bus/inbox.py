@@ -145,6 +145,11 @@ class Reading:
         return self._inbox.waited_s
 
     @property
+    def caught_up(self) -> bool:
+        """See contract.Subscription."""
+        return True
+
+    @property
     def closed(self) -> bool:
         """See contract.Subscription."""
         return self._inbox.closed

@@ -18,6 +18,7 @@ class Together:
         if not subscriptions:
             raise ValueError("nothing to read together; give one subscription or more")
         self._parts, self._inbox = tuple(subscriptions), Inbox(capacity)
+        self._queues: tuple[Inbox | Subscription, ...] = (self._inbox, *self._parts)
         self._open = len(self._parts)
         self._lock = threading.Lock()
         for part in self._parts:
@@ -47,7 +48,7 @@ class Together:
     @property
     def missed_by_key(self) -> dict[str, int]:
         """See contract.Subscription."""
-        counts = (Counter(part.missed_by_key) for part in (self._inbox, *self._parts))
+        counts = (Counter(part.missed_by_key) for part in self._queues)
         return dict(sum(counts, Counter[str]()))
 
     @property
@@ -56,9 +57,14 @@ class Together:
         return self._inbox.overflowed + sum(part.overflowed for part in self._parts)
 
     @property
+    def caught_up(self) -> bool:
+        """See contract.Subscription."""
+        return all(part.caught_up for part in self._parts)
+
+    @property
     def waited_s(self) -> float:
         """See contract.Subscription."""
-        return max(part.waited_s for part in (self._inbox, *self._parts))
+        return max(part.waited_s for part in self._queues)
 
     @property
     def closed(self) -> bool:

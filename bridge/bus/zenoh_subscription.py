@@ -83,6 +83,7 @@ class Repaired(Subscription):
         self._pattern, self._heartbeats = pattern, heartbeats
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
+        self._past_came = False
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
         self._first = bus.past(f"{pattern}/@adv/**", "" if most_past is None else f"_max={most_past}")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
@@ -96,6 +97,12 @@ class Repaired(Subscription):
         for source, found in _by_source(first).items():
             key = next(iter(found.values())).key
             self._hand_on(partial(self._sequences.history, source, key, found))
+        self._past_came = True
+
+    @property
+    def caught_up(self) -> bool:
+        """See contract.Subscription."""
+        return self._past_came
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         now_s, ready, cached = time.monotonic(), list[Message](), set[str]()

@@ -195,14 +195,15 @@ class Cluster:
         """Whether it is for us to speak of a device: it is ours, or would be, and nobody else has it. From any thread."""
         if device in self.held or self.alone:
             return True
-        return owner(device, self.members) == self.own and not any(h.device == device for h in self._claims())
+        return owner(device, self.members) == self.own and not any(h.device == device for h in self.claims())
 
     def orphaned(self, device: str, epoch: int) -> bool:
         """Whether a device of which another spoke last, under this epoch, is nobody's now, and ours to speak of."""
         ours = device in self.held or epoch & OWN == own_bits(self.own)
         return not ours and owner(device, self.members) == self.own and self.answers(device)
 
-    def _claims(self) -> Iterator[Holding]:
+    def claims(self) -> Iterator[Holding]:
+        """What the others said last to have, of those that are taken for alive."""
         for name in self.members:
             peer = self._peers.get(name)
             for holdings in list(peer.parts.values()) if peer is not None else ():

@@ -24,8 +24,6 @@ log = logging.getLogger(__name__)
 SAY_S, SAY_ALONE_S = 0.2, 1.0
 #: a round that begins so long after the one before was held up; so is our line where nothing at all came for so long
 HELD_UP_S = 0.5
-#: so many messages in a round: there are more to be read
-MANY = 512
 #: devices that are taken over in one round: then it is those' turn that we have, and that come back first
 AT_ONCE = 16
 #: how often it is looked whether there is a router, when no token has changed
@@ -157,8 +155,6 @@ class Peers:
         cluster = self.cluster
         if not self._company:
             return messages
-        if len(messages) >= MANY:
-            cluster.behind(now)
         ours: list[Message] = []
         for message in messages:
             try:
@@ -187,8 +183,11 @@ class Peers:
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
                 silent.take(known, self._begin(known.device), self._now_ns())
-        wanted = (device for device in list(self._standby) if self.cluster.wants(device, now))
-        queues = [self._take(device) for device in islice(wanted, AT_ONCE)]
+        wanted = list(islice((device for device in self._standby if self.cluster.wants(device, now)), AT_ONCE))
+        for h in self.cluster.claims() if wanted else ():
+            if h.device in wanted:  # what came since its owner spoke last may be long past: a bridge's cache
+                self._standby.done(h.device, h.boot, h.next, now, h.epoch)
+        queues = [self._take(device) for device in wanted]
         self._more = len(queues) == AT_ONCE
         if self._more:
             self._next_scan = now

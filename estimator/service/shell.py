@@ -30,7 +30,7 @@ from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
 from estimator.service.orders import Orders
 from estimator.service.overload import OVERLOADED, Overload
-from estimator.service.peers import MANY, Peers
+from estimator.service.peers import Peers
 from estimator.service.presence import SETTLED_S, Presence
 from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
@@ -48,6 +48,8 @@ from estimator.service.vitals import Vitals
 log = logging.getLogger(__name__)
 
 STATUS_S = 1.0
+#: so many messages at most in a round: then there are more to be read
+MANY = 512
 #: a round that takes longer is held against nobody
 SLOW_S = 0.5
 #: how long the last samples are corrected after a stop was asked for
@@ -158,6 +160,8 @@ class Service:
         messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
+        if len(messages) == MANY or not self._raw.caught_up:
+            self._peers.cluster.behind(began)
         messages = self._resumed.left(self._gate.admit(messages, began), began)
         for message in self._gate.admit(self._info.drain(512, 0.0), began):
             info = self._info_door.take(message)

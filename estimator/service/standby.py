@@ -27,16 +27,16 @@ MOST, MOST_BYTES = 640, 64 * 2**20
 class _Held:
     message: Message
     came_s: float
-    reaches: tuple[int, int] | None = None  # boot, and the number after its last sample
+    says: tuple[int, int, int] | None = None  # boot, the number after its last sample, when the bridge had it
 
-    def read(self) -> tuple[int, int]:
-        if self.reaches is None:
+    def read(self) -> tuple[int, int, int]:
+        if self.says is None:
             try:
                 raw = columns.SampleBatch.FromString(self.message.payload)
-                self.reaches = raw.boot, raw.sequence + len(raw.ticks) // 8
+                self.says = raw.boot, raw.sequence + len(raw.ticks) // 8, raw.receive_time_ns
             except (DecodeError, UnicodeDecodeError, RuntimeWarning):
-                self.reaches = -1, 0  # whoever has the device refuses it
-        return self.reaches
+                self.says = -1, 0, 0  # whoever has the device refuses it
+        return self.says
 
 
 @dataclass(slots=True)
@@ -101,11 +101,12 @@ class Standby:
         if queue is None or epoch < queue.epoch:
             return
         queue.epoch = epoch
-        last = -1
+        # What a bridge kept for us comes all at once, however old it is.
+        last, recent_ns = -1, queue.held[-1].read()[2] - round(OVERLAP_S * 1e9) if queue.held else 0
         for at, held in enumerate(queue.held):
-            if held.came_s > now - OVERLAP_S:
+            its, reaches, had_ns = held.read()
+            if held.came_s > now - OVERLAP_S and had_ns > recent_ns:
                 break
-            its, reaches = held.read()
             if its == boot and reaches <= next_:
                 last = at
         for _ in range(last + 1):

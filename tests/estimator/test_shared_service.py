@@ -179,6 +179,40 @@ def test_rates_of_a_device_that_is_taken_over_come_before_what_is_said_of_it(
     assert both.client.statuses(0.1)[NAME].epoch == max(epochs)
 
 
+def test_who_starts_takes_nothing_before_it_has_what_bridges_kept(both: Both) -> None:
+    """Taken with the first of it, all of fifteen seconds was corrected and said again."""
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    worn = len(batches) - 120
+    both.start(FIRST)
+    both.send(batches[:worn])
+    both.stream.drain()
+    both.start(SECOND)
+    past = both.services[SECOND]._raw
+    both.services[SECOND]._raw = Behind(past)  # type: ignore[assignment]
+    both.send(batches[worn : worn + 40])
+    both.pass_(3.0)
+    assert both.has() == [FIRST]
+    both.services[SECOND]._raw = past
+    both.pass_(1.0)
+    both.send(batches[worn + 40 :])
+    assert both.has() == [SECOND]
+    assert [n for _, n in numbers(both.stream.drain())] == list(range(10 * worn, sum(map(len, batches))))
+    assert both.stream.repeated < 500
+
+
+class Behind:
+    """A subscription to which only what is new has come."""
+
+    def __init__(self, whole: Subscription) -> None:
+        self._whole, self.caught_up = whole, False
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._whole, name)
+
+    def drain(self, limit: int, timeout_s: float) -> Sequence[Message]:
+        return []
+
+
 class Cut:
     """A subscription over a line on which nothing passes for a while; what was said meanwhile comes when it is whole again."""
 

@@ -1,5 +1,7 @@
 """What others' devices have sent last: kept until it is corrected, in bounded room."""
 
+from dataclasses import replace
+
 import pytest
 
 from bridge.bus.contract import Message
@@ -41,6 +43,21 @@ def test_what_is_corrected_goes_but_for_the_last_moments() -> None:
     kept = held(message(0), message(10), message(20))
     kept.done("d1", 7, 20, LATER)
     assert firsts(kept.take("d1")) == [(7, 20)]
+
+
+def test_of_what_a_bridge_kept_and_says_at_once_only_the_last_moments_are_not_done() -> None:
+    """An estimator that was back corrected 15 s of all its devices again."""
+    begun_ns = 1_700_000_000_000_000_000
+    past = [
+        Message(KEY, codec.encode_samples(replace(plain(10, sequence=10 * i), receive_time_ns=begun_ns + i * 10**8)))
+        for i in range(50)
+    ]
+    kept = held(*past, at=20.0)
+    kept.done("d1", 7, 480, 20.1)
+    assert [first for _, first in firsts(kept.take("d1"))] == list(range(450, 500, 10))
+    kept = held(*past, at=20.0)
+    kept.done("d1", 7, 300, 20.1)
+    assert [first for _, first in firsts(kept.take("d1"))] == list(range(300, 500, 10))
 
 
 def test_what_was_corrected_under_an_epoch_that_is_over_is_not_corrected() -> None:

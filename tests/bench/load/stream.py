@@ -51,7 +51,7 @@ class Fleet:
         return self.batch / self.rate_hz
 
     def round(self, number: int, time_ns: int, which: Iterable[int] | None = None) -> Iterator[tuple[int, bytes]]:
-        """The message of every device, or some, of round `number`, said to be taken and received at time_ns: (device, payload)."""
+        """The messages of round `number`, of all devices or of some, as if taken and received at time_ns: (device, payload)."""
         sequence = number * self.batch
         taken_s = (sequence + 1 + np.arange(self.batch)) / self.rate_hz
         ticks = np.rint((taken_s + self._ages[:, None]) / _TICK_S).astype("<u8")
