@@ -30,7 +30,7 @@ class ClusterKnobs:
     most_s: float = 15.0
     #: one whose connection lives and that says nothing for this long hangs; of one that spoke with longer pauses lately, over a
     #: bad line or because it has too much to do, for so many times as long as those, and at most
-    hangs_s: float = 1.0
+    hangs_s: float = 1.1
     pauses: float = 3.0
     hangs_most_s: float = 2.5
     #: a device that another has under a higher epoch, and that we think is ours, is not taken before; twice as long each time
