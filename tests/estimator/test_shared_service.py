@@ -188,7 +188,7 @@ def test_who_starts_takes_nothing_before_it_has_what_bridges_kept(both: Both) ->
     both.stream.drain()
     both.start(SECOND)
     past = both.services[SECOND]._raw
-    both.services[SECOND]._raw = Behind(past)  # type: ignore[assignment]
+    both.services[SECOND]._raw = Cut(past)  # type: ignore[assignment]
     both.send(batches[worn : worn + 40])
     both.pass_(3.0)
     assert both.has() == [FIRST]
@@ -200,19 +200,6 @@ def test_who_starts_takes_nothing_before_it_has_what_bridges_kept(both: Both) ->
     assert both.stream.repeated < 500
 
 
-class Behind:
-    """A subscription to which only what is new has come."""
-
-    def __init__(self, whole: Subscription) -> None:
-        self._whole, self.caught_up = whole, False
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._whole, name)
-
-    def drain(self, limit: int, timeout_s: float) -> Sequence[Message]:
-        return []
-
-
 class Cut:
     """A subscription over a line on which nothing passes for a while; what was said meanwhile comes when it is whole again."""
 
@@ -221,6 +208,10 @@ class Cut:
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._whole, name)
+
+    @property
+    def caught_up(self) -> bool:
+        return not self.cut
 
     def drain(self, limit: int, timeout_s: float) -> Sequence[Message]:
         return [] if self.cut else self._whole.drain(limit, timeout_s)
