@@ -282,13 +282,13 @@ class _Publisher(Declared):
         key: str,
         plain: zenoh.Publisher | None = None,
     ) -> None:
-        super().__init__(bus, publisher)
         self._publisher, self._key, self._plain = publisher, key, plain
         #: asked once: while it is taken back on another thread zenoh has no answer
         self._whose = publisher.id
         self._sent = 0
         #: when the last message was put
         self.put_s = float("-inf")
+        super().__init__(bus, publisher)  # known to the bus from here on, whose threads remind it
 
     def put(self, payload: bytes) -> None:
         with self._lock:  # messages leave in the order they are numbered

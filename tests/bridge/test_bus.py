@@ -6,7 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 import pytest
 import zenoh
@@ -292,6 +292,27 @@ def test_a_reminder_asks_nothing_of_a_publisher_that_is_leaving() -> None:
         publisher._publisher = kept
         publisher.close()
         publisher.remind(a._session)
+    world.stop()
+
+
+class _Hasty(set[object]):
+    """Things declared, reminded as soon as they are known, as a thread of the bus may do."""
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self._bus = bus
+
+    def add(self, one: Any) -> None:
+        super().add(one)
+        one.remind(self._bus._session)
+
+
+def test_a_publisher_may_be_reminded_as_soon_as_the_bus_knows_it() -> None:
+    world = ZenohWorld()
+    with world.bus() as a:
+        assert isinstance(a, ZenohBus)
+        a.declared = _Hasty(a)  # type: ignore[assignment]
+        a.publisher("t/new", cache=3).put(b"0")
+        assert len(a.declared) == 1
     world.stop()
 
 
