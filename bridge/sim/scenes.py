@@ -1,6 +1,7 @@
 """Small scenes for one question each: a slow turn between two rests, a walk, rests and motion as a bias filter models them."""
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,9 @@ from bridge.sim.body import Activity, Body, Stretch
 from bridge.sim.day import Day, anyhow, recorded, worn_spec
 from bridge.sim.imperfection import Imperfection, ImuSpec
 from bridge.sim.life import Wearer
+from bridge.sim.motion import Motion, Still
 from bridge.sim.quaternion import Array
+from bridge.sim.script import SessionPlan, flat, session, worn
 from bridge.sim.warmth import Warmth
 
 #: how seldom the temperature steps, s
@@ -107,6 +110,22 @@ def steady_walk(
     body = Body(iter([wearer.table(rest_s), wearer.leg(walk_s)]), attitude=anyhow(rng))
     imperfect = Imperfection(spec or worn_spec(rate_hz), sensor_rng)
     return recorded(body, imperfect, Warmth(warmth_rng), rest_s + walk_s, rate_hz)
+
+
+def turned_by_hand(seed: int, rate_hz: float = 50.0, *, spec: ImuSpec | None = None) -> Day:
+    """Still, turned once about each axis on a table with rests between, then worn for half a minute, and put to rest."""
+    rng, sensor_rng = np.random.default_rng([seed, 6]).spawn(2)
+    pieces = session(rng, SessionPlan(wobble_deg=2.0, tilt_deg=3.0, replacement_deg=0.2))
+    pieces += [*islice(worn(rng), 10), Still(3.0)]
+    duration_s = sum(piece.duration_s for piece in pieces)
+    motion = Motion(pieces, flat(rng))
+    time_s = np.arange(1, int(duration_s * rate_hz) + 1) / rate_hz
+    true, imperfect = motion.advance(time_s), Imperfection(spec or worn_spec(rate_hz, calibrated=False), sensor_rng)
+    read = imperfect.read(true)
+    columns = (read.gyro, read.accel, read.temperature_c, read.bias, true.rate, true.attitude)
+    gyro, accel, temperature_c, bias, rate, attitude = (np.asarray(column, np.float32) for column in columns)
+    activity = np.full(len(time_s), Activity.MOVING, np.int8)
+    return Day(rate_hz, time_s, gyro, accel, temperature_c, bias, rate, attitude, activity, imperfect.truth)
 
 
 class Steps:

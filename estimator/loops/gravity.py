@@ -8,10 +8,14 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 
-@compiled("f8[:, ::1](f8[:], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
-def carried(x: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]) -> Floats:
+@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, ::1], f8, f8, UniTuple(f8, 3))")
+def carried(
+    x: Floats, P: Floats, span: Floats, kept: float, strength: float, noise: tuple[float, float, float]
+) -> Floats:
     """(49, 24): state, F and Q, one above the other, of track/gravity.py after a span (rows of span.py) from a state x (24,).
 
+    P (24, 24): its covariance; an angle that is in doubt, by the bias or the matrix, leaves gravity off by half of its square,
+    too, which no F tells: noise (second order; A. H. Jazwinski, "Stochastic Processes and Filtering Theory" (1970), ch. 9).
     kept: share of the accelerometer's bias that is left; strength: of gravity, m/s²; noise: variances that the span adds to the
     turn, to each part of the velocity and to each of the accelerometer's bias.
     """
@@ -30,10 +34,13 @@ def carried(x: Floats, span: Floats, kept: float, strength: float, noise: tuple[
     tilts[1, 2], tilts[2, 0], tilts[0, 1] = -x[g], -x[g + 1], -x[g + 2]
     swings[2, 1], swings[0, 2], swings[1, 0] = after[0], after[1], after[2]
     swings[1, 2], swings[2, 0], swings[0, 1] = -after[0], -after[1], -after[2]
-    tilt, swing = np.empty(9), np.empty(9)
+    tilt, swing, doubt = np.empty(9), np.empty(9), 0.0
     for part, n, at in ((bias, 3, 6), (m, 9, 15)):
         turn, pushing = span[at : at + n].reshape(3, n), span[at + n : at + 2 * n].reshape(3, n)
         for j in range(n):
+            for i in range(3):
+                for k in range(n):
+                    doubt += turn[i, j] * P[part + j, part + k] * turn[i, k]
             for i in range(3):
                 tilt[i], swing[i] = 0.0, pushing[i, j]
                 for k in range(3):
@@ -64,6 +71,8 @@ def carried(x: Floats, span: Floats, kept: float, strength: float, noise: tuple[
             tilted = 0.0
             for k in range(3):
                 tilted += turned * tilting[i, k] * tilting[j, k]
+            if i == j:
+                tilted += (strength * doubt / 2) ** 2
             Q[g + i, g + j] = tilted
             Q[g + i, v + j] = Q[v + i, g + j] = -seconds / 2 * tilted
             Q[v + i, v + j] = seconds**2 / 4 * tilted

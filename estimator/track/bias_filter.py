@@ -294,7 +294,8 @@ class BiasFilter:
         if not receipt.accepted:
             if not evidence.soft or not isfinite(receipt.nis):
                 return receipt
-            R = R * receipt.test_ratio
+            # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
+            R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
         self._take_in(evidence, R)
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
             H = evidence.H

@@ -18,7 +18,7 @@ class Evidence(NamedTuple):
 
     common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
     since: when it was measured, where that was not now.
-    gate: the largest NIS believed. soft: beyond it R grows instead of the measurement being refused.
+    gate: the largest NIS believed. soft: beyond it R grows until it is not, and nothing is refused.
     """
 
     kind: str

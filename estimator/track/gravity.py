@@ -107,6 +107,7 @@ class Gravity:
         kept = self._accel_kept(span)
         return carried(
             bias.x,
+            bias.cov,
             span.rows,
             kept,
             G,

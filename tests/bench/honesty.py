@@ -24,8 +24,8 @@ from rich.table import Table
 from scipy.stats import chi2
 
 from bridge.sim.day import Day, worn_spec
-from bridge.sim.scenes import rests_and_motion, steady_walk, walk_with_pauses
-from estimator.gyro import GyroModel
+from bridge.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
+from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.tracker import Tracker, TrackKnobs
@@ -49,6 +49,8 @@ class Scene:
     step_k: float = 0.0
     #: another day in place of that, of a seed, at a rate; its temperature is told
     other: Callable[[int, float], Day] | None = None
+    #: whether the tracker is told the matrix, and the bias as the scene begins; else as little as of any new device
+    calibrated: bool = True
 
     def day(self, seed: int) -> Day:
         """Of a seed."""
@@ -69,8 +71,15 @@ class Scene:
 
 #: °/s per kelvin, ±: of a deviation as the filter believes of any part
 _PER_KELVIN_DPS = float(np.degrees(BiasKnobs().per_kelvin) * np.sqrt(3))
-#: a device of such parts
-_WORN = replace(worn_spec(_RATE_HZ), bias_dps_per_kelvin=_PER_KELVIN_DPS)
+#: a device of such parts, and one of which nobody knows more than this
+_WORN, _PRIOR = replace(worn_spec(_RATE_HZ), bias_dps_per_kelvin=_PER_KELVIN_DPS), PriorKnobs()
+_NEW = replace(
+    _WORN,
+    scale=(1 - float(np.sqrt(3)) * _PRIOR.scale_std, 1 + float(np.sqrt(3)) * _PRIOR.scale_std),
+    misalignment_deg=float(np.degrees(_PRIOR.misalignment_std) * np.sqrt(3)),
+    bias_limit_dps=float(np.degrees(_PRIOR.bias_std) * np.sqrt(3)),
+    warm_up_s=60.0,
+)
 SCENES: Mapping[str, Scene] = {
     "rests and movement": Scene(),
     "the same, five minutes": Scene(seconds=300.0),
@@ -84,6 +93,10 @@ SCENES: Mapping[str, Scene] = {
     # Outside the model: a leap of over 2 K is not believed for ten seconds, while the bias has followed it at once.
     "temperature leaps (*)": Scene(seconds=590.0, step_k=2.0),
     "a steady walk": Scene(walk_dps=7e-4, other=partial(steady_walk, spec=_WORN)),
+    # Its rests are so short that they are believed less than they deserve: below the band.
+    "turned by hand, uncalibrated (*)": Scene(
+        walk_dps=7e-4, other=partial(turned_by_hand, spec=_NEW), calibrated=False
+    ),
     # Outside, too: what seems a rest is none, while the skin warms the device by what the tracker does not know yet.
     "a walk with pauses (*)": Scene(walk_dps=7e-4, other=partial(walk_with_pauses, spec=_WORN)),
 }
@@ -112,10 +125,11 @@ def measured(scene: Scene, seeds: range, *, accel: bool, told: float = 1.0, pool
 
 def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     day = scene.day(seed)
-    begin = day.bias[0] + _BEGIN_STD * np.random.default_rng(seed).normal(size=3)
-    known = np.full(3, _MATRIX_STD)
+    known, std = np.full(3, _MATRIX_STD), _BEGIN_STD if scene.calibrated else _PRIOR.bias_std
+    begin = day.bias[0] + std * np.random.default_rng(seed).normal(size=3)
+    model = GyroModel(day.truth.matrix, begin, known, known, known) if scene.calibrated else uncalibrated(_PRIOR)
     knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=np.radians(told * scene.walk_dps), warm_up_walk=0.0))
-    tracker = Tracker(knobs, 0.0, GyroModel(day.truth.matrix, begin, known, known, known), np.full(3, _BEGIN_STD))
+    tracker = Tracker(knobs, 0.0, model, np.full(3, std))
     stillness, last = Stillness(), 0.0
     nees, squared = [], []
     for window in stillness.feed(day.time_s, day.gyro.astype(float), day.accel.astype(float) if accel else None):

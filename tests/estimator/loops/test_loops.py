@@ -194,7 +194,7 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     assert span[loops.SCALARS, 0] == pytest.approx(T)
     x = np.concatenate([np.zeros(6), g, v, np.zeros(12)])
     turned, pushed, posed = 1e-4, 2e-3, 3e-2
-    rows = carried(x, span, kept, length, (turned, pushed, posed))
+    rows = carried(x, np.zeros((24, 24)), span, kept, length, (turned, pushed, posed))
     moved, F, Q = rows[0], rows[1:25], rows[25:]
     np.testing.assert_allclose(moved[6:12], gone_on(np.zeros(24)), rtol=1e-9)
     step = 1e-5
@@ -211,3 +211,26 @@ def test_the_state_goes_on_over_a_span_as_the_equations_say() -> None:
     by_turn[9:12] = -T / 2 * by_turn[6:9]
     added = turned * by_turn @ by_turn.T + np.diag(np.repeat([0.0, 0.0, 0.0, pushed, posed, 0.0, 0.0, 0.0], 3))
     np.testing.assert_allclose(Q, added, atol=1e-15)
+
+
+@pytest.mark.parametrize("std", [0.02, 0.15])
+def test_what_no_first_order_tells_of_a_turn_by_a_doubtful_matrix_is_noise(std: float) -> None:
+    """Against many matrices drawn: how far gravity is from where F takes it."""
+    rng, n = np.random.default_rng(5), 100
+    dt, accel, nothing = np.full(n, 0.01), np.tile(UP, (n, 1)), np.zeros(3)
+    gyro = np.tile(np.radians([60.0, 0.0, 70.0]), (n, 1))
+    P = np.zeros((24, 24))
+    P[15:, 15:] = std**2 * np.eye(9)
+    span = summed(dt, gyro, accel, np.eye(3), nothing, nothing, np.zeros(9))
+    x = np.concatenate([np.zeros(6), UP, np.zeros(15)])
+    rows, known = (carried(x, cov, span, 1.0, 9.8, (0.0, 0.0, 0.0)) for cov in (P, 0 * P))
+    np.testing.assert_array_equal(rows[:25], known[:25])
+    left = []
+    for change in std * rng.normal(size=(500, 9)):
+        end = summed(dt, gyro, accel, np.eye(3), nothing, nothing, change)[loops.END]
+        left.append(end.T @ UP - rows[0, 6:9] - rows[7:10, 15:] @ change)
+    told = np.trace(rows[31:34, 6:9])
+    assert 0.2 * told < np.mean(np.square(left).sum(axis=1)) < 1.2 * told
+    T = float(dt.sum())
+    np.testing.assert_allclose(rows[34:37, 9:12], T**2 / 4 * rows[31:34, 6:9])
+    np.testing.assert_allclose(rows[31:34, 9:12], -T / 2 * rows[31:34, 6:9])

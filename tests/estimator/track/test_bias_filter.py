@@ -153,18 +153,24 @@ def test_the_gate_is_where_it_says() -> None:
     assert bias.update(seen(inside, SMALL)).accepted
 
 
-def test_beyond_a_soft_gate_a_measurement_weighs_less() -> None:
-    hard, soft = start(), start()
-    off = soft.state.bias + np.array([0.0, 0.02, 0.0])
-    ratio = hard.update(seen(off, SMALL)).test_ratio
+@pytest.mark.parametrize("R", [SMALL, 1e-4 * SMALL], ids=["as the state", "far surer than the state"])
+def test_beyond_a_soft_gate_a_measurement_weighs_less(R: Floats) -> None:
+    hard, soft, within = start(), start(), start()
+    far = np.array([0.0, 0.02, 0.0])
+    refused = hard.update(seen(hard.state.bias + far, R))
+    ratio = refused.test_ratio
     assert ratio > 10
-    taken = soft.update(seen(off, SMALL, soft=True))
+    before = soft.state
+    taken = soft.update(seen(before.bias + far, R, soft=True))
     assert taken.accepted
     assert taken.test_ratio == ratio
-    expected = start()
-    expected.update(seen(expected.state.bias, ratio * SMALL))
-    np.testing.assert_allclose(soft.state.P, expected.state.P)
-    assert 0.1 < (soft.state.bias[1] + 0.2) / 0.02 < 1
+    larger = R + (ratio * (1 + 1e-9) - 1) * refused.innovation_cov
+    assert within.weigh(seen(before.bias + far, larger)).test_ratio == pytest.approx(1.0)
+    within.update(seen(before.bias + far, larger))
+    np.testing.assert_allclose(soft.state.P, within.state.P, rtol=1e-6)
+    np.testing.assert_allclose(soft.state.x, within.state.x, rtol=1e-6)
+    moved = soft.state.bias - before.bias
+    assert moved @ np.linalg.solve(before.bias_cov, moved) < GATES[3]
 
 
 def test_gates_let_one_good_measurement_in_a_million_out() -> None:
