@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -23,6 +24,9 @@ log = logging.getLogger(__name__)
 
 #: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
 _REST_S = 3.0
+#: how long the thread that does may keep others waiting meanwhile, s: each message that is said lets it in, and at Python's own
+#: 5 ms for each a ward waited for over a second, so that other estimators took this one for hanging
+_TURN_S = 2e-4
 
 
 def run(ward: Ward) -> None:
@@ -105,8 +109,13 @@ def _load() -> None:
 
 def _load_rest() -> None:
     """What is imported when it is used first: loading it would hold up all devices when the first of them is calibrated."""
-    for part in ("linalg", "optimize", "spatial.transform", "special"):
-        import_module(f"scipy.{part}")
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(_TURN_S)
+    try:
+        for part in ("linalg", "optimize", "spatial.transform", "special"):
+            import_module(f"scipy.{part}")
+    finally:
+        sys.setswitchinterval(before_s)
 
 
 def collect_seldom() -> None:
