@@ -2,7 +2,7 @@
 
 import sys
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from time import process_time
 
 import numpy as np
@@ -65,16 +65,31 @@ def sessions(days: list[Day]) -> float:
     return process_time() - begun
 
 
-def filter_alone(states: int, seconds: int = 2000) -> float:
-    """CPU seconds for what filterpy itself does of a second: a step of time, one with its evidence of motion, one of rest."""
+def resting(days: list[Day]) -> float:
+    """Which share of the seconds is a rest, to a tracker with an accelerometer."""
+    rests = 0
+    for day in days:
+        one = One()
+        for window in one.stillness.feed(day.time_s, day.gyro.astype(float), day.accel.astype(float)):
+            receipts = one.tracker.window(window, one.stillness.noise_std)
+            rests += len({receipt.time for receipt in receipts if receipt.kind.startswith("zaru level")})
+    return rests / (SECONDS * len(days))
+
+
+def filter_alone(states: int, rows: Sequence[int], late: int, seconds: int = 2000) -> float:
+    """CPU seconds for what filterpy itself does of a second: a step of time, evidence of so many rows each, and some late."""
     kf = KalmanFilter(dim_x=states, dim_z=3)
-    F, Q, H, R, z = np.eye(states), 1e-9 * np.eye(states), np.eye(3, states), np.eye(3), np.zeros(3)
-    kf.x = np.zeros(states)
+    F, Q = np.eye(states), 1e-9 * np.eye(states)
+    kf.x, kf.M = np.zeros(states), np.zeros((states, late))
+    now = [(np.zeros(m), np.eye(m), np.eye(m, states)) for m in rows]
+    then = np.zeros(late), np.eye(late), np.eye(late, states)
     begun = process_time()
     for _ in range(seconds):
         kf.predict(F=F, Q=Q)
-        kf.predict(F=F, Q=Q)
-        kf.update(z, R=R, H=H)
+        for z, R, H in now:
+            kf.update(z, R=R, H=H)
+        if late:
+            kf.update_correlated(then[0], R=then[1], H=then[2])
     return (process_time() - begun) / seconds
 
 
@@ -110,15 +125,21 @@ def main() -> int:
     for name, aided in (("with accelerometer", True), ("gyro only", False)):
         spent, _ = run(days, One, aided=aided)
         console.print(f"{name}: {1e6 * spent / samples:.2f} µs a sample for {DEVICES} devices (goal {_GOAL_US:g})")
-    steps = {states: 1e6 * filter_alone(states) / RATE_HZ for states in (SIZE, OWN)}
-    for name, states in (("with accelerometer", SIZE), ("gyro only", OWN)):
-        console.print(
-            f"limit, {name}: {steps[states]:.2f} µs a sample are filterpy's own steps of {states} states once a second"
+    steps = {
+        name: 1e6 * filter_alone(states, rows, late) / RATE_HZ
+        for name, states, rows, late in (
+            ("moving, with accelerometer", SIZE, (3,), 0),
+            ("at rest, with accelerometer", SIZE, (3, 2), 1),
+            ("at rest, gyro only", OWN, (), 3),
         )
-    least = 1e6 * alone(days)
+    }
+    for name, spent in steps.items():
+        console.print(f"limit, {name}: {spent:.2f} µs a sample are filterpy's own steps, once a second")
+    least, share = 1e6 * alone(days), resting(days)
+    both = share * steps["at rest, with accelerometer"] + (1 - share) * steps["moving, with accelerometer"]
     console.print(
         f"limit, with accelerometer: {least:.2f} µs more are the arithmetic of {DEVICES} devices side by side in arrays, "
-        f"with nothing judged; {least + steps[SIZE]:.2f} in all"
+        f"with nothing judged; {least + both:.2f} in all, {100 * share:.0f} % of these seconds being rest"
     )
     console.print(f"whole sessions, with accelerometer: {1e6 * sessions(days) / samples:.2f} µs a sample")
     tracemalloc.start()
