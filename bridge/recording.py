@@ -13,7 +13,7 @@ mcap: as `truerate record` writes it; the device, and which of its boots, must b
 
 import logging
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -34,16 +34,18 @@ __all__ = ["Recording", "RecordingError", "Told", "load"]
 
 _log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
+#: what a file calls a column, or one of its axes, and where in it a sample is
+Place = Callable[..., tuple[str, str]]
 MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
 TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
 _WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _LIMITS = {
-    "gyro_rad_s": (MAX_RATE, "rad/s is taken; is it in degrees per second, or in counts?"),
-    "accel_m_s2": (MAX_ACCEL, "m/s² is taken; is it in milli-g, or in counts?"),
-    "temperature_c": (MAX_CELSIUS, "°C is taken; is it in counts?"),
-    "t_s": (_MAX_TIME_S, "s is taken; is it in microseconds, or in nanoseconds?"),
+    "gyro_rad_s": (MAX_RATE, "rad/s", "is it in degrees per second, or in counts?"),
+    "accel_m_s2": (MAX_ACCEL, "m/s²", "is it in milli-g, or in counts?"),
+    "temperature_c": (MAX_CELSIUS, "°C", "is it in counts?"),
+    "t_s": (_MAX_TIME_S, "s", "is it in microseconds, or in nanoseconds?"),
 }
 
 
@@ -117,12 +119,11 @@ def load(
     if device is not None or boot is not None:
         raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
     if kind == ".npz":
-        columns = _read_npz(path)
-    elif kind in {".csv", ".txt"}:
-        columns = read_csv(path)
-    else:
-        raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
-    return _checked(path, columns, rate_hz)
+        return _checked(path, _read_npz(path), rate_hz, _place)
+    if kind in {".csv", ".txt"}:
+        table = read_csv(path)
+        return _checked(path, table.columns, rate_hz, table.place)
+    raise RecordingError(f"{path}: a recording ends in .npz, .csv or .mcap, not in {path.suffix!r}")
 
 
 def _chosen(path: Path, device: str | None, boot: int | None) -> tuple[Stretch, list[Calibration]]:
@@ -217,7 +218,12 @@ def _numbers(path: Path, name: str, array: NDArray[np.generic]) -> Floats:
     return array.astype(np.float64, copy=False)
 
 
-def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> Recording:
+def _place(column: str, sample: int, _axis: int = 0) -> tuple[str, str]:
+    """As Csv.place has it, of arrays."""
+    return repr(column), f" at sample {sample}"
+
+
+def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None, place: Place) -> Recording:
     gyro = columns["gyro_rad_s"]
     if gyro.ndim != 2 or gyro.shape[1] != 3:
         raise RecordingError(f"{path}: 'gyro_rad_s' has shape {gyro.shape}; (n, 3) is expected, a row for each sample")
@@ -228,7 +234,7 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
             raise RecordingError(
                 f"{path}: {name!r} has shape {column.shape}; {shapes[name]} is expected, as 'gyro_rad_s' has {count(n, 'sample')}"
             )
-        _check_values(path, name, column)
+        _check_values(path, name, column, place)
     if n < 2:
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
@@ -237,7 +243,7 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
             raise RecordingError(f"{path}: rate_hz is {said:g}; 0.1 to 100000 is taken")
     if rate_hz is not None and rate is not None and abs(rate_hz - rate) > _SAME_RATE * rate:
         _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is not used", path, rate, rate_hz)
-    time = _time(path, columns.get("t_s"), rate, n)
+    time = _time(path, columns.get("t_s"), rate, n, place)
     if "t_s" in columns:
         check_time(path, time)
         if rate is not None:
@@ -253,21 +259,22 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None) -> R
     )
 
 
-def _check_values(path: Path, name: str, column: Floats) -> None:
+def _check_values(path: Path, name: str, column: Floats, place: Place) -> None:
     bad = np.argwhere(~np.isfinite(column))
     if len(bad):
-        where = f" at sample {bad[0][0]}" if column.ndim else ""
-        raise RecordingError(f"{path}: {name!r} is not a finite number{where} ({count(len(bad), 'such value')})")
+        what, where = place(name, *bad[0]) if column.ndim else (repr(name), "")
+        raise RecordingError(f"{path}: {what} is not a finite number{where} ({count(len(bad), 'such value')})")
     if name not in _LIMITS:
         return
-    limit, words = _LIMITS[name]
+    limit, unit, words = _LIMITS[name]
     large = np.argwhere(np.abs(column) > limit)
     if len(large):
+        what, where = place(name, *large[0])
         value = column[tuple(large[0])]
-        raise RecordingError(f"{path}: {name!r} is {value:g} at sample {large[0][0]}; up to ±{limit:g} {words}")
+        raise RecordingError(f"{path}: {what} is {value:g} {unit}{where}; up to ±{limit:g} {unit} is taken; {words}")
 
 
-def _time(path: Path, time: Floats | None, rate: float | None, n: int) -> Floats:
+def _time(path: Path, time: Floats | None, rate: float | None, n: int, place: Place) -> Floats:
     if time is None:
         if rate is None:
             raise RecordingError(
@@ -279,8 +286,9 @@ def _time(path: Path, time: Floats | None, rate: float | None, n: int) -> Floats
     rises = np.diff(np.rint(since / TICK_S)) > 0
     if not rises.all():
         at = int(np.argmin(rises)) + 1
+        _, where = place("t_s", at)
         raise RecordingError(
-            f"{path}: time does not rise at sample {at}: {time[at - 1]:.10g} s, then {time[at]:.10g} s; a step is "
+            f"{path}: time does not rise{where}: {time[at - 1]:.10g} s, then {time[at]:.10g} s; a step is "
             f"{TICK_S:g} s or more. Are the times those of arrival? Leave them out, and say the device's rate"
         )
     return since

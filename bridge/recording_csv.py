@@ -5,7 +5,10 @@ import difflib
 import logging
 import re
 from array import array
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,28 +30,57 @@ _AGREED = 1e-3
 _VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _ACCEL)}
 
 
-def read_csv(path: Path) -> dict[str, Floats]:
-    """The columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,) or else rate_hz ()."""
+class Csv(NamedTuple):
+    """A file's columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,) or else rate_hz ().
+
+    made_of: the names in the header, in small letters, that each of them is made of.
+    """
+
+    path: Path
+    columns: dict[str, Floats]
+    made_of: dict[str, tuple[str, ...]]
+
+    def place(self, column: str, sample: int, axis: int = 0) -> tuple[str, str]:
+        """What the file calls a column, or an axis of it; where in the file a sample is."""
+        with self.path.open(encoding="utf-8-sig", newline="") as file:
+            rows = _rows(file)
+            _, header = next(rows)
+            line, _ = next(islice(rows, sample, None))
+        names = [name.strip() for name in header]
+        return repr(names[list(map(str.lower, names)).index(self.made_of[column][axis])]), f" in line {line}"
+
+
+def read_csv(path: Path) -> Csv:
+    """All that is used of a file; raises RecordingError."""
     names, table = _table(path)
     at = {name: table[:, i] for i, name in enumerate(names)}
-    columns = {}
+    columns, made_of = dict[str, Floats](), dict[str, tuple[str, ...]]()
     for column, (long, short, units) in _VECTORS.items():
         found = _vectors(at, long, short, units)
         if found:
-            columns[column] = _agreed(path, found)
+            made_of[column], columns[column] = _agreed(path, found)
         elif "gyro_rad_s" in columns and (
             alike := [name for name in names if re.match(f"({long}|{short})[xyz]", name)]
         ):
             _log.warning("%s: %s: not used; x, y and z are needed, in a unit that is known", path, ", ".join(alike))
     if "gyro_rad_s" not in columns:
         raise RecordingError(f"{path}: {_no_gyro(names)}")
-    if times := {name: _since_first(at[name]) * scale for name, scale in _TIME.items() if name in at}:
-        columns["t_s"] = _agreed(path, times)
+    times: dict[tuple[str, ...], Floats] = {
+        (name,): _since_first(at[name]) * scale for name, scale in _TIME.items() if name in at
+    }
+    if times:
+        made_of["t_s"], columns["t_s"] = _agreed(path, times)
     elif "rate_hz" in at and len(table):
         columns["rate_hz"] = _constant(path, at["rate_hz"])
     if "temperature_c" in at:
-        columns["temperature_c"] = at["temperature_c"].copy()
-    return columns
+        made_of["temperature_c"], columns["temperature_c"] = ("temperature_c",), at["temperature_c"].copy()
+    return Csv(path, columns, made_of)
+
+
+def _rows(file: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
+    """The header, then a row a sample, each with the line that it ends with."""
+    reader = csv.reader(file, skipinitialspace=True)
+    return ((reader.line_num, row) for row in reader if row)
 
 
 def _table(path: Path) -> tuple[list[str], Floats]:
@@ -56,18 +88,18 @@ def _table(path: Path) -> tuple[list[str], Floats]:
     numbers = array("d")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = (row for row in csv.reader(file, skipinitialspace=True) if row)
-            names = _names(path, next(rows, []))
-            for number, row in enumerate(rows, 1):
+            rows = _rows(file)
+            names = _names(path, next(rows, (0, []))[1])
+            for line, row in rows:
                 if len(row) != len(names):
                     commas = "; are there commas in its numbers?" if len(row) > len(names) else ""
                     raise RecordingError(
-                        f"{path}: row {number} has {count(len(row), 'column')}; the header has {len(names)}{commas}"
+                        f"{path}: line {line} has {count(len(row), 'column')}; the header has {len(names)}{commas}"
                     )
                 try:
                     numbers.extend(map(float, row))
                 except ValueError:
-                    raise _bad_number(path, names, number, row) from None
+                    raise _bad_number(path, names, line, row) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
     except UnicodeDecodeError:
@@ -103,15 +135,15 @@ def _names(path: Path, header: list[str]) -> list[str]:
     return names
 
 
-def _vectors(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> dict[str, Floats]:
-    """All that the file has of a vector (n, 3), SI, by the name of its first column."""
+def _vectors(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...], Floats]:
+    """All that the file has of a vector (n, 3), SI, by the names of its columns."""
     found = {}
     for unit, scale in units.items():
         for prefix in (long, short):
-            axes = [f"{prefix}{axis}_{unit}" for axis in "xyz"]
+            axes = tuple(f"{prefix}{axis}_{unit}" for axis in "xyz")
             if all(name in at for name in axes):
                 with np.errstate(over="ignore"):  # what becomes infinite is refused with its sample
-                    found[axes[0]] = np.stack([at[name] for name in axes], axis=1) * scale
+                    found[axes] = np.stack([at[name] for name in axes], axis=1) * scale
     return found
 
 
@@ -120,14 +152,16 @@ def _since_first(time: Floats) -> Floats:
         return np.asarray(time - time[:1])
 
 
-def _agreed(path: Path, found: dict[str, Floats]) -> Floats:
-    """What is said in several units must be the same in all of them: else nobody knows which is meant."""
-    (first, value), *others = found.items()
-    for name, other in others:
+def _agreed(path: Path, found: dict[tuple[str, ...], Floats]) -> tuple[tuple[str, ...], Floats]:
+    """What is said in several units must be the same in all of them: else nobody knows which is meant. And its columns."""
+    (names, value), *others = found.items()
+    for (name, *_), other in others:
         most = float(np.abs(value).max(initial=0.0))
         if not np.allclose(other, value, rtol=0.0, atol=_AGREED * most, equal_nan=True):
-            raise RecordingError(f"{path}: {first!r} and {name!r} are not the same in two units; leave one of them out")
-    return value
+            raise RecordingError(
+                f"{path}: {names[0]!r} and {name!r} are not the same in two units; leave one of them out"
+            )
+    return names, value
 
 
 def _constant(path: Path, rate_hz: Floats) -> Floats:
@@ -151,11 +185,11 @@ def _no_gyro(names: list[str]) -> str:
     return f"{missing}; the header has {', '.join(names)}. {' '.join(hints[:3])}".strip()
 
 
-def _bad_number(path: Path, names: list[str], number: int, row: list[str]) -> RecordingError:
+def _bad_number(path: Path, names: list[str], line: int, row: list[str]) -> RecordingError:
     for name, value in zip(names, row, strict=True):
         if not _is_number(value):
-            return RecordingError(f"{path}: row {number}, column {name!r}: {value[:32]!r} is not a number")
-    return RecordingError(f"{path}: row {number} is not of numbers")
+            return RecordingError(f"{path}: line {line}, column {name!r}: {value[:32]!r} is not a number")
+    return RecordingError(f"{path}: line {line} is not of numbers")
 
 
 def _is_number(text: str) -> bool:

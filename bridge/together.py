@@ -1,7 +1,8 @@
 """Whether the files of a ward go together: ids, endpoints, certificates, and what routers know of them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,26 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
         yield from (f"{path}: [bus]: {words}" for words in root.bus.routers.soon())
     for router in routers:
         yield from (f"{router.path}: {words}" for words in Routers(router.listen, router.identity).soon())
+
+
+def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Devices given a model of their own that are not there, as far as these files tell; sentences as above."""
+    for path, root in wards.items():
+        if root.devices is not None:
+            there, so = set(root.devices.read()), "enrolled: its model is of no use"
+        else:
+            there = _listed(wards.values(), root.ward)
+            so = "in [[bridge.devices]]: its model is of no use, unless another bridge has it"
+        models: Mapping[str, str] = root.estimator.models if root.estimator is not None and there else {}
+        for device in sorted(models.keys() - there):
+            close = get_close_matches(device, there, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            yield f"{path}: [estimator]: models: {device!r} is not {so}{hint}"
+
+
+def _listed(roots: Iterable[Root], ward: str) -> set[str]:
+    """The devices of all bridges of a ward."""
+    return {device.id for root in roots if root.ward == ward and root.bridge for device in root.bridge.devices}
 
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:

@@ -52,7 +52,7 @@ def _config_check(given: argparse.Namespace) -> None:
             f"estimator {ward.estimator.id}" if ward.estimator else "no estimator",
         ]
         print(f"{file}: right. Ward {ward.ward}: {', '.join(parts)}")
-    for words in together.soon(wards, routers):
+    for words in (*together.soon(wards, routers), *together.unused(wards)):
         print(words)
     for router in routers:
         print(f"{router.path}: right. A router at {', '.join(router.listen)}, {count(len(router.members), 'member')}")

@@ -31,6 +31,8 @@ calibrations:
   the first three turns within IN are used from there on. --calibration FILE is one made before, in the same boot of the
   device (it has not been switched off since). Of one made before the scale is used at once, the bias is doubted until a
   rest confirms it.
+  A ward lets a device warm up for a second after it was switched on. An .npz or .csv does not tell when that was: where that
+  second would cost a turn, the device is taken to have been on before, and it is said.
   After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten.
 examples:
   truerate correct day.npz corrected.npz

@@ -26,6 +26,9 @@ from estimator.under_way import UnderWay
 
 #: makes of a result what is published and kept, with who asked for it, at a host time
 AsMessage = Callable[[Result, str, int], Calibration]
+#: for so many seconds it is said that a calibration was cancelled; then again how it is
+CANCELLED_S = 60.0
+_GOES_ON = "calibrated; the calibration of this boot goes on"
 
 
 class Learnt:
@@ -51,6 +54,8 @@ class Learnt:
         self.silent_until = float("-inf")
         #: device time of the last window that was judged
         self.now = began
+        #: what is said of a calibration that was cancelled, and the device time until which it is
+        self._cancelled, self._cancelled_until = "", float("inf")
         self._last: tuple[SampleBatch, int] | None = None  # and where its last sample is
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
@@ -69,10 +74,10 @@ class Learnt:
         if kept is None:  # nor is it known when it was switched on
             kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias), knobs.bias_std)
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
-        self._life.on(Event.RESTORED, "calibrated; the calibration of this boot goes on")
+        self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
-            self.tracker.doubt.stands = True
             why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+            self.tracker.doubt.why = why
             self._life.on(Event.DOUBTED, why)
 
     def resume(self, remembered: Remembered, temperature_c: float | None) -> bool:
@@ -111,6 +116,8 @@ class Learnt:
             if (celsius := temperature_at(batch, index)) is not None:
                 tracker.thermometer.read(self.now, celsius)
             self._window(window, outcome)
+            if self.now >= self._cancelled_until:
+                self._as_it_is(outcome)
             earlier, tracked = tracked, tracker.time
             self._past.note(self.now, batch, index, tracked)
             if tracked != earlier and (improved := tracker.improved()) is not None:
@@ -181,6 +188,26 @@ class Learnt:
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
+
+    def cancel(self, who: str) -> None:
+        """Stop one that is under way; an old one stays, else it begins anew."""
+        if self.calibration is None:
+            self.under_way = UnderWay(self._knobs.method)
+            self._life.say(f"calibration cancelled by {who}; hold the device still for 3 seconds to begin again")
+            return
+        self.scratch, self.under_way = "", None
+        self._cancelled, self._cancelled_until = (
+            f"calibration cancelled by {who}; the old one stays",
+            self.now + CANCELLED_S,
+        )
+        self._life.say(self._cancelled)
+
+    def _as_it_is(self, outcome: Outcome) -> None:
+        """That one was cancelled was said for long enough, unless something else was said since."""
+        if self._life.goes_on == self._cancelled:
+            self._life.say(self.tracker.doubt.why or _GOES_ON)
+            outcome.changed = True
+        self._cancelled_until = float("inf")
 
     def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
         before = self._life.state

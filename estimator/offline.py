@@ -35,6 +35,12 @@ from estimator.stillness import Stillness
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
 BATCH_S = 1.0
 _BOOT = 1
+#: said where a recording's first rest counts from its beginning, which live a device just switched on has to warm up for
+_ON_BEFORE = (
+    "taken to have been on before it was recorded: live, of a device just switched on, the first {:g} s would not "
+    "count, and a turn be missed"
+)
+_AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth corrects all of them by it"
 
 
 def calibrate(
@@ -81,11 +87,12 @@ def correct(
 
     calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
     one: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had as it began
-    (Recording.made), else the first whose turns are within the recording, from there on. smooth: the whole recording is
-    used for every row. gyro_range in rad/s, 0 when unknown. warmed_up: the device had been on and worn for a quarter of an
-    hour as it began; else its bias may warm up from there on where no temperature tells of it, as live. batch: samples
-    handed over at a time, no matter for the result; progress(done, n) is called after each. knobs: by default as a ward
-    treats a device of an unknown kind.
+    (Recording.made), else the first whose turns are within the recording, from there on. Where a turn would be missed because
+    a device just switched on has to warm up, and the recording has no device's time to tell when that was, it is taken to
+    have been on before. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
+    warmed_up: the device had been on and worn for a quarter of an hour as it began; else its bias may warm up from there on
+    where no temperature tells of it, as live. batch: samples handed over at a time, no matter for the result;
+    progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
     Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
@@ -96,24 +103,29 @@ def correct(
         knobs = smoothed.remembering(knobs)
     size = batch or max(1, round(BATCH_S * recording.rate_hz))
 
-    def passed(known: Calibration | None, said: str = "") -> Corrected:
+    def passed(known: Calibration | None, said: str = "", knobs: SessionKnobs = knobs) -> _Pass:
         pass_ = _Pass(recording, knobs, known, said, gyro_range=gyro_range, smooth=smooth, other_boot=other_boot)
         for samples in _batches(recording, gyro_range, size):
             pass_.take(samples)
             if progress is not None:
                 progress(pass_.rows.filled, len(recording))
         pass_.over()
-        return pass_.corrected()
+        return pass_
 
-    if calibration is not None or not recording.made:
-        return passed(_known(calibration))
+    if calibration is not None:
+        return passed(_known(calibration)).corrected()
     if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
-        return passed(before[-1], _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else ""))
-    if (found := passed(None)).calibration:
-        return found
-    # Made while this was recorded, and yet not all of its turns are here.
-    return passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
+        used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
+        return passed(before[-1], used).corrected()
+    found = passed(None)
+    if not found.calibrated and recording.made:
+        # Made while this was recorded, and yet not all of its turns are here.
+        found = passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
+    elif found.turned and recording.told is None:
+        again = passed(None, _ON_BEFORE.format(knobs.warming_s), replace(knobs, warming_s=0.0))
+        found = again if again.calibrated else found
+    return found.corrected()
 
 
 def _used(one: Calibration, how: str = "") -> str:
@@ -165,6 +177,25 @@ class _Pass:
     def over(self) -> None:
         """No more samples come."""
         self._note(self._session.end())
+        made, last = self._session.calibration, self._last
+        if made is None or last is None or last.calibration == made.id:
+            return
+        # The last block brought it, and what a block teaches is used from the end of the next one on.
+        if self._smooth:
+            known = self._session.learnt.correction()
+            self._last = replace(last, calibration=known.calibration, **known.told._asdict())
+        else:
+            self._said.append(_AT_THE_END)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it is by now."""
+        return self._session.calibration is not None
+
+    @property
+    def turned(self) -> bool:
+        """Whether turns were taken, and not all that are needed."""
+        return bool(self._session.learnt.turned)
 
     def _note(self, outcome: Outcome) -> None:
         self._said += outcome.said

@@ -313,14 +313,7 @@ class DeviceSession:
             return f"{self.device} is {self.life.state.name.lower()}: no calibration is under way"
         if self.tracker.doubt.stands:
             self.life.on(Event.DOUBTED)
-        if self.calibration is not None:
-            goes_on, self.learnt.scratch, self.learnt.under_way = "the old one stays", "", None
-        else:
-            goes_on, self.learnt.under_way = (
-                "hold the device still for 3 seconds to begin again",
-                UnderWay(self.knobs.method),
-            )
-        self.life.say(f"calibration cancelled by {who}; {goes_on}")
+        self.learnt.cancel(who)
         return None
 
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:

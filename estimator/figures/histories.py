@@ -10,12 +10,15 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bridge.wire.messages import Floats
 from bridge.wording import count
 from estimator.figures.style import AXES, COLOURS
-from estimator.history import History
+from estimator.history import Biases, History
 
 #: of a device that was just switched on
 _LEAST = timedelta(minutes=2)
+#: a band so many times as wide as is usual makes the picture no larger, and is cut off by its edge
+_WIDE = 5.0
 #: dates without the name of a month: of years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
@@ -24,14 +27,14 @@ _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
 def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bool = True) -> None:
     """The bias of each axis with its 95 % interval, boot by boot, boots and calibrations across it; temperature below.
 
+    A band that is far wider than usual, as of a boot's first point, is cut off by the picture's edge, and that is said.
     words: else it is numbers, units and axes alone, for a page that says in its own language what is seen.
     """
     figure = Figure(figsize=(12, 7), dpi=130)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     for number, boot in enumerate(of.biases):
         when = _dates(boot.time_ns, zone)
-        for axis, name in enumerate(AXES):
-            bias, wide = np.degrees(boot.bias[:, axis]), 1.96 * np.degrees(boot.std[:, axis])
+        for axis, (name, bias, wide) in enumerate(zip(AXES, *(of_axes.T for of_axes in _band(boot)), strict=True)):
             above.fill_between(when, bias - wide, bias + wide, color=COLOURS[axis], alpha=0.25, linewidth=0)
             above.plot(
                 when,
@@ -49,7 +52,8 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
     if all_of_it:  # lines across are no data to matplotlib
         margin = max(_LEAST / 2, (all_of_it[-1] - all_of_it[0]) / 20)
         below.set_xlim(all_of_it[0] - margin, all_of_it[-1] + margin)
-    above.set(ylabel="bias, °/s; band: 95 %" if words else "°/s")
+    cut = _fit(above, of.biases)
+    above.set(ylabel=f"bias, °/s; band: 95 %{', cut off where it is wide' if cut else ''}" if words else "°/s")
     below.set(ylabel="temperature, °C" if words else "°C")
     locator = AutoDateLocator(tz=zone)  # type: ignore[no-untyped-call]
     below.xaxis.set_major_locator(locator)
@@ -63,6 +67,24 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     figure.savefig(path)
+
+
+def _band(of: Biases) -> tuple[Floats, Floats]:
+    """(m, 3) bias and half the width of its interval, °/s."""
+    return np.degrees(of.bias), 1.96 * np.degrees(of.std)
+
+
+def _fit(axes: Any, biases: Sequence[Biases]) -> bool:
+    """Make room for every bias and the usual bands; whether some band goes beyond."""
+    if not biases:
+        return False
+    bias, wide = map(np.concatenate, zip(*map(_band, biases), strict=True))
+    shown = np.minimum(wide, _WIDE * np.percentile(wide, 50, method="lower"))
+    low, high = float((bias - shown).min()), float((bias + shown).max())
+    margin = (high - low) / 20
+    if margin:
+        axes.set_ylim(low - margin, high + margin)
+    return bool(((bias - wide < low - margin) | (bias + wide > high + margin)).any())
 
 
 def _across(axes: Any, when: list[datetime], label: str, colour: str, style: str) -> None:

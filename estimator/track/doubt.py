@@ -28,15 +28,20 @@ class Doubt:
 
     def __init__(self, knobs: DoubtKnobs | None = None) -> None:
         self.knobs = knobs or DoubtKnobs()
-        #: kept beside the state of life: a device that is being recalibrated is no better than it was before
-        self.stands = False
+        #: the reason, in words, as long as it is doubted, else none
+        self.why = ""
         self.last_receipt: Receipt | None = None
         self.consistency = Consistency()
         self._contradictions = 0
 
+    @property
+    def stands(self) -> bool:
+        """Whether it is doubted; beside the state of life: a device that is being recalibrated is no better than before."""
+        return bool(self.why)
+
     def anew(self) -> None:
         """Nothing speaks against what is believed from now on."""
-        self._contradictions, self.stands = 0, False
+        self._contradictions, self.why = 0, ""
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt]) -> None:
         """Note receipts of rests; surprises: what the filter was told to expect before it took any of them."""
@@ -69,7 +74,7 @@ class Doubt:
             reason = f"no rest for {age_s / 60:.0f} minutes"
         if reason is None or self.stands:
             return None
-        self.stands = True
+        self.why = reason
         return reason
 
     def settled(self, *, sure: bool, gravity: bool) -> bool:
@@ -78,5 +83,5 @@ class Doubt:
         against = self._contradictions or gravity or self.consistency.inflation > self.knobs.inflation
         if against or not sure or receipt is None or not receipt.accepted or receipt.reason == INSISTED:
             return False
-        self.stands = False
+        self.why = ""
         return True

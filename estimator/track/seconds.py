@@ -134,7 +134,7 @@ class Seconds:
         if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
             flaw = "stuck"
         end, unseen_turn, unseen_push = self._last.end_time, 0.0, 0.0
-        if longest * len(dt) > HOLE * (end - first):
+        if not flaw and longest * len(dt) > HOLE * (end - first):
             unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before.gyro[-1])
             if accel is not None:
                 pushed = accel[0] if before is None or before.accel is None else before.accel[-1]

@@ -11,16 +11,18 @@ Floats = NDArray[np.float64]
 
 #: longer than so many of the usual steps from sample to sample, a step is a hole
 HOLE = 1.5
+#: s from reading to reading; no gyro is faster, and a clock that counts too coarsely shows none
+_LEAST = 5e-5
 
 
 def unseen(dt: Floats, reading: Floats, before: Floats) -> float:
     """By how much the integral of readings (n, k), each held for dt (n,) s, may be off for what was lost, rms.
 
-    before (k,): the reading before the first.
+    before (k,): the reading before the first. No hole is longer than a gap, in which nothing is known of the way.
     """
     if float(dt.max()) * len(dt) <= HOLE * float(dt.sum()):
         return 0.0
-    usual = float(np.median(dt))
+    usual = max(float(np.median(dt)), _LEAST)
     holes = dt > HOLE * usual
     lost_s = dt[holes] - usual
     steps = np.square(np.diff(reading, axis=0, prepend=before[None])).sum(axis=1)

@@ -221,6 +221,44 @@ def test_a_wrong_configuration_names_file_table_key_and_the_nearest_name(
         assert word in said
 
 
+WARD, DEVICE = (
+    'ward = "w"\n',
+    '[bridge]\nid = "b"\ndevices = [{ id = "chest", driver = "native", port = "/dev/none" }]\n',
+)
+MODELS = '[estimator]\nid = "e"\nmodels = { chst = "lsm9ds1", chest = "lsm9ds1" }\n'
+
+
+@pytest.mark.parametrize(
+    ("ward", "bridges", "said"),
+    [
+        (WARD + '[devices]\nenrolled = ["b/chest", "wrist"]\n', "", "'chst' is not enrolled: its model is of no use"),
+        (
+            WARD + DEVICE,
+            "",
+            "'chst' is not in [[bridge.devices]]: its model is of no use, unless another bridge has it",
+        ),
+        (
+            WARD,
+            WARD + DEVICE,
+            "'chst' is not in [[bridge.devices]]: its model is of no use, unless another bridge has it",
+        ),
+        (WARD, 'ward = "another"\n' + DEVICE, ""),
+        (WARD, "", ""),
+    ],
+)
+def test_a_model_of_a_device_that_is_not_there_is_noted(
+    ward: str, bridges: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {tmp_path / "ward.toml": ward + MODELS, tmp_path / "bridge.toml": bridges}
+    for file, text in files.items():
+        file.write_text(text, encoding="utf-8")
+    assert main(["config", "check", *(str(file) for file, text in files.items() if text)]) == 0
+    printed = capsys.readouterr().out
+    if said:
+        assert f"ward.toml: [estimator]: models: {said}; did you mean 'chest'?\n" in printed
+    assert printed.count("models") == bool(said)
+
+
 def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "none.toml"
     path.write_text('ward = "w"\n', encoding="utf-8")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from estimator import figures
 from estimator.cli import main
-from estimator.history import History, read, since
+from estimator.history import Biases, History, read, since
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS, fill, loaded
 from tests.estimator.stream import NAME
@@ -103,6 +103,24 @@ def test_a_device_that_was_just_switched_on_is_drawn_by_the_minute(monkeypatch: 
     )
     hours = [24 * np.ptp(figure.axes[0].get_xlim()) for figure in drawn]
     assert hours == [pytest.approx(1 / 30), pytest.approx(4.4)]
+
+
+@pytest.mark.parametrize("unsure_dps", [0.002, 0.2])
+def test_what_is_unsure_does_not_ruin_the_scale_and_is_cut_off(
+    unsure_dps: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
+    std = np.radians(np.full((2, 3), 0.002))
+    std[0] = np.radians(unsure_dps)
+    bias = np.radians([[0.03, 0.0, -0.02], [0.01, 0.0, -0.01]])
+    times = np.array([10**18, 10**18 + 60 * 10**9])
+    figures.history(History(NAME, [], [], [], [Biases("1", times, bias, std, np.full(2, np.nan))]), Path("a.png"))
+    above = drawn[0].axes[0]
+    low, high = above.get_ylim()
+    assert low < -0.02 < 0.03 < high, "no bias is left out"
+    assert high - low < 0.1
+    assert ("cut off" in above.get_ylabel()) == (unsure_dps > 0.1)
 
 
 def test_history_of_nothing_says_what_there_is(

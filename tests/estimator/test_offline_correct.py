@@ -15,7 +15,7 @@ from bridge.intake import Intake
 from bridge.recording import Recording, RecordingError, Told, load
 from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still
-from bridge.sim.script import swing
+from bridge.sim.script import SessionPlan, swing
 from bridge.wire.messages import Quality, Verdict
 from estimator.corrected import Corrected
 from estimator.device_knobs import knobs_of
@@ -154,6 +154,60 @@ def test_the_bias_is_in_readings_and_so_is_its_deviation(day: Stream) -> None:
     # A bias restored without knowing how old: 0.2 °/s on each axis, and the walk of some seconds.
     np.testing.assert_allclose(np.degrees(found.bias_std[0]), 0.2, rtol=0.01)
     np.testing.assert_allclose(found.rate[0], across @ (day.gyro[0] - found.bias[0]), atol=1e-6)
+
+
+# ---- what `calibrate` takes ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def prompt() -> Recording:
+    """Three seconds of rest, then the first turn: live, a device just switched on would still warm up in that rest."""
+    return recorded(calibration(seed=1, before_s=0.0, after=pieces(1, 3), plan=SessionPlan(rests_s=3.0)))
+
+
+def agree(found: Corrected, of: Recording) -> None:
+    result, _ = calibrate(of)
+    assert result.verdict is Verdict.ACCEPTED
+    assert found.calibration == of.name
+    k_std = np.sqrt(np.diag(result.covariance)[3:6])
+    assert (np.abs(np.diag(found.matrix - result.matrix)) < 0.2 * k_std).all(), "but for a window of the first rest"
+
+
+def test_turns_that_calibrate_are_not_lost_to_warming_up(prompt: Recording) -> None:
+    found = correct(prompt)
+    agree(found, prompt)
+    assert found.quality[-1] == Quality.GOOD
+    assert found.said[0].startswith("taken to have been on before it was recorded")
+    been_on = correct(prompt, knobs=replace(knobs_of(load_model(GENERIC)), warming_s=0.0))
+    assert same(replace(found, said=found.said[1:]), been_on), "to the bit as of one that has not to warm up"
+
+
+def test_of_a_ward_they_are_missed_as_they_were_live(prompt: Recording) -> None:
+    told = Told(prompt.ticks, 1e-6, prompt.sequence, np.zeros(len(prompt), np.uint32))
+    found = correct(replace(prompt, told=told))
+    assert found.quality.max() == Quality.BIAS_ONLY
+    assert not found.calibration
+
+
+def test_a_calibration_as_the_recording_ends_is_said_and_smooths_all_of_it(day: Stream) -> None:
+    of = recorded(day.part(0, day.at(27.0)))
+    found, smooth = correct(of), correct(of, smooth=True)
+    assert found.quality.max() == Quality.BIAS_ONLY, "no sample was corrected by it when it came"
+    assert "calibrated as it ends" in found.said[-1]
+    prior = correct(of, calibrate(recorded(day))[0], other_boot=True)
+    assert (prior.quality.max(), prior.said[-1]) == (Quality.BIAS_ONLY, found.said[-1]), (
+        "another boot's does not hide it"
+    )
+    agree(smooth, of)
+    assert (smooth.quality == Quality.GOOD).all()
+    np.testing.assert_allclose(smooth.rate, (of.gyro - smooth.bias) @ smooth.matrix.T, atol=1e-5)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["noise0.03_wobble0_100", "noise0.15_wobble3_102"])
+def test_sessions_of_another_simulator_are_calibrated_by_both(shared_data: Path, name: str) -> None:
+    of = load(shared_data / "simulated" / f"{name}.npz")
+    agree(correct(of, smooth=True), of)
 
 
 # ---- a calibration that was made before ---------------------------------------------------------------------------

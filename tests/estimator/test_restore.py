@@ -129,7 +129,7 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
     ward.send(once.batches()[:-20], info(1))
     device = ward.service._devices[NAME]
     for doubted in (False, True):
-        device.session.tracker.doubt.stands = doubted
+        device.session.tracker.doubt.why = "a jump" if doubted else ""
         ward.service._record.checkpoint(device, 0.0, force=True)
         remembered = ward.store.recall(NAME, 1, 1_700_000_000_000_000_000)
         assert remembered is not None

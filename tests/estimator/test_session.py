@@ -12,6 +12,7 @@ from bridge.sim.motion import Still
 from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire import codec, keys
 from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
+from estimator.learnt import CANCELLED_S
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
@@ -51,6 +52,12 @@ def again(of: Stream, *turns: TurnPlan, seed: int = 5, rest_s: float = 30.0) -> 
     gyro = more.rate / of.truth.k + of.bias[0] + (more.gyro - more.rate)
     warm = np.full(len(more), of.temperature_c[-1])
     return replace(more, ticks=more.ticks + of.ticks[-1], gyro=gyro, temperature_c=warm, truth=of.truth)
+
+
+def shaken(of: Stream, seconds: float = 70.0) -> Stream:
+    """The same device, its samples going on without any rest."""
+    more = again(of, rest_s=seconds).part(0, int(seconds * of.rate_hz))
+    return replace(more, gyro=more.gyro + np.radians(30.0) * np.sin(9.0 * more.time)[:, None])
 
 
 # ---- from boot to tracking ----------------------------------------------------------------------------------------
@@ -416,6 +423,31 @@ def test_cancelled_at_any_stage_the_old_one_stays(once: Stream, after_s: float) 
     assert outcome.calibration is None, "turns after that are movement"
     assert device.calibration is old
     assert all(b.quality is Quality.GOOD for b in outcome.corrected)
+
+
+@pytest.mark.parametrize("doubt", ["", "no rest for 31 minutes"])
+def test_that_it_was_cancelled_is_said_for_a_minute(once: Stream, doubt: str) -> None:
+    device = calibrated(once)
+    device.tracker.doubt.why = doubt
+    device.recalibrate("nurse", "")
+    device.cancel("nurse")
+    cancelled = "calibration cancelled by nurse; the old one stays"
+    batches = again(once, rest_s=70.0).batches(first=len(once)) if not doubt else shaken(once).batches(first=len(once))
+    at = [batch.device_time[-1] - once.time[-1] for batch in batches]
+    told = [(feed(device, [batch]).changed, device.life.reason) for batch in batches]
+    back = next(n for n, (_, reason) in enumerate(told) if reason != cancelled)
+    assert CANCELLED_S <= at[back] < CANCELLED_S + 2.0
+    assert told[back] == (True, doubt or "calibrated; the calibration of this boot goes on")
+    assert state(device) is (State.DEGRADED if doubt else State.TRACKING)
+
+
+def test_what_was_said_since_a_cancel_stays(once: Stream) -> None:
+    device = calibrated(once)
+    device.recalibrate("nurse", "")
+    device.cancel("nurse")
+    device.recalibrate("another nurse", "new strap")
+    feed(device, shaken(once).batches(first=len(once)))
+    assert device.life.reason.startswith("recalibration asked for by another nurse: new strap")
 
 
 def test_cancelled_before_there_was_any_it_starts_over(once: Stream) -> None:

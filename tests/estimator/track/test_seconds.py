@@ -90,6 +90,12 @@ def test_a_short_silence_hides_nothing() -> None:
     assert not any(s.flaw for s in found)
 
 
+def test_of_a_gap_it_is_not_asked_how_it_turned_in_it() -> None:
+    hole, gap = (cut(noise(50), [True] * 50, silent=(150, silent_s))[0][1] for silent_s in (0.2, 0.3))
+    assert (hole.flaw, gap.flaw) == ("", "gap")
+    assert hole.unseen_turn > gap.unseen_turn == 0.0
+
+
 def test_an_axis_that_repeats_itself_is_stuck_unless_it_is_coarse() -> None:
     gyro = 20 * noise(50)
     gyro[:, 2] = 1e-3
