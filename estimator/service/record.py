@@ -1,6 +1,7 @@
 """The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again.
 
-What another estimator has said of a device it had is as good as what is kept here: `replicas`; `tell` says it of ours.
+What another estimator has said of a device it had is as good as what is kept here: `replicas`; `tell` says it of ours. `highest`: the
+highest epoch that is known.
 
 A clerk writes, perhaps on a thread of its own; what came of it is heard in `collect`.
 
@@ -11,6 +12,7 @@ import logging
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
@@ -59,8 +61,9 @@ class Record:
         clerk: Writes | None = None,
         replicas: Replicas | None = None,
         tell: Callable[[Device], None] = lambda _: None,
+        highest: Callable[[], int] = lambda: 0,
     ) -> None:
-        self._replicas, self._tell = replicas or Replicas(0), tell
+        self._replicas, self._tell, self._highest = replicas or Replicas(0), tell, highest
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")
@@ -136,6 +139,14 @@ class Record:
         except StoreError as error:
             self._failing(error)
             return {}
+
+    def epoch(self) -> int:
+        """The highest epoch that was known before this estimator was started."""
+        try:
+            return self._store.epoch()
+        except StoreError as error:
+            self._failing(error)
+            return 0
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """The last calibration of the same hardware in an earlier boot, saved or not."""
@@ -253,11 +264,13 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubt.stands and session.calibration is not None
-        row, learnt = (device.name, boot, self._now_ns(), state), session.learnt
+        learnt, epoch = session.learnt, self._highest()
+        row = (device.name, boot, self._now_ns(), state)
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
+        save = partial(self._store.save_bias, *row, history=history, doubted=doubted, asked=asked, reached=reached)
         self._keep(
             session,
-            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),
+            lambda: save(epoch=epoch),
             lambda _: self._noting.discard(device.name),
         )
 

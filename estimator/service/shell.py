@@ -89,7 +89,11 @@ class Service:
         self.counts = Tally()
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._peers = Peers(ward, settings.id, data, control, now_ns, self.counts, peers)
-        self._record = Record(store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell)
+        cluster = self._peers.cluster
+        self._record = Record(
+            store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell, lambda: cluster.highest
+        )
+        cluster.highest = self._record.epoch()
         self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)

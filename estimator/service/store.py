@@ -40,6 +40,8 @@ _NEWEST, _WRITTEN = "time_ns DESC, rowid DESC", "rowid DESC"
 STRETCH = 500
 #: under which boots teach the same law
 _KEY = ("model", "firmware", "gyro_range")
+#: among so many biases, those written last, is the highest epoch
+_LAST = 100
 #: things a bias is kept as; after them what else is known of the boot
 _STATE = 5
 
@@ -92,15 +94,16 @@ class Store:
         doubted: bool = False,
         asked: tuple[str, str] | None = None,
         reached: tuple[int, int] | None = None,
+        epoch: int = 0,
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned.
+        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned; epoch: the highest that is known.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k}
+        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k, "epoch": epoch}
         text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
@@ -221,6 +224,11 @@ class Store:
             if more.get("reached") and not more.get("asked"):
                 found[row["device"]] = int(row["boot"], 16), *more["reached"]
         return found
+
+    def epoch(self) -> int:
+        """The highest epoch that was known when a bias was kept last; by no clock, which may have been set back since."""
+        rows = self.database.rows("bias", order=_WRITTEN, limit=_LAST)
+        return max((int(_more(json.loads(row["state"])).get("epoch", 0)) for row in rows), default=0)
 
     def prior(self, info: DeviceInfo, now_ns: int = MAX_TIME_NS) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""

@@ -27,6 +27,7 @@ class Ward:
 
     def __init__(self, folder: Path) -> None:
         self.broker = MemoryBroker()
+        self.now_ns = 1_700_000_000_000_000_000
         self.path = folder / "store.sqlite3"
         self._bridge = MemoryBus(self.broker)
         self._raw = self._bridge.publisher(keys.build(WARD, "raw", bridge="bridge", device=NAME), cache=64)
@@ -39,9 +40,8 @@ class Ward:
     def start(self, clerk: Callable[[Database], Writes | None] = lambda _: None) -> None:
         self.store = Store(self.path)
         self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
-        now_ns = 1_700_000_000_000_000_000
         writes = clerk(self.store.database)
-        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: now_ns, clerk=writes)
+        self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: self.now_ns, clerk=writes)
 
     def kill(self) -> None:
         """Nothing is said or written any more; what was written is there."""

@@ -106,6 +106,20 @@ def test_killed_and_restarted_the_same_boot_goes_on(ward: Ward, once: Stream) ->
     assert ward.subscriber.repeated > 0, "the cached samples were corrected again"
 
 
+def test_restarted_when_the_clock_was_set_back_its_rates_are_listened_to_at_once(ward: Ward, once: Stream) -> None:
+    upto = once.at(once.time[-1] - 0.5) // 10
+    batches = once.batches()
+    ward.send(batches[:upto], info(1))
+    before = list(ward.subscriber)
+    ward.kill()
+    ward.now_ns -= 3_600_000_000_000
+    ward.start()
+    ward.send(batches[upto:])
+    after = list(ward.subscriber)
+    assert sum(map(len, before + after)) == len(once)
+    assert after[-1].epoch > before[-1].epoch
+
+
 def test_a_store_that_fails_is_counted_and_gone_on_without(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

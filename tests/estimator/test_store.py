@@ -52,6 +52,16 @@ def same(a: Calibration | None, b: Calibration) -> bool:
     )
 
 
+def test_the_highest_epoch_is_of_those_written_last_whatever_time_they_say(store: Store) -> None:
+    assert store.epoch() == 0
+    store.save_bias(NAME, 1, AHEAD_NS, BIAS, history=False, epoch=2**50)
+    store.save_bias("other", 2, 5, BIAS, history=False, epoch=7)
+    assert store.epoch() == 2**50
+    for boot in range(200):
+        store.save_bias("other", boot, 5, BIAS, history=False, epoch=2**50 + boot)
+    assert store.epoch() == 2**50 + 199
+
+
 def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     first = Store(tmp_path / "a.sqlite3")
     first.add_calibration(GOOD)
