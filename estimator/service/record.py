@@ -1,7 +1,7 @@
 """The store as the service uses it: what fails is counted and gone on without; calibrations wait and are tried again.
 
-What another estimator has said of a device it had is as good as what is kept here: `replicas`; `tell` says it of ours. `highest`: the
-highest epoch that is known.
+What another estimator has said of a device it had is as good as what is kept here: `replicas`; `tell` says it of ours.
+`highest` is the highest epoch that is known.
 
 A clerk writes, perhaps on a thread of its own; what came of it is heard in `collect`.
 
