@@ -79,7 +79,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    root = ward_of(args)
+    root = ward_of(args, Root)
     # A bad file is said at once, not tried again and again.
     tables = _of_a_ward(args) if args.file.suffix.lower() == ".mcap" else _of_a_device(args)
     bridge = Bridge(

@@ -5,7 +5,7 @@ import logging
 
 from bridge.bus.self_test import self_test
 from bridge.cli_ward import add_ward, ward_of
-from bridge.config import check
+from bridge.config import Root, check
 from bridge.pki.member import Role
 from bridge.process import connected, stopped_by_signal
 from bridge.virtual_ximu3.ports import ANNOUNCED_AT, REPLY_PORT, Address
@@ -36,7 +36,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def shown(args: argparse.Namespace) -> int:
     """Show them until it is stopped; ValueError where an argument is none."""
-    root = ward_of(args)
+    root = ward_of(args, Root)
     connect = root.bus.routers_as(*(() if args.raw else (Role.VIEWER,)), Role.COMMANDER, Role.RECORDER)
     devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
     if len(devices) > MOST_DEVICES:

@@ -6,10 +6,11 @@ from datetime import datetime
 from rich.text import Text
 
 from bridge.cli_parser import Verbs, add_verb
+from bridge.cli_ward import add_ward
 from bridge.columns import Column, Columns
 from bridge.console import plain_console
 from bridge.wording import count
-from estimator.cli_ward import add_ward, ward_of
+from estimator.cli_ward import ward_of
 from estimator.cluster_view import ClusterView, as_json, cluster_view
 
 

@@ -5,12 +5,13 @@ import getpass
 import sys
 
 from bridge.cli_parser import Verbs, add_verb
+from bridge.cli_ward import add_ward
 from bridge.config import ConfigError
 from bridge.pki.member import Role
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.messages import CommandReply
-from estimator.cli_ward import add_ward, ward_of
+from estimator.cli_ward import ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:

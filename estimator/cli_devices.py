@@ -3,10 +3,11 @@
 import argparse
 
 from bridge.cli_parser import Verbs, add_verb
+from bridge.cli_ward import add_ward
 from bridge.config import ConfigError
 from bridge.console import plain_console
 from bridge.wire.keys import check_id
-from estimator.cli_ward import add_ward, ward_of
+from estimator.cli_ward import ward_of
 
 _ONLY = "devices in this state (degraded, awaiting-still …), or with this id (* and ? stand for anything); may be given again"
 

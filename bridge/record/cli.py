@@ -8,7 +8,7 @@ from typing import Any
 
 from bridge.cli_parser import Verbs
 from bridge.cli_ward import add_ward, ward_of
-from bridge.config import ConfigError
+from bridge.config import ConfigError, Root
 from bridge.console import plain_console
 from bridge.logs import printable
 from bridge.pki.member import Role
@@ -98,7 +98,7 @@ def _record(given: argparse.Namespace) -> int:
     if "devices" in said:
         said["devices"] = tuple(said["devices"])
     try:
-        root = ward_of(given)
+        root = ward_of(given, Root)
         settings = options({**_table(root.recorder), **said}, Recorder)
     except ValueError as error:
         raise ConfigError(f"record: {error}") from None

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 def start(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     told = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
     return subprocess.run(
-        [sys.executable, *words], cwd=ROOT, env=told, capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, *words], cwd=ROOT, env=told, capture_output=True, text=True, timeout=280, check=False
     )
 
 
