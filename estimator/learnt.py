@@ -196,10 +196,8 @@ class Learnt:
             self._life.say(f"calibration cancelled by {who}; hold the device still for 3 seconds to begin again")
             return
         self.scratch, self.under_way = "", None
-        self._cancelled, self._cancelled_until = (
-            f"calibration cancelled by {who}; the old one stays",
-            self.now + CANCELLED_S,
-        )
+        self._cancelled = f"calibration cancelled by {who}; the old one stays"
+        self._cancelled_until = self.now + CANCELLED_S
         self._life.say(self._cancelled)
 
     def _as_it_is(self, outcome: Outcome) -> None:

@@ -71,13 +71,16 @@ def _load() -> None:
 
 def _made(function: Callable[..., Any], signature: str) -> Any:
     from numba import njit  # noqa: PLC0415
-    from numba.core import caching  # noqa: PLC0415
     from numba.core.errors import NumbaError  # noqa: PLC0415
 
-    cache: Any = caching.FunctionCache  # has no types
+    from estimator.loops._kept import Kept  # noqa: PLC0415
 
     def keep() -> Any:
-        return njit(signature, cache=True, **_SAFE)(function)
+        made = njit(**_SAFE)(function)
+        made._cache = Kept(function)  # noqa: SLF001 - where cache=True puts one of Numba's own
+        made.compile(signature)
+        made.disable_compile()
+        return made
 
     try:
         made = keep()
@@ -85,7 +88,7 @@ def _made(function: Callable[..., Any], signature: str) -> Any:
         raise
     except Exception as error:  # noqa: BLE001 - no place to keep it, or what was kept is damaged: neither has a type of its own
         try:
-            cache(function).flush()
+            Kept(function).flush()
             made = keep()
         except Exception:  # noqa: BLE001 - as above
             log.warning("%s is compiled anew at every start (%s)", function.__name__, error)
