@@ -25,7 +25,7 @@ from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
-from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time
+from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time, rate_of
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -62,7 +62,7 @@ class Told(NamedTuple):
 class Recording:
     """n samples: time_s (n,) rising from 0, gyro (n, 3) rad/s, accel (n, 3) m/s² or None, temperature_c (n,) or None.
 
-    rate_hz: as the file says, or the median of the steps of time. gyro_range: full scale, rad/s; 0 when unknown.
+    rate_hz: as the file says, or as its times do where none is missing. gyro_range: full scale, rad/s; 0 when unknown.
     made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
     of its first sample; told: as they came.
     """
@@ -254,7 +254,7 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None, plac
         gyro=gyro,
         accel=believed_accel(path, columns.get("accel_m_s2")),
         temperature_c=columns.get("temperature_c"),
-        rate_hz=rate or float(1 / np.median(np.diff(time))),
+        rate_hz=rate or rate_of(time),
         name=path.stem,
     )
 

@@ -19,6 +19,10 @@ _ABSURD_S = 0.25
 _SLOWEST_HZ, _FASTEST_HZ = 1.0, 20_000.0
 #: how far a rate may be from what times say: devices are sold as of 100 Hz that have 104
 _RATE_OFF = 0.2
+#: steps that are looked at together, and what they last at the most for any of them, over the usual one: longer is a gap
+_TOGETHER, _GAP = 64, 2.5
+#: the share of them that may be shorter than the shortest is taken to be; how much longer others may be, in steps
+_SHORTEST, _EVEN = 0.02, 1.01
 #: what the median length of the acceleration is near, in units that it is often given in, when it should be 9.8
 _GRAVITIES = {"g": 1.0, "milli-g": 1000.0}
 _NEAR = 0.25
@@ -37,6 +41,24 @@ def check_time(path: Path, time_s: Floats) -> None:
         f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
         f"{_SLOWEST_HZ:g} to {_FASTEST_HZ:g} Hz is taken: {asked}"
     )
+
+
+def rate_of(time_s: Floats) -> float:
+    """Samples a second where none is missing, from their rising times (n,): by the median step, unless they are coarsely rounded.
+
+    At 416 Hz, in milliseconds, steps are 2 and 3 ms, and the median says 500 Hz. Then many steps together never last only so
+    many times the median, and always last nearly the same; where samples are lost here and there, one of both is not so.
+    """
+    steps = np.diff(time_s)
+    step = float(np.median(steps))
+    runs = steps[: len(steps) // _TOGETHER * _TOGETHER].reshape(-1, _TOGETHER)
+    lasted = runs.sum(axis=1)[runs.max(axis=1) < _GAP * step]
+    if len(lasted) < 2:
+        return 1 / step
+    shortest, middle = np.quantile(lasted, [_SHORTEST, 0.5])
+    if abs(shortest / step - _TOGETHER) <= 0.5 or middle - shortest > _EVEN * step:
+        return 1 / step
+    return float(_TOGETHER / lasted[lasted <= shortest + _EVEN * step].mean())
 
 
 def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:

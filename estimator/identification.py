@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.recording import Recording, RecordingError
+from bridge.recording_units import rate_of
 from estimator.allan_fit import Coefficient, Noise, identify
 from estimator.gyro import AXES, least_step
 from estimator.noise_model import NoiseModel
@@ -55,7 +56,7 @@ def identify_noise(recording: Recording) -> AtRest:
             f"{LEAST_REST_S:.0f} s are needed. Lay the device down where nobody walks, and record an hour to see its bias wander"
         )
     rate_hz = (len(time) - 1) / duration
-    if (missing := 1 - rate_hz * float(np.median(np.diff(time)))) > _UNEVEN:
+    if (missing := 1 - rate_hz / rate_of(time)) > _UNEVEN:
         raise RecordingError(
             f"{recording.name}: its samples are not evenly spaced: {missing:.0%} of the rest are gaps. Are the times those of "
             "arrival? Leave them out and say the device's rate with --rate-hz"

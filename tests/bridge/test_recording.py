@@ -46,6 +46,25 @@ def test_an_npz_with_times_has_the_median_rate(tmp_path: Path) -> None:
     assert recording.rate_hz == pytest.approx(50)
 
 
+@pytest.mark.parametrize(("hz", "tick_s"), [(833, 1e-3), (416, 1e-3), (104, 1e-3), (80, 1e-2), (75, 1e-2), (100, 1e-6)])
+def test_coarsely_rounded_times_have_the_rate_that_they_were_sampled_at(
+    tmp_path: Path, hz: float, tick_s: float
+) -> None:
+    time = np.rint(np.arange(4000) / hz / tick_s) * tick_s
+    for lost in (np.zeros(4000, bool), np.arange(4000) % 500 == 499, (time > 3) & (time < 4)):
+        arrays: dict[str, Any] = {"t_s": time[~lost], "gyro_rad_s": np.zeros((np.count_nonzero(~lost), 3))}
+        recording = load(saved(tmp_path, **arrays))
+        assert recording.rate_hz == pytest.approx(hz, rel=2e-3)
+        assert lost.any() or recording.sequence[-1] == 3999
+
+
+def test_lost_samples_do_not_lower_a_rate(tmp_path: Path) -> None:
+    for share in (0.002, 0.02, 0.2):
+        time = np.arange(8000)[np.random.default_rng(1).random(8000) > share] * 0.01
+        recording = load(saved(tmp_path, t_s=time, gyro_rad_s=np.zeros((len(time), 3))))
+        assert recording.rate_hz == pytest.approx(100)
+
+
 @pytest.mark.parametrize(
     ("arrays", "said"),
     [

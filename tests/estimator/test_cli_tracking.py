@@ -106,6 +106,13 @@ def test_times_of_arrival(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "not evenly spaced" in capsys.readouterr().err
 
 
+def test_times_in_milliseconds_are_even_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gyro = lying(600)
+    at_416_hz = np.rint(np.arange(len(gyro)) * 1000 / 416) / 1000
+    assert main(["allan", saved(tmp_path / "ms.npz", gyro, t_s=at_416_hz, rate_hz=416.0), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rate_hz"] == pytest.approx(416, rel=1e-3)
+
+
 def test_an_axis_that_never_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gyro = lying(100)
     gyro[:, 1] = 0.01
