@@ -7,6 +7,7 @@ CSV: a header row, one row a sample. Columns, the unit in the name:
     gyro_x_rad_s ... gyro_z_rad_s | gyro_x_dps ... | gyro_x_mdps ...      also gx_dps and so on
     accel_x_m_s2 ... accel_z_m_s2 | accel_x_g ... | accel_x_mg ...        also ax_g and so on
     temperature_c
+What is in other columns is passed over, be it numbers or not.
 One of t and `rate_hz` (an argument where the file has none) is needed: a rate alone means evenly spaced samples.
 mcap: as `truerate record` writes it; the device, and which of its boots, must be said where there are several.
 """

@@ -6,7 +6,8 @@ import logging
 import re
 from array import array
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +29,19 @@ _TIME = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 #: of the largest value: more than rounding to what people print
 _AGREED = 1e-3
 _VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _ACCEL)}
+
+
+def _axes(long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...], float]:
+    """The three names that a vector's columns may have, and what of SI their unit is."""
+    return {
+        tuple(f"{prefix}{axis}_{unit}" for axis in "xyz"): scale
+        for unit, scale in units.items()
+        for prefix in (long, short)
+    }
+
+
+#: the names of all columns that are read; what is in others need be no number
+_USED = frozenset(chain(_TIME, ("rate_hz", "temperature_c"), *chain(*(_axes(*vector) for vector in _VECTORS.values()))))
 
 
 class Csv(NamedTuple):
@@ -52,25 +66,20 @@ class Csv(NamedTuple):
 
 def read_csv(path: Path) -> Csv:
     """All that is used of a file; raises RecordingError."""
-    names, table = _table(path)
-    at = {name: table[:, i] for i, name in enumerate(names)}
+    names, at = _table(path)
     columns, made_of = dict[str, Floats](), dict[str, tuple[str, ...]]()
     for column, (long, short, units) in _VECTORS.items():
         found = _vectors(at, long, short, units)
         if found:
             made_of[column], columns[column] = _agreed(path, found)
-        elif "gyro_rad_s" in columns and (
-            alike := [name for name in names if re.match(f"({long}|{short})[xyz]", name)]
-        ):
+        elif alike := [name for name in names if re.match(f"({long}|{short})[xyz]", name)]:
             _log.warning("%s: %s: not used; x, y and z are needed, in a unit that is known", path, ", ".join(alike))
-    if "gyro_rad_s" not in columns:
-        raise RecordingError(f"{path}: {_no_gyro(names)}")
     times: dict[tuple[str, ...], Floats] = {
         (name,): _since_first(at[name]) * scale for name, scale in _TIME.items() if name in at
     }
     if times:
         made_of["t_s"], columns["t_s"] = _agreed(path, times)
-    elif "rate_hz" in at and len(table):
+    elif "rate_hz" in at and len(at["rate_hz"]):
         columns["rate_hz"] = _constant(path, at["rate_hz"])
     if "temperature_c" in at:
         made_of["temperature_c"], columns["temperature_c"] = ("temperature_c",), at["temperature_c"].copy()
@@ -83,13 +92,17 @@ def _rows(file: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
     return ((reader.line_num, row) for row in reader if row)
 
 
-def _table(path: Path) -> tuple[list[str], Floats]:
-    """The names in the header, and a row of numbers for each of the file's; only numbers are kept, a file may be long."""
+def _table(path: Path) -> tuple[list[str], dict[str, Floats]]:
+    """The names in the header, and the columns that are used, by name; only these numbers are kept, a file may be long."""
     numbers = array("d")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = _rows(file)
             names = _names(path, next(rows, (0, []))[1])
+            used = [i for i, name in enumerate(names) if name in _USED]
+            if not any(all(axis in names for axis in axes) for axes in _axes(*_VECTORS["gyro_rad_s"])):
+                raise RecordingError(f"{path}: {_no_gyro(names)}")
+            chosen = itemgetter(*used)
             for line, row in rows:
                 if len(row) != len(names):
                     commas = "; are there commas in its numbers?" if len(row) > len(names) else ""
@@ -97,16 +110,17 @@ def _table(path: Path) -> tuple[list[str], Floats]:
                         f"{path}: line {line} has {count(len(row), 'column')}; the header has {len(names)}{commas}"
                     )
                 try:
-                    numbers.extend(map(float, row))
+                    numbers.extend(map(float, chosen(row)))
                 except ValueError:
-                    raise _bad_number(path, names, line, row) from None
+                    raise _bad_number(path, names, used, line, row) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
     except UnicodeDecodeError:
         raise RecordingError(f"{path}: not text in UTF-8; a CSV with a header row is expected") from None
     except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
-    return names, np.frombuffer(numbers, np.float64).reshape(-1, len(names))
+    table = np.frombuffer(numbers, np.float64).reshape(-1, len(used))
+    return names, {names[i]: table[:, at] for at, i in enumerate(used)}
 
 
 def _names(path: Path, header: list[str]) -> list[str]:
@@ -138,12 +152,10 @@ def _names(path: Path, header: list[str]) -> list[str]:
 def _vectors(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...], Floats]:
     """All that the file has of a vector (n, 3), SI, by the names of its columns."""
     found = {}
-    for unit, scale in units.items():
-        for prefix in (long, short):
-            axes = tuple(f"{prefix}{axis}_{unit}" for axis in "xyz")
-            if all(name in at for name in axes):
-                with np.errstate(over="ignore"):  # what becomes infinite is refused with its sample
-                    found[axes] = np.stack([at[name] for name in axes], axis=1) * scale
+    for axes, scale in _axes(long, short, units).items():
+        if all(name in at for name in axes):
+            with np.errstate(over="ignore"):  # what becomes infinite is refused with its sample
+                found[axes] = np.stack([at[name] for name in axes], axis=1) * scale
     return found
 
 
@@ -173,7 +185,7 @@ def _constant(path: Path, rate_hz: Floats) -> Floats:
 
 
 def _no_gyro(names: list[str]) -> str:
-    wanted = [f"{prefix}{axis}_{unit}" for unit in _GYRO for prefix in ("gyro_", "g") for axis in "xyz"]
+    wanted = list(chain(*_axes(*_VECTORS["gyro_rad_s"])))
     missing = (
         "the columns gyro_x_rad_s, gyro_y_rad_s, gyro_z_rad_s (or gx_dps, gy_dps, gz_dps: with the unit) are needed"
     )
@@ -185,10 +197,10 @@ def _no_gyro(names: list[str]) -> str:
     return f"{missing}; the header has {', '.join(names)}. {' '.join(hints[:3])}".strip()
 
 
-def _bad_number(path: Path, names: list[str], line: int, row: list[str]) -> RecordingError:
-    for name, value in zip(names, row, strict=True):
-        if not _is_number(value):
-            return RecordingError(f"{path}: line {line}, column {name!r}: {value[:32]!r} is not a number")
+def _bad_number(path: Path, names: list[str], used: list[int], line: int, row: list[str]) -> RecordingError:
+    for i in used:
+        if not _is_number(row[i]):
+            return RecordingError(f"{path}: line {line}, column {names[i]!r}: {row[i][:32]!r} is not a number")
     return RecordingError(f"{path}: line {line} is not of numbers")
 
 

@@ -240,6 +240,15 @@ def test_a_csv_may_say_the_same_twice_and_its_rate_in_a_column(tmp_path: Path) -
     assert load(written(tmp_path, "rate_hz,gx_dps,gy_dps,gz_dps\n50,1,1,1\n50,1,1,1\n")).rate_hz == 50
 
 
+def test_what_is_in_columns_that_are_not_used_need_be_no_number(tmp_path: Path) -> None:
+    text = 't_s,when,gx_dps,gy_dps,gz_dps,what,heart\n0,2026-03-01T10:00:00Z,180,1,1,walks,60\n0.01,,1,1,1,"sat, up",\n'
+    recording = load(written(tmp_path, text))
+    assert np.allclose(recording.gyro[:, 0], np.radians([180, 1]))
+    assert np.allclose(recording.time_s, [0, 0.01])
+    corrected = "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s,quality\n0,1,1,1,GOOD\n"
+    assert "the header has t_s, rate_x_rad_s" in refusal(written(tmp_path, corrected))
+
+
 def test_columns_that_are_not_used_are_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = written(tmp_path, "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,accel_z_mg\n0,1,1,1,0,0,1\n0.01,1,1,1,0,0,1\n")
     assert load(path).accel is None
