@@ -77,10 +77,11 @@ class Doubt:
         self.why = reason
         return reason
 
-    def settled(self, *, sure: bool, gravity: bool) -> bool:
-        """Whether the last rest has made a bias certain again that is sure in itself."""
+    def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
+        """Whether the last rest has made a bias certain again that is sure in itself, and would not be doubted at once."""
         receipt = self.last_receipt
         against = self._contradictions or gravity or self.consistency.inflation > self.knobs.inflation
+        against = against or age_s > self.knobs.evidence_age_s  # a rest that proved none does not end the wait for one
         if against or not sure or receipt is None or not receipt.accepted or receipt.reason == INSISTED:
             return False
         self.why = ""

@@ -313,4 +313,5 @@ class Tracker:
 
     def trusts(self) -> bool:
         """Whether the last rest has made the bias certain again."""
-        return self.doubt.settled(sure=self.sure, gravity=self._accelerometer.contradicts)
+        age_s = self.time - self._evidence_time
+        return self.doubt.settled(age_s, sure=self.sure, gravity=self._accelerometer.contradicts)

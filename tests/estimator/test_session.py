@@ -364,6 +364,16 @@ def test_without_rest_the_uncertainty_grows_and_is_degraded_at_last(once: Stream
     assert "no rest for" in device.life.reason
 
 
+def test_pauses_too_short_for_a_rest_do_not_end_the_doubt_that_there_was_none() -> None:
+    """Each confirmed the bias, which was doubted again a moment later: of who walked, seventy times in ten minutes."""
+    rng = np.random.default_rng(0)
+    walk = [piece for _ in range(12) for piece in (swing(rng, 5.0, np.radians(120.0)), Still(2.0))]
+    device = DeviceSession(NAME, SessionKnobs(track=TrackKnobs(doubt=DoubtKnobs(evidence_age_s=30.0))))
+    said = feed(device, calibration(seed=1, after=[*walk, Still(10.0)]).batches()).said
+    states = [words.split(":")[0] for words in said if " -> " in words]
+    assert states[-3:] == ["TURNING -> TRACKING", "TRACKING -> DEGRADED", "DEGRADED -> TRACKING"]
+
+
 def test_a_lost_device_is_not_good_and_comes_back(once: Stream) -> None:
     device = calibrated(once.part(0, once.at(40.0)))
     assert device.silence("no samples for 3 s")
