@@ -1,7 +1,7 @@
 """A recording corrected."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +17,33 @@ Floats = NDArray[np.float64]
 
 
 _BINS = 1500
+#: a gap is seen if it is this share of the recording, and so many times as long as from one sample to the next
+_SEEN, _STEPS = 1 / 300, 2.5
 _SHADES = {"NONE": "#b0b0b0", "PRIOR": "#d9c7a0", "BIAS_ONLY": "#cdc6e6", "GOOD": "#ffffff", "DEGRADED": "#f0b7a8"}
+
+
+class Bins(NamedTuple):
+    """What is drawn of n samples: bins of them, from edges (m,) on; points (k,) at time_s, each of the bin `shown` (k,).
+
+    At a gap there is one more point at the last sample before it, and one at NaN: nothing is drawn across.
+    """
+
+    edges: NDArray[np.int64]
+    time_s: Floats
+    shown: NDArray[np.int64]
+
+
+def binned(time_s: Floats, rate_hz: float) -> Bins:
+    """The samples at time_s (n,) in at most so many bins, and one more for each gap."""
+    gaps = np.flatnonzero(np.diff(time_s) > max(_SEEN * time_s[-1], _STEPS / rate_hz)) + 1
+    even = np.linspace(0, len(time_s), min(_BINS, len(time_s)) + 1).astype(int)[:-1]
+    edges = np.unique(np.concatenate([even, gaps]))
+    after = np.searchsorted(edges, gaps)
+    shown = np.insert(np.arange(len(edges)), np.repeat(after, 2), np.repeat(after - 1, 2))
+    last = after + 2 * np.arange(len(gaps))
+    time = time_s[edges[shown]]
+    time[last], time[last + 1] = time_s[gaps - 1], np.nan
+    return Bins(edges, time, shown)
 
 
 def corrected(recording: Recording, found: Corrected, path: Path) -> None:
@@ -27,18 +53,16 @@ def corrected(recording: Recording, found: Corrected, path: Path) -> None:
     figure = Figure(figsize=(12, 2.5 * rows + 1.0), dpi=130)
     grid = figure.subplots(rows, 2, sharex=True, squeeze=False, height_ratios=[1.0] * 3 + [0.6] * (rows - 3))
     unit, per = ("min", 60.0) if recording.time_s[-1] > 300 else ("s", 1.0)
-    edges = np.unique(np.linspace(0, len(recording), min(_BINS, len(recording)) + 1).astype(int))[:-1]
-    time = recording.time_s[edges] / per
+    bins = binned(recording.time_s, recording.rate_hz)
+    time, at = bins.time_s / per, bins.edges[bins.shown]
     for axis in range(3):
-        _rates(grid[axis, 0], time, edges, recording.gyro[:, axis], found.rate[:, axis], axis)
-        _tracked(
-            grid[axis, 1], time, np.degrees(found.bias[edges, axis]), np.degrees(found.bias_std[edges, axis]), axis
-        )
+        _rates(grid[axis, 0], time, bins, recording.gyro[:, axis], found.rate[:, axis], axis)
+        _tracked(grid[axis, 1], time, np.degrees(found.bias[at, axis]), np.degrees(found.bias_std[at, axis]), axis)
     for axes in grid[:3].ravel():
-        _shade(axes, time, found.quality[edges], recording.time_s[-1] / per)
+        _shade(axes, time, found.quality[at], recording.time_s[-1] / per)
     if warm is not None:
         for axes in grid[3]:
-            axes.plot(time, warm[edges], color=COLOURS[5])
+            axes.plot(time, warm[at], color=COLOURS[5])
             axes.set(ylabel="temperature, °C")
     for axes in grid[-1]:
         axes.set(xlabel=f"time, {unit}", xlim=(0, recording.time_s[-1] / per))
@@ -59,12 +83,10 @@ def _qualities(found: Corrected) -> str:
     return ", ".join(f"{name} {100 * part / sum(seconds.values()):.0f} %" for name, part in seconds.items())
 
 
-def _rates(
-    axes: Any, time: Floats, edges: NDArray[np.int64], raw: Floats, rate: NDArray[np.float32], axis: int
-) -> None:
+def _rates(axes: Any, time: Floats, bins: Bins, raw: Floats, rate: NDArray[np.float32], axis: int) -> None:
     # From least to most in each bin: a movement shorter than a pixel is still seen.
     for values, colour, label in ((raw, "#9a9a9a", "raw"), (rate, COLOURS[axis], "corrected")):
-        low, high = (np.degrees(of.reduceat(values, edges)) for of in (np.minimum, np.maximum))
+        low, high = (np.degrees(of.reduceat(values, bins.edges))[bins.shown] for of in (np.minimum, np.maximum))
         axes.fill_between(time, low, high, color=colour, linewidth=0.6, alpha=0.8, label=f"{AXES[axis]} {label}")
     axes.margins(y=0.2)  # room for the legend
     axes.set(ylabel=f"rate {AXES[axis]}, °/s")
@@ -82,9 +104,11 @@ def _tracked(axes: Any, time: Floats, bias: Floats, std: Floats, axis: int) -> N
 
 
 def _shade(axes: Any, time: Floats, quality: NDArray[np.uint8], end: float) -> None:
-    begins = np.concatenate([[0], np.flatnonzero(np.diff(quality.astype(int))) + 1])
-    ends = [*time[begins[1:]], end]
-    for begin, until in zip(begins, ends, strict=True):
+    gap = np.isnan(time)
+    begins = np.concatenate([[0], np.flatnonzero((np.diff(quality.astype(int)) != 0) | np.diff(gap)) + 1])
+    until = np.where(gap, np.roll(time, 1), time)  # a gap is of no quality
+    ends = [*until[begins[1:]], end]
+    for begin, stop in zip(begins, ends, strict=True):
         name = Quality(int(quality[begin])).name
-        if name != "GOOD":
-            axes.axvspan(time[begin], until, color=_SHADES[name], alpha=0.45, linewidth=0, zorder=0)
+        if name != "GOOD" and not gap[begin]:
+            axes.axvspan(time[begin], stop, color=_SHADES[name], alpha=0.45, linewidth=0, zorder=0)

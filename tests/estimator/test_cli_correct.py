@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bridge.recording import load
@@ -141,6 +142,30 @@ def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool)
     assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
+
+
+def test_nothing_is_drawn_where_nothing_was_recorded(
+    session: Session, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A gap of four hours was filled: with rates, with a quality, and with a band about the bias."""
+    n = len(session.time_s)
+    time = session.time_s + np.where(np.arange(n) < n // 2, 0.0, 4 * 3600.0)
+    warm = session.temperature_c
+    np.savez(recorded, gyro_rad_s=session.gyro, accel_m_s2=session.accel, temperature_c=warm, t_s=time)
+    last, first = (time[[n // 2 - 1, n // 2]] - time[0]) / 60
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, _: drawn.append(figure))
+    assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(tmp_path / "day.png")]) == 0
+    for axes in drawn[0].axes:
+        outlines = [path.vertices for of in axes.collections for path in of.get_paths()]
+        outlines += [
+            patch.get_window_extent().transformed(axes.transData.inverted()).get_points() for patch in axes.patches
+        ]
+        for line in axes.lines:
+            outlines += [part[1:] for part in np.split(line.get_xydata(), *np.nonzero(np.isnan(line.get_xdata())))]
+        assert len(outlines) >= 2
+        for x in (np.asarray(outline)[:, 0] for outline in outlines):
+            assert x.max() <= last + 1e-6 or x.min() >= first - 1e-6
 
 
 @pytest.mark.parametrize("kind", ["npz", "csv"])
