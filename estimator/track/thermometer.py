@@ -7,15 +7,13 @@ from collections import deque
 from dataclasses import dataclass
 from math import expm1, isfinite
 
-import numpy as np
-
 #: temperatures kept, for bringing a rest's bias from then to now
 _KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class ThermometerKnobs:
-    """A temperature that leaps by so many kelvin from one reading to the next must stay for so long, s."""
+    """A temperature that leaps by so many kelvin must stay for so long, s; over a longer silence it may go so much farther."""
 
     leap_k: float = 2.0
     leap_s: float = 10.0
@@ -45,7 +43,7 @@ class Thermometer:
 
     def read(self, time: float, celsius: float) -> None:
         """Note a reading."""
-        if self._read and abs(celsius - self.now) > self.knobs.leap_k:
+        if self._read and abs(celsius - self.now) > self._believable(time):
             self._leapt = time if self._leapt is None else self._leapt
             if time - self._leapt < self.knobs.leap_s:
                 return
@@ -55,6 +53,10 @@ class Thermometer:
             celsius = self.now + share * (celsius - self.now)
         self._leapt = None
         self._read.append((time, celsius))
+
+    def _believable(self, time: float) -> float:
+        """How many kelvin it may be from the average: what was silent for minutes has cooled or warmed meanwhile."""
+        return self.knobs.leap_k * max(1.0, (time - self._read[-1][0]) / self.knobs.leap_s)
 
     def go_on(self, time: float, celsius: float) -> None:
         """From an average that was kept; what was read since then is forgotten."""
@@ -71,7 +73,10 @@ class Thermometer:
 
     def at(self, time: float) -> float:
         """As it was at a time."""
-        if not self._read:
-            return float("nan")
-        times, values = zip(*self._read, strict=True)
-        return float(np.interp(time, times, values))
+        later, warmer = float("inf"), float("nan")
+        for then, celsius in reversed(self._read):  # it is asked for what was a moment ago
+            if then <= time:
+                share = (time - then) / (later - then)
+                return celsius + share * (warmer - celsius) if share else celsius
+            later, warmer = then, celsius
+        return warmer

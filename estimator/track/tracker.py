@@ -230,7 +230,7 @@ class Tracker:
         if self._kept is not None:
             if second.start <= self._kept.time - _SAME_S:
                 # Its evidence is in what was kept: none may count twice, not even for a while.
-                self._filter.look_back(self._kept, second.end, self.thermometer.now)
+                self._filter.look_back(self._kept, second.end, self.thermometer.at(second.end))
                 return []
             self._filter.restart(self._kept)
             self.thermometer.go_on(self._kept.time, self._kept.temperature_c)
@@ -243,7 +243,8 @@ class Tracker:
             # Before time goes on: what waits to be judged was measured before the gap.
             self._zaru.moved(self._filter)
             self._bounded.broken()
-        steps = self._filter.predict(second.end, self.thermometer.now, carried)
+        # Known whole only later, over a gap much later: it was as warm as it was then.
+        steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened

@@ -41,6 +41,18 @@ def test_after_a_silence_a_reading_stands_for_itself() -> None:
     one.read(0.0, 25.0)
     one.read(3600.0, 26.5)
     assert one.now == pytest.approx(26.5)
+    one.read(3660.0, 16.5)
+    assert one.now == pytest.approx(16.5, abs=0.1), "in a minute it may have cooled, in a second it may not"
+
+
+def test_what_it_said_a_while_ago() -> None:
+    one = Thermometer()
+    times, said = 2.0 + 1.3 * np.arange(20), []
+    for time in times:
+        one.read(time, 20.0 + 0.05 * time)
+        said.append(one.now)
+    for time in (0.0, 2.0, 3.0, 13.7, *times, 99.0):
+        assert one.at(time) == pytest.approx(np.interp(time, times, said), rel=1e-12)
 
 
 def test_a_leap_is_believed_when_it_stays_and_then_at_once() -> None:

@@ -120,6 +120,24 @@ def test_a_fast_warming_at_rest_is_followed_and_its_slope_learnt(seed: int, acce
     assert (np.abs(worn.error_dps(of)) < 0.01).all()
 
 
+@pytest.mark.parametrize("silent_s", [60.0, 600.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_has_cooled_in_a_silence_is_followed_at_once(seed: int, silent_s: float) -> None:
+    """The last second before the gap was taken for one at the temperature after it: 0.1 °/s off, for minutes."""
+    spec = replace(PLAIN, bias_dps_per_kelvin=0.03, temperature_c=(25.0, 35.0), warm_up_s=200.0)
+    warm = rest(200.0, seed=seed, spec=spec)
+    cold = warm.part(0, warm.at(30.0))
+    cold = replace(cold, ticks=cold.ticks + warm.ticks[-1] + round(silent_s * 1e6))
+    worn = Worn.new().lives(warm, temperature=True)
+    before = len(worn.time)
+    worn.lives(cold, temperature=True)
+    began = warm.time[-1] + silent_s
+    known = [i for i in range(before, len(worn.time)) if worn.time[i] > began + 2.0]
+    truth = cold.bias[np.searchsorted(cold.time, np.array(worn.time)[known]) - 1]
+    assert (np.abs(np.array(worn.bias)[known] - truth) < 4 * np.array(worn.std)[known]).all()
+    assert (np.abs(worn.error_dps(cold)) < 0.01).all()
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_wrong_bias_is_found_in_motion_alone(seed: int) -> None:
     of = busy(80.0, seed=seed)
