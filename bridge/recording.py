@@ -26,7 +26,7 @@ from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
-from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time, rate_of
+from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time, rate_of, warn_of_gyro
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -250,6 +250,7 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None, plac
         if rate is not None:
             check_rate(path, time, rate)
     check_gyro(path, gyro, 1 / float(np.median(np.diff(time))))
+    warn_of_gyro(path, gyro, rate_of(time))
     return Recording(
         time_s=time,
         gyro=gyro,

@@ -4,6 +4,7 @@ A wrong unit is no small error: each is a factor of 57, of 9.8, or of a thousand
 """
 
 import logging
+from math import degrees, radians
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,10 @@ _ABSURD_S = 0.25
 _SLOWEST_HZ, _FASTEST_HZ = 1.0, 20_000.0
 #: how far a rate may be from what times say: devices are sold as of 100 Hz that have 104
 _RATE_OFF = 0.2
+#: no gap is as long as a quarter of a second where a device rests
+_LEAST_HZ = 4.0
+#: rad/s; twice the step of one that reads to 4000 °/s in 16 bits. So many samples tell of it; more are passed over
+_COARSEST, _ENOUGH, _LOOKED_AT = radians(0.25), 100, 20_000
 #: steps that are looked at together, and what they last at the most for any of them, over the usual one: longer is a gap
 _TOGETHER, _GAP = 64, 2.5
 #: the share of them that may be shorter than the shortest is taken to be; how much longer others may be, in steps
@@ -81,6 +86,24 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
         raise RecordingError(
             f"{path}: readings of {most:.0f} rad/s are probably degrees per second, given as rad/s; "
             "multiply them by π/180, or name a CSV's columns gx_dps, gy_dps, gz_dps"
+        )
+
+
+def warn_of_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
+    """Say it of readings (n, 3), rad/s, that are too far apart for a rest to be seen, or rounded more than any gyro does."""
+    if rate_hz <= _LEAST_HZ:
+        _log.warning(
+            "%s: at %.3g Hz no rest can be seen, and so nothing learnt of bias or scale: more than %g Hz is needed",
+            *(path, rate_hz, _LEAST_HZ),
+        )
+    some = gyro[:: len(gyro) // _LOOKED_AT + 1]
+    apart = np.diff(np.sort(some, axis=0), axis=0)
+    step = float(apart[apart > 1e-6].min(initial=np.inf))
+    if len(some) >= _ENOUGH and _COARSEST < step < np.inf and np.allclose(some / step, np.rint(some / step), atol=0.01):
+        _log.warning(
+            "%s: its readings are rounded to %.2g °/s, as no gyro's are: export them with more digits; "
+            "what is said of them is too sure, and a rest may not be seen",
+            *(path, degrees(step)),
         )
 
 

@@ -312,3 +312,16 @@ def test_a_blow_is_no_sign_of_degrees(tmp_path: Path, seconds: float, *, taken: 
         assert len(load(path)) == 200
     else:
         assert "readings of 100 rad/s are probably degrees per second" in refusal(path)
+
+
+def test_readings_that_nothing_can_be_learnt_of_are_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They were said never to have been still, or to lie where somebody walks."""
+    read = np.random.default_rng(0).normal(size=(500, 3))
+    for step_dps in (1e-9, 0.07, 0.2):
+        load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read / step_dps) * step_dps), rate_hz=100.0))
+    load(saved(tmp_path, gyro_rad_s=np.zeros((500, 3)), rate_hz=5.0))
+    assert not caplog.text
+    load(saved(tmp_path, gyro_rad_s=np.radians(np.rint(read)), rate_hz=100.0))
+    assert "its readings are rounded to 1 °/s" in caplog.text
+    load(saved(tmp_path, gyro_rad_s=read, rate_hz=4.0))
+    assert "at 4 Hz no rest can be seen" in caplog.text
