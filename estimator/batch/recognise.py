@@ -112,11 +112,12 @@ def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none
 
 
 def _flat_s(samples: Samples, axis: int, dt: Floats) -> float:
-    """For how long the largest reading about an axis was repeated without a break."""
+    """For how long the largest reading about an axis was repeated without a break; 0 of one that was read once."""
     size = np.abs(samples.gyro[:, axis])
     edges = np.diff((size == size.max()).astype(int), prepend=0, append=0)
     runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
-    return float(runs.max() * np.median(dt))
+    longest = runs.max()
+    return float(longest * np.median(dt)) if longest > 1 else 0.0
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:

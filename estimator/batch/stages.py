@@ -62,8 +62,9 @@ class Stages:
             self._end_rest(min(window.start_time - self.knobs.edge_s, self._still_until))
             return None
         if self._still_since is None:
-            # The first still window after a movement may hold its end.
-            self._still_since = window.end_time if self._before else window.start_time
+            # The first still window after a movement may begin with its end.
+            moved_s = self.knobs.edge_s if self._before else 0.0
+            self._still_since = min(window.end_time, window.start_time + moved_s)
         self._still_until = window.end_time
         self.still_s = window.end_time - self._still_since
         if self._settled or self.still_s < self.knobs.rest_s:

@@ -91,6 +91,11 @@ def test_a_limit_that_nobody_flagged_is_seen(range_dps: float) -> None:
     assert turns(of) == []
 
 
+def test_a_reading_alone_is_not_repeated() -> None:
+    """At 5 Hz each lasts as long as a limit that is stayed at."""
+    assert [turn.axis for turn in turns(calibration(TurnPlan(1, duration_s=5.0), rate_hz=5.0, before_s=4.0))] == [1]
+
+
 def test_missing_samples_are_named() -> None:
     of = calibration(TurnPlan(2, duration_s=5.0))
     gone = of.at(1.5 + 3.2 + 2.0)

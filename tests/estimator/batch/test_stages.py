@@ -34,6 +34,14 @@ def test_a_session_has_four_rests_each_with_the_one_before() -> None:
         assert stage.before.end < stage.after.start
 
 
+@pytest.mark.parametrize("rate_hz", [10.0, 12.5, 25.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_three_seconds_are_a_rest_at_any_rate(rate_hz: float, seed: int) -> None:
+    """Windows of six samples last 0.6 s at 10 Hz: all of the first was held to be movement, and 3 s to be too short."""
+    plan = SessionPlan(turn_s=(4.0, 5.0), rests_s=3.0)
+    assert len(settled(calibration(seed=seed, rate_hz=rate_hz, before_s=3.0 + seed / 7, plan=plan))) == 4
+
+
 def test_rests_hold_no_movement_and_movements_hold_all_of_it() -> None:
     of = calibration(seed=5, plan=SessionPlan(turn_s=(4.0, 5.0), wobble_deg=2.0))
     turning = np.linalg.norm(of.rate, axis=1) > np.radians(0.3)
