@@ -3,6 +3,7 @@
 Kept for each second: the filter's own six states after all evidence, and how they went on from the second before.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,14 +64,14 @@ class History:
                 step.P[BIAS, BIAS] += cov
             return
         before = since
-        for step in (step for step in self._steps if step.time > since):
+        for step in self._after(since):
             step.P[BIAS, BIAS] += cov * (step.time - since) / (now - since)
             step.Q[BIAS, BIAS] += cov * (step.time - before) / (now - since)
             before = step.time
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
         """The bias at every step after `since`, by all that is known now; None before there is any."""
-        steps = [step for step in self._steps if step.time > since]
+        steps = self._after(since)
         if not steps:
             return None
         x, P, known = (np.array(of) for of in zip(*((step.x, step.P, step.known) for step in steps), strict=True))
@@ -81,6 +82,9 @@ class History:
             x, P, _, _ = rts_smoother(x, P, [s.F for s in onward], [s.Q for s in onward])
         std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, BIAS], 0.0))
         return Smoothed(np.array([step.time for step in steps]), (x + known)[:, BIAS], std)
+
+    def _after(self, since: float) -> list[_Step]:
+        return self._steps[bisect_right(self._steps, since, key=lambda step: step.time) :]
 
     def _thin(self) -> None:
         kept = self._steps[:1]

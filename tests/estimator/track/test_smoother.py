@@ -1,5 +1,7 @@
 """The smoother against a least squares of all of the walk at once."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,3 +75,21 @@ def test_doubt_is_spread_evenly_over_the_time() -> None:
         inside = step.time > 10.0
         np.testing.assert_allclose((step.Q - Q)[BIAS, BIAS], doubt / 20 if inside else 0 * doubt, atol=1e-18)
         np.testing.assert_allclose((step.P - P)[BIAS, BIAS], doubt * max(0.0, step.time - 10.0) / 20, atol=1e-18)
+
+
+def test_the_latest_is_found_without_looking_at_all_of_a_day() -> None:
+    """After each gap all seconds of a recording were looked at: twice as long took four times as long."""
+
+    class Day(list):  # type: ignore[type-arg]
+        def __iter__(self) -> Iterator[object]:
+            raise AssertionError("all of it was looked at")
+
+    history, _ = walked(60)
+    history._steps = Day(history._steps)
+    smoothed = history.smoothed(50.0)
+    assert smoothed is not None
+    np.testing.assert_array_equal(smoothed.time, np.arange(51.0, 61.0))
+    before = [step.P[0, 0] for step in history._steps[0:60]]
+    history.doubt(np.eye(3), 50.0, 60.0)
+    more = np.array([step.P[0, 0] for step in history._steps[0:60]]) - before
+    np.testing.assert_allclose(more, np.maximum(0.0, np.arange(1.0, 61.0) - 50.0) / 10.0, atol=1e-9)
