@@ -50,8 +50,8 @@ class Learnt:
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
         self.under_way: UnderWay | None = UnderWay(knobs.method)
-        #: device time of the first sample after the latest silence
-        self.silent_until = float("-inf")
+        self._silent_until = float("-inf")  # device time of the first sample after the latest silence
+        self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
@@ -102,6 +102,10 @@ class Learnt:
             self.tracker.expect(law)
         else:
             self.tracker.follow(law)
+
+    def resumed(self, time: float, celsius: float | None) -> None:
+        """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
+        self._silent_until, self._silent_c = time, celsius
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
@@ -248,9 +252,9 @@ class Learnt:
         """What all of it says is to be applied."""
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
-        std = track.std_at(self.silent_until)
+        bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and bool((std < self._knobs.track.bias_std).all())
-        best = choose(self._belief, track.bias, std, noise_std, sure=sure)
+        best = choose(self._belief, bias, std, noise_std, sure=sure)
         doubtful = self._life.away or track.doubt.stands or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
 

@@ -12,7 +12,7 @@ from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import TIME, Part, joined, rows_of
+from estimator.block import TIME, Part, joined, rows_of, temperature_at
 from estimator.correction import Correction, Cut
 from estimator.course import Course
 from estimator.finite import runs
@@ -255,21 +255,24 @@ class DeviceSession:
             course.hold(rows[held:edge], None if flags is None else flags[held:edge], batch, first + held)
             held, before = edge, self._applied
             now, heard = rows.item(edge, TIME), rows.item(edge - 1, TIME) if edge else latest
-            self._end_block(outcome, now if now - heard > SILENCE_S else None)
+            if now - heard > SILENCE_S:
+                self._end_block(outcome, (now, temperature_at(batch, first + edge)))
+            else:
+                self._end_block(outcome)
             if edge > start and self._applied is not before and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
         course.hold(rows[held:], None if flags is None else flags[held:], batch, first + held)
         return [*cuts, Cut(self._applied, first + start, last)]
 
-    def _end_block(self, outcome: Outcome, resumed: float | None = None) -> None:
+    def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
         """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson.
 
-        resumed: device time of the next sample, where a silence is before it.
+        resumed: device time of the next sample, and how warm it is then, where a silence is before it.
         """
         self._learn(outcome)
         if resumed is not None:
-            self.learnt.silent_until = resumed
+            self.learnt.resumed(*resumed)
             self._ready = self.learnt.correction()
         self._lesson, self._lesson_applied = self._course.take(), self._applied
         self._applied = self._ready

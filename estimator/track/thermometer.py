@@ -48,11 +48,18 @@ class Thermometer:
             if time - self._leapt < self.knobs.leap_s:
                 return
         self.reading = celsius
-        if self._read and self._leapt is None:
-            share = -expm1(min(0.0, self._read[-1][0] - time) / self.knobs.average_s)
-            celsius = self.now + share * (celsius - self.now)
+        average = self.ahead(time, celsius) if self._leapt is None else celsius
         self._leapt = None
-        self._read.append((time, celsius))
+        self._read.append((time, average))
+
+    def ahead(self, time: float, celsius: float) -> float:
+        """The average that a reading will make; the present one where it is not to be believed yet."""
+        if not self._read:
+            return celsius
+        if not abs(celsius - self.now) <= self._believable(time):
+            return self.now
+        share = -expm1(min(0.0, self._read[-1][0] - time) / self.knobs.average_s)
+        return self.now + share * (celsius - self.now)
 
     def _believable(self, time: float) -> float:
         """How many kelvin it may be from the average: what was silent for minutes has cooled or warmed meanwhile."""

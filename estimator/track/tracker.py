@@ -127,10 +127,16 @@ class Tracker:
         """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
         return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
-    def std_at(self, time: float) -> Floats:
-        """The same at a device time that the tracker has not come to yet: the bias walks on."""
-        ahead_s = time - self.time
-        return np.hypot(self.std, sqrt(self._filter.walked(ahead_s))) if ahead_s > 0 else self.std
+    def ahead(self, time: float, celsius: float | None = None) -> tuple[Floats, Floats]:
+        """Bias and its deviation, (3,) each, at a device time that the tracker may not have come to yet, where it is so warm."""
+        if not time > self.time:
+            return self.bias, self.std
+        now = self._filter
+        own = replace(now.state, x=now.x[:OWN], P=now.cov[:OWN, :OWN])
+        then = BiasFilter(own, self.knobs.bias, now.law)
+        then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
+        std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
+        return then.x[BIAS], np.asarray(std)
 
     @property
     def sure(self) -> bool:
