@@ -134,16 +134,18 @@ class Once:
         which = batch.device, batch.boot
         boots = self._devices.pop(batch.device, None)
         boots = self._devices[batch.device] = {} if boots is None else boots  # heard last: at the end
-        boot = boots.get(batch.boot)
+        boot = boots.pop(batch.boot, None)
         end = batch.sequence + len(batch)
         if boot is not None and end <= boot.reached and batch.start_time_ns > boot.last_ns + SAME_TIME_NS:
             # Low numbers at a later time are no repeats: the device was started anew under the same boot number.
             self._give_up(which, boot)
             boot = None
-        if boot is None:
-            begins = 0 if batch.sequence == 0 else None
-            boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes))
-            self._forget(batch.device)
+        if boot is not None:
+            boots[batch.boot] = boot
+            return boot
+        begins = 0 if batch.sequence == 0 else None
+        boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes))
+        self._forget(batch.device)
         return boot
 
     def _make_way(self, boot: _Boot, batch: CorrectedBatch) -> None:
@@ -233,11 +235,11 @@ class Once:
             self._waiting.pop(which, None)
 
     def _forget(self, device: str) -> None:
-        """The oldest, where there are too many boots of a device, or devices."""
+        """What was heard longest ago, by no clock that may be set back, where there are too many boots of a device, or devices."""
         boots = self._devices[device]
         if len(boots) > self.knobs.boots:
-            oldest = min(boots, key=lambda number: boots[number].last_ns)
-            self._give_up((device, oldest), boots.pop(oldest))
+            number = next(iter(boots))
+            self._give_up((device, number), boots.pop(number))
         if len(self._devices) > self.knobs.devices:
             device = next(iter(self._devices))
             for number, boot in self._devices.pop(device).items():

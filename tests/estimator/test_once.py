@@ -161,6 +161,17 @@ def test_what_a_forgotten_boot_held_is_given() -> None:
     assert once.due() is None
 
 
+def test_a_boot_that_begins_after_the_clock_was_set_back_is_not_the_one_that_is_forgotten() -> None:
+    once = Once(KNOBS)
+    for boot in (1, 2):
+        once.feed(batch(0, 5, boot=boot), float(boot))
+    said(once)
+    for n in range(10):
+        first = batch(5 * n, 5, boot=9)
+        once.feed(replace(first, start_time_ns=first.start_time_ns - MINUTE_NS), 3.0)
+    assert said(once) == [("d", 5 * n, 5 * n + 4) for n in range(10)]
+
+
 def test_memory_is_bounded_whatever_comes() -> None:
     rng, once = np.random.default_rng(2), Once(KNOBS)
     for number in rng.integers(0, 2**40, 3000).tolist():
