@@ -107,7 +107,7 @@ class Peers:
             checkpoint = self._checkpoints.take(message)
             if checkpoint is not None:
                 cluster.highest = max(cluster.highest, checkpoint.epoch)
-                self.replicas.note(checkpoint, self._now_ns())
+                self.replicas.note(checkpoint)
                 if checkpoint.calibration is not None and checkpoint.epoch < cluster.held.get(checkpoint.device, 0):
                     self._calibrated.append(checkpoint.calibration)
         if now >= self._next_look and not cluster.alone:

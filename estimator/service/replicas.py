@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.estimators import MAX_ANSWERS
 from bridge.wire.messages import Calibration, Checkpoint, CommandReply, DeviceInfo
 from estimator.remembered import Remembered
@@ -63,12 +62,11 @@ class Replicas:
         self._latest: dict[str, Checkpoint] = {}
         self._answers: dict[str, Answers] = {}
 
-    def note(self, checkpoint: Checkpoint, now_ns: int = MAX_TIME_NS) -> None:
-        """Keep it, unless a later turn has said something of the device."""
+    def note(self, checkpoint: Checkpoint) -> None:
+        """Keep it, unless a later turn has said something of the device; what is of one turn comes in order."""
         self.answer(checkpoint.device, checkpoint.answers)
         known = self._latest.get(checkpoint.device)
-        known_ns = 0 if known is None or known.time_ns > now_ns else known.time_ns  # its clock may have been set back
-        if known is not None and (checkpoint.epoch, checkpoint.time_ns) < (known.epoch, known_ns):
+        if known is not None and checkpoint.epoch < known.epoch:
             # Who did not know yet that the device was another's may have calibrated it meanwhile.
             if known.boot != checkpoint.boot or _calibrated(known) or not _calibrated(checkpoint):
                 return

@@ -110,12 +110,15 @@ def test_devices_are_bounded() -> None:
     assert nothing.recall(NAME, 1, NOW_NS) is None
 
 
-def test_a_clock_that_was_set_back_is_followed() -> None:
+def test_where_the_clock_of_who_has_a_device_was_set_back_what_it_says_then_counts() -> None:
     device, _ = calibrated()
-    said, later = checkpoint_of(device, NOW_NS + 10**18), checkpoint_of(device, NOW_NS)
+    said = checkpoint_of(device, NOW_NS)
     assert said is not None
-    assert later is not None
+    assert said.calibration is not None
+    again = replace(said.calibration, id="calibrated-again")
     replicas = Replicas(10)
-    replicas.note(said, NOW_NS)
-    replicas.note(later, NOW_NS)
-    assert next(iter(replicas)).time_ns == NOW_NS
+    replicas.note(said)
+    replicas.note(replace(said, time_ns=NOW_NS - 3600 * 10**9, calibration=again))
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert remembered.calibration is again
