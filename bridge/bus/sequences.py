@@ -19,10 +19,12 @@ TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 GRACE_S = 0.02
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
+#: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: which one is meant is the one that is nearest
+WRAP = 1 << 32
 
 
 class Gap(NamedTuple):
-    """What is to be asked of a publisher: everything from number `start` on."""
+    """What is to be asked of a publisher: everything from number `start` on; all there is from 0 on."""
 
     source: str
     key: str
@@ -32,15 +34,20 @@ class Gap(NamedTuple):
 @dataclass(slots=True)
 class _Source(Generic[_T]):
     key: str
+    #: the highest number that came, or that it said it has sent; as all here not begun anew after WRAP
+    newest: int
     next: int = 0
-    #: the highest number that came, or that it said it has sent
-    newest: int = -1
     #: whether anything was handed on: what was before is history, of which nobody is promised more than there is
     begun: bool = False
     held: dict[int, _T] = field(default_factory=dict)
     tries: int = 0
     due_s: float | None = None
     asked: bool = False
+
+    def place(self, number: int) -> int:
+        """Where a publisher's number lies beside those that came."""
+        near = self.next if self.begun else self.newest
+        return near + (number - near + WRAP // 2) % WRAP - WRAP // 2
 
 
 class Sequences(Generic[_T]):
@@ -54,7 +61,8 @@ class Sequences(Generic[_T]):
 
     def take(self, source: str, key: str, number: int, message: _T, now_s: float) -> Sequence[_T]:
         """A message that came live."""
-        state = self._sources.get(source) or self._new(source, key)
+        state = self._sources.get(source) or self._new(source, key, number)
+        number = state.place(number)
         if number == state.next and not state.held:
             state.next, state.newest, state.begun = number + 1, max(state.newest, number), True
             if state.due_s is not None:
@@ -70,13 +78,13 @@ class Sequences(Generic[_T]):
 
     def heard(self, source: str, key: str, number: int, now_s: float) -> None:
         """A publisher says that its last message had this number."""
-        state = self._sources.get(source) or self._new(source, key)
-        state.newest = max(state.newest, number)
+        state = self._sources.get(source) or self._new(source, key, number)
+        state.newest = max(state.newest, state.place(number))
         self._review(source, state, now_s + GRACE_S)
 
     def history(self, source: str, key: str, found: Mapping[int, _T]) -> Sequence[_T]:
         """What a publisher's cache held as the subscription began."""
-        state = self._sources.get(source) or self._new(source, key)
+        state = self._sources.get(source) or self._new(source, key, next(iter(found), 0))
         return self._fill(state, found)
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
@@ -87,7 +95,7 @@ class Sequences(Generic[_T]):
                 break
             if not state.asked and state.due_s is not None and state.due_s <= now_s:
                 state.asked = True
-                found.append(Gap(source, state.key, state.next))
+                found.append(Gap(source, state.key, state.next % WRAP))
         return found
 
     def next_due_s(self) -> float | None:
@@ -112,20 +120,21 @@ class Sequences(Generic[_T]):
         self._review(source, state, now_s)
         return ready
 
-    def _new(self, source: str, key: str) -> _Source[_T]:
+    def _new(self, source: str, key: str, number: int) -> _Source[_T]:
         while len(self._sources) >= MOST_SOURCES:
             oldest = next(iter(self._sources))
             del self._sources[oldest]
             self._lacking.pop(oldest, None)
-        state = self._sources[source] = _Source(key)
+        state = self._sources[source] = _Source(key, number)
         return state
 
     def _fill(self, state: _Source[_T], found: Mapping[int, _T]) -> list[_T]:
         """Add what a cache had, and hand it on: what is missing in it is nowhere."""
         if not found:
             return []
-        state.held.update((number, message) for number, message in found.items() if number >= state.next)
-        last = max(found)
+        placed = {state.place(number): message for number, message in found.items()}
+        state.held.update((number, message) for number, message in placed.items() if number >= state.next)
+        last = max(placed)
         state.newest = max(state.newest, last)
         return self._settle(state, last)
 

@@ -160,7 +160,7 @@ class Repaired(Subscription):
             with self._order:
                 gaps = self._sequences.due(time.monotonic())
             for gap in gaps:
-                asked[gap.source] = (self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.."), [])
+                asked[gap.source] = (self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.." if gap.start else ""), [])
             for source in [source for source, answer in asked.items() if _drained(*answer)]:
                 self._answered(source, asked.pop(source)[1])
             with self._order:

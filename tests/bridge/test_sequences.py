@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, MOST_HELD, TRIES_S, Sequences
+from bridge.bus.sequences import GRACE_S, MOST_HELD, TRIES_S, WRAP, Sequences
 
 A, KEY = "publisher-a", "t/a"
 
@@ -112,7 +112,7 @@ def test_a_heartbeat_that_overtook_is_of_no_account() -> None:
 def test_a_heartbeat_that_lies_harms_nothing() -> None:
     sequences: Sequences[int] = Sequences()
     live(sequences, 0)
-    sequences.heard(A, KEY, 2**32 - 1, 0.0)
+    sequences.heard(A, KEY, WRAP // 2, 0.0)
     assert given_up(sequences) == []
     assert (sequences.next_due_s(), sequences.missed) == (None, {})
     assert live(sequences, 1) == [1]
@@ -126,11 +126,24 @@ def test_more_than_can_be_held_is_not() -> None:
     assert sequences.missed == {KEY: 1}
 
 
-class Network:
-    """Two publishers with a cache, and what reaches a subscriber of them."""
+def test_numbers_that_begin_anew_go_on() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert list(sequences.history(A, KEY, by_number(WRAP - 3, WRAP - 2))) == [WRAP - 3, WRAP - 2]
+    assert live(sequences, 1) == []
+    assert asked(sequences) == [WRAP - 1]
+    assert list(sequences.answered(A, by_number(WRAP - 1, 0, 1), 0.1)) == [WRAP - 1, 0, 1]
+    assert live(sequences, 2, WRAP - 1, 0, 3) == [2, 3]
+    sequences.heard(A, KEY, 5, 1.0)
+    assert asked(sequences, 1.0 + GRACE_S) == [4]
+    assert list(sequences.answered(A, by_number(5), 1.1)) == [5]
+    assert sequences.missed == {KEY: 1}
 
-    def __init__(self, chance: random.Random, loss: float, cache: int) -> None:
-        self._chance, self._loss, self._cache = chance, loss, cache
+
+class Network:
+    """Two publishers with a cache, and what reaches a subscriber of them; the first of each has number `begins`."""
+
+    def __init__(self, chance: random.Random, loss: float, cache: int, begins: int) -> None:
+        self._chance, self._loss, self._cache, self._begins = chance, loss, cache, begins
         self.sequences: Sequences[tuple[str, int]] = Sequences()
         self.sent = {"a": 0, "b": 0}
         self.got: dict[str, list[int]] = {"a": [], "b": []}
@@ -140,28 +153,39 @@ class Network:
         self.sent[source] += 1
         if self._chance.random() >= self._loss:
             for _ in range(self._chance.choice([1, 1, 2])):
-                self._hand_on(self.sequences.take(source, source, number, (source, number), now_s))
+                self._hand_on(self.sequences.take(source, source, self._as_said(number), (source, number), now_s))
 
     def beat(self, now_s: float) -> None:
         for source, count in self.sent.items():
             if count:
-                self.sequences.heard(source, source, count - 1, now_s)
+                self.sequences.heard(source, source, self._as_said(count - 1), now_s)
 
     def answer(self, now_s: float, reached: float = 1.0) -> None:
         for gap in self.sequences.due(now_s):
-            kept = range(max(gap.start, self.sent[gap.source] - self._cache), self.sent[gap.source])
-            found = {n: (gap.source, n) for n in kept} if self._chance.random() < reached else {}
+            start = (gap.start - self._begins) % WRAP if gap.start else 0
+            kept = range(max(start, self.sent[gap.source] - self._cache), self.sent[gap.source])
+            found = {self._as_said(n): (gap.source, n) for n in kept} if self._chance.random() < reached else {}
             self._hand_on(self.sequences.answered(gap.source, found, now_s))
+
+    def _as_said(self, number: int) -> int:
+        return (self._begins + number) % WRAP
 
     def _hand_on(self, found: Iterable[tuple[str, int]]) -> None:
         for source, number in found:
             self.got[source].append(number)
 
 
-@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.5, 0.9]), st.integers(1, 60))
-def test_over_any_network_what_is_cached_comes_once_and_in_order(seed: int, loss: float, cache: int) -> None:
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([0.0, 0.1, 0.5, 0.9]),
+    st.integers(1, 60),
+    st.sampled_from([0, WRAP // 2 - 50, WRAP - 50]),
+)
+def test_over_any_network_what_is_cached_comes_once_and_in_order(
+    seed: int, loss: float, cache: int, begins: int
+) -> None:
     chance = random.Random(seed)
-    network = Network(chance, loss, cache)
+    network = Network(chance, loss, cache, begins)
     for turn in range(200):
         now_s = 0.05 * turn
         network.put(chance.choice("ab"), now_s)
