@@ -10,7 +10,7 @@ from bridge.wire import truerate_pb2 as pb
 from bridge.wire.batches import MAX_CELSIUS, MAX_SEQUENCE
 from bridge.wire.checks import MAX_EPOCH, MAX_NAME, MAX_SENTENCE, clean
 from bridge.wire.envelope import parse_key, read, same_id
-from bridge.wire.messages import VERSION, Checkpoint, CommandReply, Holding, Move, Owned
+from bridge.wire.messages import VERSION, Calibration, Checkpoint, CommandReply, Holding, Move, Owned, Verdict
 from bridge.wire.records import calibration_in, calibration_message
 from bridge.wire.refusal import Reason, Refusal
 
@@ -18,6 +18,8 @@ MAX_HOLDINGS, MAX_MOVES, MAX_PARTS, MAX_ANSWERS = 512, 8, 64, 8
 #: elements of a filter's state; its covariance
 STATE, _MAX_STATE, _MAX_COVARIANCE = 6, 1e6, 1e12
 _MAX_LOAD, _MAX_DEVICE_S = 1e4, 1e12
+#: what every method of calibration determines, first in its covariance
+_DETERMINED = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
 
 
 def encode_owned(owned: Owned) -> bytes:
@@ -100,9 +102,7 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
     powered_s = raw.powered_s
     if powered_s != -math.inf:
         checks.number(powered_s, "powered_s", -_MAX_DEVICE_S, _MAX_DEVICE_S)
-    calibration = calibration_in(raw.calibration) if raw.HasField("calibration") else None
-    if calibration is not None and calibration.device != raw.device:
-        raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {raw.device!r}")
+    calibration = _in_use(calibration_in(raw.calibration), raw.device) if raw.HasField("calibration") else None
     return Checkpoint(
         device=raw.device,
         boot=raw.boot,
@@ -132,6 +132,16 @@ def _answer_of(verb: str, reply: CommandReply) -> pb.Answer:
 def _answer(raw: pb.Answer) -> tuple[str, CommandReply]:
     request_id, message = checks.text(raw.request_id, "request_id"), checks.text(raw.message, "message", MAX_SENTENCE)
     return checks.text(raw.verb, "verb"), CommandReply(request_id, raw.accepted, message)
+
+
+def _in_use(calibration: Calibration, device: str) -> Calibration:
+    """One that a device can be corrected by."""
+    if calibration.device != device:
+        raise Refusal(Reason.FOREIGN_ID, f"the calibration is of {calibration.device[:64]!r}, not of {device!r}")
+    if calibration.verdict is not Verdict.ACCEPTED or calibration.parameters[: len(_DETERMINED)] != _DETERMINED:
+        said = f"{calibration.verdict.name}, of {', '.join(calibration.parameters) or 'nothing'}"
+        raise Refusal(Reason.RANGE, f"the calibration is {said}; one in use is ACCEPTED, of {', '.join(_DETERMINED)}")
+    return calibration
 
 
 def _believable(covariance: NDArray[np.float64]) -> bool:

@@ -113,12 +113,16 @@ STATUSES = st.builds(
 TURNS = st.builds(Turn, st.integers(0, 2), st.floats(-9, 9), st.floats(0, 9), st.floats(0, 99))
 
 
+PARAMETERS = ("bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z")
+
+
 @st.composite
-def calibrations(draw: st.DrawFn) -> Calibration:
-    names = tuple(draw(st.lists(TEXT, max_size=4)))
+def calibrations(draw: st.DrawFn, *, in_use: bool = False) -> Calibration:
+    names = (PARAMETERS if in_use else ()) + tuple(draw(st.lists(TEXT, max_size=4)))
     size = len(names)
+    verdict = Verdict.ACCEPTED if in_use else draw(st.sampled_from(Verdict))
     return Calibration(
-        "d1", draw(U64), draw(TEXT), draw(TIME), draw(TEXT), draw(st.sampled_from(Verdict)), draw(TEXT),
+        "d1", draw(U64), draw(TEXT), draw(TIME), draw(TEXT), verdict, draw(TEXT),
         np.array(draw(st.lists(st.floats(-2, 2), min_size=9, max_size=9))).reshape(3, 3), np.array(draw(THREE)), names,
         np.array(draw(st.lists(st.floats(-2, 2), min_size=size**2, max_size=size**2)), float).reshape(size, size),
         tuple(draw(st.lists(TURNS, max_size=4))), np.array(draw(STDS)), draw(TEXT), draw(TEXT),
@@ -141,7 +145,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
     return Checkpoint(
         "d1", draw(U64), draw(TIME), draw(TIME), np.array(draw(st.lists(st.floats(-9, 9), min_size=n, max_size=n)), float),
         root @ root.T, draw(st.floats(-1e9, 1e9)), draw(st.floats(-100, 100)), draw(st.sampled_from([-INF, 0.0, 17.5])),
-        draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations()),
+        draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations(in_use=True)),
         draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
         tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
         draw(st.floats(-500, 500)),
@@ -286,7 +290,7 @@ STILL = Status(
     "c1", 1, 0.0, float("nan"), 100.0, 1, 1, {"a": 1}, {}, "b1", ("b2",),
 )  # fmt: skip
 CAL = Calibration(
-    "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, "", np.eye(3), np.zeros(3), ("bx",), np.eye(1),
+    "d1", 7, "c1", 1, "closure", Verdict.ACCEPTED, "", np.eye(3), np.zeros(3), PARAMETERS, np.eye(6),
     (Turn(0, 6.28, 0.01, 5),), np.ones(3), "m", "f", 4.3, 100.0, float("nan"), "anna",
 )  # fmt: skip
 SURE = DeviceInfo(
@@ -614,6 +618,8 @@ KEPT = Checkpoint("d1", 7, 1, 9, np.ones(6), np.eye(6), 1.0, 30.0, 0.0, False, "
     [
         ({"device": "d2"}, Reason.FOREIGN_ID),
         ({"calibration": dataclasses.replace(CAL, device="d2")}, Reason.FOREIGN_ID),
+        ({"calibration": dataclasses.replace(CAL, verdict=Verdict.REFUSED)}, Reason.RANGE),
+        ({"calibration": dataclasses.replace(CAL, parameters=(), covariance=np.zeros((0, 0)))}, Reason.RANGE),
         ({"x": np.ones(5)}, Reason.LENGTH),
         ({"x": np.ones(0)}, Reason.LENGTH),
         ({"x": np.full(6, NAN)}, Reason.NON_FINITE),
