@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from bridge.wire.messages import Holding, Owned
-from estimator.service.epochs import OWN, epoch_after, own_bits
+from estimator.service.epochs import BEYOND, OWN, epoch_after, own_bits
 from estimator.service.ownership import owner
 
 #: more than a ward has
@@ -128,6 +128,10 @@ class Cluster:
     def _patience_s(self, peer: _Peer) -> float:
         return min(max(self.knobs.hangs_s, self.knobs.pauses * peer.pause_s), self.knobs.hangs_most_s)
 
+    def hear(self, *epochs: int) -> None:
+        """Of turns that there were; of one that cannot have been it is not known how to go above it, and it is passed over."""
+        self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
+
     def said(self, owned: Owned, now: float) -> list[str]:
         """What another says to have; our devices that it has taken."""
         if owned.estimator == self.own:
@@ -140,7 +144,7 @@ class Cluster:
             peer.busy[owned.part] = frozenset(h.device for h in owned.holdings if h.busy)
             for part in [part for part in peer.parts if part >= owned.parts]:
                 del peer.parts[part], peer.busy[part]
-        self.highest = max(self.highest, owned.epoch, *(h.epoch for h in owned.holdings), 0)
+        self.hear(owned.epoch, *(h.epoch for h in owned.holdings))
         return [h.device for h in owned.holdings if h.epoch > self.held.get(h.device, h.epoch)]
 
     def wants(self, device: str, now: float) -> bool:

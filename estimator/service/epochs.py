@@ -11,6 +11,8 @@ from bridge.wire.checks import MAX_EPOCH
 
 _OWN_BITS = 16
 OWN = (1 << _OWN_BITS) - 1
+#: no clock shows as much, and no turns come to it: who says so is wrong, and soon nobody could go above it
+BEYOND = MAX_EPOCH // 4
 
 
 def epoch_after(highest: int, now_ns: int, estimator: str) -> int:

@@ -106,7 +106,7 @@ class Peers:
         for message in self._kept.drain(4096, 0.0):
             checkpoint = self._checkpoints.take(message)
             if checkpoint is not None:
-                cluster.highest = max(cluster.highest, checkpoint.epoch)
+                cluster.hear(checkpoint.epoch)
                 self.replicas.note(checkpoint)
                 if checkpoint.calibration is not None and checkpoint.epoch < cluster.held.get(checkpoint.device, 0):
                     self._calibrated.append(checkpoint.calibration)

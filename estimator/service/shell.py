@@ -93,7 +93,7 @@ class Service:
         self._record = Record(
             store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell, lambda: cluster.highest
         )
-        cluster.highest = self._record.epoch()
+        cluster.hear(self._record.epoch())
         self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)

@@ -1,5 +1,6 @@
 """Who has which device: some estimators in one world, told of each other late, or not at all, or wrongly."""
 
+from bridge.wire.checks import MAX_EPOCH
 from bridge.wire.messages import Holding, Owned
 from estimator.service.cluster import Cluster, ClusterKnobs
 from estimator.service.ownership import owner
@@ -272,6 +273,20 @@ def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals
     assert sorted(d for one in world.all.values() for d in one.held) == DEVICES
     world.run(KNOBS.retry_s + 0.5)
     world.assert_shared()
+
+
+def test_an_epoch_that_nobody_could_go_above_is_not_gone_by() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    for one in world.all.values():
+        one.said(Owned("e3", 0, MAX_EPOCH, 0.0, ()), world.now)
+    world.part("e1", "e2", cut=True)
+    world.run(10.0)
+    world.part("e1", "e2", cut=False)
+    world.run(KNOBS.retry_s + 0.5)
+    world.assert_shared()
+    world.all["e1"].hear(MAX_EPOCH)
+    assert world.all["e1"].highest == max(max(one.held.values()) for one in world.all.values())
 
 
 def test_one_who_does_not_know_of_another_does_not_fight_with_it() -> None:
