@@ -29,6 +29,10 @@ AT_ONCE = 16
 #: how often it is looked whether there is a router, when no token has changed
 _LOOK_S = 0.25
 _MOVES, _WAITING = 8, 65536
+#: so much of what was said is known as our own when it comes back
+_SAID = 1024
+#: messages that say to be ours and are not are counted under this
+DOUBLE = "messages of another estimator with our id"
 
 
 class Peers:
@@ -56,7 +60,7 @@ class Peers:
         self._owned = Door[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
         self._own = keys.build(ward, "owned", estimator=own)
-        self._said = data.publisher(self._own)
+        self._said, self._mine = data.publisher(self._own), deque[int](maxlen=_SAID)
         self._heard = data.subscribe(keys.pattern(ward, "owned"))
         self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
         self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
@@ -92,7 +96,10 @@ class Peers:
     def look(self, now: float, *, heard: bool) -> list[str]:
         """Hear what the others say, once a round; the devices of ours that are another's now. heard: whether samples came."""
         cluster = self.cluster
-        said = [message for message in self._heard.drain(512, 0.0) if message.key != self._own]
+        came = self._heard.drain(512, 0.0)
+        said = [message for message in came if message.key != self._own]
+        if len(said) < len(came):
+            self._look_for_double(came)
         self._excuse(now, heard=heard or bool(said))
         if self._tokens:
             self._next_look = now
@@ -119,6 +126,16 @@ class Peers:
             cluster.lose(device, now)
             self._ours.move(device, self._standby)
         return list(lost)
+
+    def _look_for_double(self, came: Sequence[Message]) -> None:
+        """Two of one id that were started at once, or one that hung and was replaced: neither looks at the other."""
+        foreign = sum(message.key == self._own and hash(message.payload) not in self._mine for message in came)
+        if foreign and self._counts.add(DOUBLE, foreign) == foreign:
+            log.error(
+                "another estimator says to be %s, too, and both correct its devices: stop one, or give it another id and a store"
+                " of its own (more is only counted)",
+                self.cluster.own,
+            )
 
     def _excuse(self, now: float, *, heard: bool) -> None:
         """Nobody is silent while we do not get round to listening, nor while nothing at all comes over our own line."""
@@ -249,7 +266,9 @@ class Peers:
         for part in range(parts):
             some = tuple(holdings[part * most : (part + 1) * most])
             owned = Owned(cluster.own, time_ns, cluster.highest, self._load, some, tuple(self._moves), part, parts)
-            self._said.put(codec.encode_owned(owned))
+            payload = codec.encode_owned(owned)
+            self._mine.append(hash(payload))
+            self._said.put(payload)
         if self._newcomer:
             self._newcomer = False
             for name in cluster.leaving():

@@ -18,6 +18,7 @@ from estimator.config import Estimator
 from estimator.guide.reasons import Words, said
 from estimator.service.orders import REPEATED
 from estimator.service.ownership import owner
+from estimator.service.peers import DOUBLE
 from estimator.service.replicas import checkpoint_of
 from estimator.service.shell import Service
 from estimator.service.silent import SILENT
@@ -414,3 +415,21 @@ def test_an_answer_is_known_to_the_others_before_it_is_given(both: Both) -> None
     assert both.command("cancel", "r2").accepted
     assert both.command("recalibrate", "r1") == asked
     assert both.client.statuses(0.1)[NAME].state is State.TRACKING
+
+
+def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCaptureFixture) -> None:
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(3.0)
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+    alone = both.services[FIRST]
+    double = Service(WARD, Estimator(id=FIRST), MemoryBus(both.broker), MemoryBus(both.broker), Store(":memory:"))
+    for _ in range(30):
+        both.pass_(0.1)
+        double.step(0.0)
+    for service in (alone, double):
+        assert service.counts.as_dict()[DOUBLE] > 1
+    errors = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
+    assert len(errors) == 2
+    assert all(f"another estimator says to be {FIRST}" in words for words in errors)
+    assert DOUBLE not in both.services[SECOND].counts.as_dict()
