@@ -235,7 +235,7 @@ class Once:
             self._waiting.pop(which, None)
 
     def _forget(self, device: str) -> None:
-        """What was heard longest ago, by no clock that may be set back, where there are too many boots of a device, or devices."""
+        """What was heard longest ago, by no clock that may be set back, of too many boots of a device, or devices."""
         boots = self._devices[device]
         if len(boots) > self.knobs.boots:
             number = next(iter(boots))

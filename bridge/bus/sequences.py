@@ -19,7 +19,7 @@ TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 GRACE_S = 0.02
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
-#: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: which one is meant is the one that is nearest
+#: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: the one that is nearest is meant
 WRAP = 1 << 32
 
 
