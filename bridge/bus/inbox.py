@@ -37,6 +37,8 @@ class Inbox:
                 return
             before = len(self._messages)
             self._messages.extend(messages)
+            if len(self._messages) == before:
+                return
             self._in += len(self._messages) - before
             self._came.append((time.monotonic(), self._in))
             if past and self._all_past:
