@@ -155,7 +155,7 @@ class Record:
                 return unsaved
         said, kept, now_ns = self._replicas.prior(info), None, self._now_ns()
         try:
-            kept = self._store.prior(info, now_ns)
+            kept = self._store.prior(info)
         except StoreError as error:
             self._failed(device.session, error)
         found = [c for c in (said, kept) if c is not None]
@@ -172,7 +172,7 @@ class Record:
     def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
         """Why no calibration of this device holds, in words for a person; empty where there is none."""
         try:
-            latest = self._store.latest(info.device, self._now_ns())
+            latest = self._store.latest(info.device)
         except StoreError as error:
             self._failed(session, error)
             return ""

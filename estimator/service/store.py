@@ -16,7 +16,6 @@ from typing import Any, Self
 import numpy as np
 
 from bridge.wire import codec, keys
-from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal
 from estimator.database import Change, Database, Row, StoreError, Trim
@@ -34,8 +33,8 @@ BOOTS, POINTS = 8, 300
 AUDITED, _LOOKED_AFTER = 10_000, 100
 #: so many calibrations of a device are looked at whatever they are of
 _LATEST = 8
-#: which is the latest; where a clock was wrong, and times lie ahead, what was written last
-_NEWEST, _WRITTEN = "time_ns DESC, rowid DESC", "rowid DESC"
+#: which is the latest: what was written last, whatever time it says, by a clock that may have been wrong then
+_WRITTEN = "rowid DESC"
 #: how many points are thinned at a time
 STRETCH = 500
 #: under which boots teach the same law
@@ -202,7 +201,7 @@ class Store:
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
         name = keys.boot_id(boot)
-        calibration = self._latest(device, now_ns, lambda row: row["boot"] == name, "boot = ?", name)
+        calibration = self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
@@ -230,14 +229,14 @@ class Store:
         rows = self.database.rows("bias", order=_WRITTEN, limit=_LAST)
         return max((int(_more(json.loads(row["state"])).get("epoch", 0)) for row in rows), default=0)
 
-    def prior(self, info: DeviceInfo, now_ns: int = MAX_TIME_NS) -> Calibration | None:
+    def prior(self, info: DeviceInfo) -> Calibration | None:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
         this = keys.boot_id(info.boot)
-        return self._latest(info.device, now_ns, lambda row: row["boot"] != this and not differing(row, info))
+        return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 
-    def latest(self, device: str, now_ns: int = MAX_TIME_NS) -> Calibration | None:
+    def latest(self, device: str) -> Calibration | None:
         """The last calibration of a device, whatever it was then."""
-        return self._latest(device, now_ns, lambda _: True)
+        return self._latest(device, lambda _: True)
 
     def points(self, info: DeviceInfo) -> list[Points]:
         """The bias history of the latest earlier boots under the same restore key, where the temperature is known."""
@@ -260,15 +259,12 @@ class Store:
         return [found for row in rows if (found := self._calibration(row)) is not None]
 
     def _latest(
-        self, device: str, now_ns: int, wanted: Callable[[Row], bool], where: str = "1", *values: object
+        self, device: str, wanted: Callable[[Row], bool], where: str = "1", *values: object
     ) -> Calibration | None:
-        ahead = self.database.rows("calibrations", "device = ? AND time_ns > ?", (device, now_ns), limit=1)
         # What it is looked up by is tried here, behind the seals: SQLite would pass over a damaged column in silence. It is
         # asked only for those of long ago, to look through which takes as long as hundreds of samples.
         for some, given, most in (("1", (), _LATEST), (where, values, -1)):
-            rows = self.database.rows(
-                "calibrations", f"device = ? AND {some}", (device, *given), _WRITTEN if ahead else _NEWEST, most
-            )
+            rows = self.database.rows("calibrations", f"device = ? AND {some}", (device, *given), _WRITTEN, most)
             for row in rows:
                 if wanted(row) and (found := self._calibration(row)) is not None:
                     return found

@@ -154,18 +154,29 @@ def test_a_device_without_a_clock_is_found_again_by_a_rate_that_is_estimated_ane
 
 
 def test_the_prior_is_the_latest(store: Store) -> None:
-    for n in (1, 3, 2):
+    for n in (1, 2, 3):
         store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=n))
     prior = store.prior(info(boot=9))
     assert prior is not None
     assert prior.id == "c3"
 
 
+def test_what_was_calibrated_while_the_clock_was_behind_is_not_undone_when_it_is_right_again(store: Store) -> None:
+    for name, time_ns in (("before", 50), ("again", 40)):
+        store.add_calibration(replace(GOOD, id=name, time_ns=time_ns))
+    for now_ns in (45, 100):
+        remembered = store.recall(NAME, 1, now_ns)
+        assert remembered is not None
+        assert remembered.calibration is not None
+        assert remembered.calibration.id == "again"
+    assert same(store.prior(info(boot=9)), replace(GOOD, id="again"))
+
+
 def test_a_time_that_lies_ahead_is_no_reason_to_prefer_a_calibration(store: Store) -> None:
     for n, time_ns in enumerate((5, AHEAD_NS, 20, 30), 1):
         store.add_calibration(replace(GOOD, id=f"c{n}", boot=n, time_ns=time_ns))
-    assert same(store.prior(info(boot=9), 100), replace(GOOD, id="c4", boot=4))
-    assert same(store.latest(NAME, 100), replace(GOOD, id="c4", boot=4))
+    assert same(store.prior(info(boot=9)), replace(GOOD, id="c4", boot=4))
+    assert same(store.latest(NAME), replace(GOOD, id="c4", boot=4))
     store.add_calibration(replace(GOOD, id="c5", boot=2, time_ns=40))
     remembered = store.recall(NAME, 2, 100)
     assert remembered is not None
