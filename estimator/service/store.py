@@ -31,10 +31,10 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 BOOTS, POINTS = 8, 300
 #: of each device the audit keeps about so many lines, those of years; looked after every so many
 AUDITED, _LOOKED_AFTER = 10_000, 100
-#: so many calibrations of a device are looked at whatever they are of
-_LATEST = 8
 #: which is the latest: what was written last, whatever time it says, by a clock that may have been wrong then
 _WRITTEN = "rowid DESC"
+#: so many calibrations of a device are looked at whatever they are of; found by an index alone, there may be thousands
+_LATEST = "rowid IN (SELECT rowid FROM calibrations WHERE device = ? ORDER BY rowid DESC LIMIT 8)"
 #: how many points are thinned at a time
 STRETCH = 500
 #: under which boots teach the same law
@@ -263,9 +263,8 @@ class Store:
     ) -> Calibration | None:
         # What it is looked up by is tried here, behind the seals: SQLite would pass over a damaged column in silence. It is
         # asked only for those of long ago, to look through which takes as long as hundreds of samples.
-        for some, given, most in (("1", (), _LATEST), (where, values, -1)):
-            rows = self.database.rows("calibrations", f"device = ? AND {some}", (device, *given), _WRITTEN, most)
-            for row in rows:
+        for some, given in ((_LATEST, ()), (f"device = ? AND {where}", values)):
+            for row in self.database.rows("calibrations", some, (device, *given), _WRITTEN):
                 if wanted(row) and (found := self._calibration(row)) is not None:
                     return found
         return None
