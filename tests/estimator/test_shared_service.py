@@ -62,11 +62,16 @@ class Both:
         self.told()
 
     def told(self) -> None:
-        """Each service has heard of a token that was born or has died: on a thread of the bus, whenever it gets round to it."""
+        """Each service has heard of all tokens that were born or have died: on a thread of the bus, in order, the last a probe."""
+        probe = f"a-probe/{uuid.uuid4().hex}"
+        for service in self.services.values():
+            service._peers._watch._changes.put((probe, True))  # type: ignore[attr-defined] # of the bus in memory
         deadline = time.monotonic() + 10.0
-        while not all(service._peers._tokens for service in self.services.values()):
+        while not all((probe, True) in service._peers._tokens for service in self.services.values()):
             assert time.monotonic() < deadline
             time.sleep(0.001)
+        for service in self.services.values():
+            service._peers._tokens.remove((probe, True))
 
     def pass_(self, seconds: float, still: str = "") -> None:
         for _ in range(max(1, round(seconds / 0.1))):
