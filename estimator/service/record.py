@@ -12,7 +12,6 @@ import logging
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
@@ -67,6 +66,7 @@ class Record:
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self._damaged, self._probed = 0, float("-inf")
+        self._epoch = 0  # the highest that is kept
         self._boots = Counter[str]()  # noted of each device
         #: what the clerk has and has not said to be written: ids of calibrations, names of devices
         self._saving, self._noting = set[str](), set[str]()
@@ -93,7 +93,7 @@ class Record:
         self._clerk.close()
 
     def tend(self, now: float) -> None:
-        """Once a second: try a store that failed, and count what of it was damaged."""
+        """Once a second: try a store that failed, count what of it was damaged, and keep the highest epoch."""
         damaged = self._store.database.damaged + len(self._store.database.notes)
         if damaged > self._damaged:
             self._counts.add("damage in the store", damaged - self._damaged)
@@ -101,6 +101,15 @@ class Record:
         if self.trouble and now - self._probed >= PROBE_S:
             self._probed = now
             self._clerk.do(self._store.database.probe, self._probed_so)
+        epoch, time_ns = self._highest(), self._now_ns()
+        if epoch != self._epoch and not self.trouble:
+            self._epoch = epoch
+            self._clerk.do(lambda: self._store.save_epoch(epoch, time_ns), self._epoch_kept)
+
+    def _epoch_kept(self, error: StoreError | None) -> None:
+        if error is not None:
+            self._epoch = 0  # it is tried again
+            self._failing(error)
 
     def _probed_so(self, error: StoreError | None) -> None:
         if error is None:
@@ -143,10 +152,10 @@ class Record:
     def epoch(self) -> int:
         """The highest epoch that was known before this estimator was started."""
         try:
-            return self._store.epoch()
+            self._epoch = self._store.epoch()
         except StoreError as error:
             self._failing(error)
-            return 0
+        return self._epoch
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
         """The last calibration of the same hardware in an earlier boot, saved or not."""
@@ -264,13 +273,11 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubt.stands and session.calibration is not None
-        learnt, epoch = session.learnt, self._highest()
-        row = (device.name, boot, self._now_ns(), state)
+        row, learnt = (device.name, boot, self._now_ns(), state), session.learnt
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
-        save = partial(self._store.save_bias, *row, history=history, doubted=doubted, asked=asked, reached=reached)
         self._keep(
             session,
-            lambda: save(epoch=epoch),
+            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),
             lambda _: self._noting.discard(device.name),
         )
 

@@ -39,8 +39,8 @@ _LATEST = "rowid IN (SELECT rowid FROM calibrations WHERE device = ? ORDER BY ro
 STRETCH = 500
 #: under which boots teach the same law
 _KEY = ("model", "firmware", "gyro_range")
-#: among so many biases, those written last, is the highest epoch
-_LAST = 100
+#: no device's name: of which the highest epoch is kept beside the biases
+_WARD = ""
 #: things a bias is kept as; after them what else is known of the boot
 _STATE = 5
 
@@ -93,22 +93,27 @@ class Store:
         doubted: bool = False,
         asked: tuple[str, str] | None = None,
         reached: tuple[int, int] | None = None,
-        epoch: int = 0,
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned; epoch: the highest that is known.
+        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k, "epoch": epoch}
+        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k}
         text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
         if history:
             changes.append(Change("bias_history", _point(device, boot, time_ns, state)))
         self.database.write(*changes)
+
+    def save_epoch(self, epoch: int, time_ns: int) -> None:
+        """Keep the highest epoch that is known."""
+        text = json.dumps([[], [], 0.0, None, None, {"epoch": epoch}])
+        row: Row = {"device": _WARD, "boot": keys.boot_id(0), "time_ns": time_ns, "state": text}
+        self.database.write(Change("bias", row, "REPLACE"))
 
     def add_audit(
         self,
@@ -225,8 +230,8 @@ class Store:
         return found
 
     def epoch(self) -> int:
-        """The highest epoch that was known when a bias was kept last; by no clock, which may have been set back since."""
-        rows = self.database.rows("bias", order=_WRITTEN, limit=_LAST)
+        """The highest epoch that was known; 0 where none was."""
+        rows = self.database.rows("bias", "device = ?", (_WARD,))
         return max((int(_more(json.loads(row["state"])).get("epoch", 0)) for row in rows), default=0)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:

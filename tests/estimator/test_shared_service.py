@@ -62,7 +62,7 @@ class Both:
         self.told()
 
     def told(self) -> None:
-        """Each service has heard of all tokens that were born or have died: on a thread of the bus, in order, the last a probe."""
+        """Each service has heard of all tokens that were born or have died: on a thread of the bus, the last a probe."""
         probe = f"a-probe/{uuid.uuid4().hex}"
         for service in self.services.values():
             service._peers._watch._changes.put((probe, True))  # type: ignore[attr-defined] # of the bus in memory

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Calibration, Verdict
+from estimator import history
 from estimator.database import APPLICATION_ID, SCHEMA_VERSION
 from estimator.database.database import RETRY_S
 from estimator.service import store as service_store
@@ -52,14 +53,13 @@ def same(a: Calibration | None, b: Calibration) -> bool:
     )
 
 
-def test_the_highest_epoch_is_of_those_written_last_whatever_time_they_say(store: Store) -> None:
+def test_the_highest_epoch_is_kept_and_no_device_is_made_of_it(store: Store) -> None:
     assert store.epoch() == 0
-    store.save_bias(NAME, 1, AHEAD_NS, BIAS, history=False, epoch=2**50)
-    store.save_bias("other", 2, 5, BIAS, history=False, epoch=7)
-    assert store.epoch() == 2**50
-    for boot in range(200):
-        store.save_bias("other", boot, 5, BIAS, history=False, epoch=2**50 + boot)
-    assert store.epoch() == 2**50 + 199
+    for epoch, time_ns in ((7, AHEAD_NS), (2**50, 5)):
+        store.save_epoch(epoch, time_ns)
+        assert store.epoch() == epoch
+    assert store.reached(0) == {}
+    assert history.devices(store) == []
 
 
 def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
