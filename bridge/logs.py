@@ -41,8 +41,8 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """The same, each line by itself."""
-    return "\n".join(map(printable, text.split("\n")))
+    """The same, each line by itself; a key is many lines, and left out whole."""
+    return "\n".join(map(printable, _SECRETS.sub(HIDDEN, text).split("\n")))
 
 
 class People(logging.Formatter):

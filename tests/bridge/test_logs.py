@@ -66,6 +66,18 @@ def test_secrets_are_left_out_wherever_they_came_from(formatter: logging.Formatt
         assert "before" in said
 
 
+def test_a_key_that_stands_where_its_file_belongs_is_not_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bridge-1.toml"
+    files = f'ca = "ca.pem"\ncertificate = "b.pem"\nkey = """{KEY}"""\n'
+    path.write_text(f'ward = "w"\n[bus]\nconnect = ["tls/127.0.0.1:7447"]\n{files}')
+    assert main(["config", "check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert logs.HIDDEN in said
+    assert not [line for line in KEY.split("\n")[1:-2] if line in said]
+
+
 @pytest.fixture
 def hostile_file(tmp_path: Path) -> Path:
     path = tmp_path / "w\nERROR truerate: no.toml"
