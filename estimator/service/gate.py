@@ -9,6 +9,7 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from bridge import enrolled
 from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.wire import codec, keys
@@ -67,9 +68,10 @@ class Gate:
         except ValueError as error:
             log.error("[devices]: %s; what was enrolled before stays so", error)
             return
-        if not places and self._places:  # as an editor leaves it for a moment, or a disk that is full
+        # as an editor leaves it for a moment, or a disk that is full
+        if places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
-                "[devices]: %s: no device stands in it any more; what was enrolled before stays so",
+                "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
                 self._enrolment.file,
             )
             return
