@@ -153,8 +153,14 @@ def _renew(given: argparse.Namespace) -> int:
         raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
     if not members:
         print("none ends within 14 days; nothing was renewed")
-    for member in dict.fromkeys(members):
-        _made(folder.renew(member, now, given.days))
+    wrong = list[str]()
+    for member in dict.fromkeys(members):  # one that cannot be renewed keeps none of the others from it
+        try:
+            _made(folder.renew(member, now, given.days))
+        except ValueError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ValueError("\n".join(wrong))
     return 0
 
 

@@ -37,11 +37,11 @@ class Pair:
     key: bytes
 
 
-def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
-    """A new authority, which signs itself."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    made = _signing(_subject(name), _subject(name), key, 1, now - EARLIER, now + timedelta(days=days))
-    return Pair(_signed(made, key), _pem(key))
+def new_authority(name: str, now: datetime, days: int = CA_DAYS, key: bytes | None = None) -> Pair:
+    """A new authority, of a new key or of `key`, which signs itself."""
+    own = ec.generate_private_key(ec.SECP256R1()) if key is None else _private(key)
+    made = _signing(_subject(name), _subject(name), own, 1, now - EARLIER, now + timedelta(days=days))
+    return Pair(_signed(made, own), _pem(own))
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:

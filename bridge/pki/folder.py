@@ -24,11 +24,12 @@ class Folder:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """A new authority, in a folder that has none."""
-        if any((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
+        """A new authority, in a folder that has none, or only the key of one that was broken off before it signed."""
+        key = self.path / f"{_CA}.key"
+        if (self.path / f"{_CA}.pem").exists() or (self.path / _ISSUERS).exists():
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _keep(self.path / _CA, new_authority(name, now))
+        _keep(self.path / _CA, new_authority(name, now, key=key.read_bytes() if key.exists() else None))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
         """A first pair for a role and a name, of the generation that is not revoked."""
@@ -39,7 +40,7 @@ class Folder:
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
         named = [check_host(host) for host in hosts]
-        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=named)
+        pair = issue(self._begun(member, now), member, now - EARLIER, now + timedelta(days=days), hosts=named)
         _keep(self.path / member.file, pair)
         return files
 
@@ -52,9 +53,14 @@ class Folder:
                 f"{files.certificate}: there is none to renew; `truerate pki issue {member.label}` makes one"
             )
         hosts = hosts_of(certificates(files.certificate)[0])
+        if not Path(files.key).exists():
+            raise ValueError(
+                f"{files.key} is not there, and a renewal keeps the key: copy it back from the machine of {member.label}, or"
+                f" give that a new one: truerate pki revoke {member.label}, then issue"
+            )
         key = Path(files.key).read_bytes()
         ends = now + timedelta(days=days)
-        pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
+        pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
@@ -88,19 +94,30 @@ class Folder:
         return member
 
     def revoked(self) -> dict[str, str]:
-        """When and why, by common name."""
-        return dict(line.partition(" ")[::2] for line in self._lines())
+        """When and why, by common name; ValueError where a line names nobody, for whoever was in it is not let in again."""
+        found = dict(line.partition(" ")[::2] for line in self._lines())
+        for name in found:
+            try:
+                Member.parse(name)
+            except ValueError as error:
+                raise ValueError(f"{self.path / _REVOKED}: {error}; mend that line, or bring the file back") from None
+        return found
 
     def current(self, member: Member) -> Member:
         """The generation of a member that is not revoked."""
         revoked, generation = self.revoked(), 1
         while (now := Member(member.role, member.name, generation)).common_name in revoked:
             generation += 1
+        later = self.identity(replace(now, generation=generation + 1)).certificate
+        if Path(later).exists():
+            raise ValueError(
+                f"{self.path / _REVOKED}: {now.common_name} is not in it, and was revoked before {later} was made: bring the file"
+                " back, else routers would let in again whoever was revoked"
+            )
         return now
 
     def members(self) -> Iterator[tuple[Member, datetime]]:
         """Everybody who has a certificate that is not revoked, and until when."""
-        revoked = self.revoked()
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
@@ -109,14 +126,12 @@ class Folder:
             own = certificates(str(path))[0]
             if (name := common_name(own)) != member.common_name:
                 raise ValueError(f"{path}: it is for {name!r}; a copy? Keep it in another folder")
-            if member.common_name not in revoked:
+            if member == self.current(member):
                 yield member, own.not_valid_after_utc
 
     def authority_until(self) -> datetime:
         """When the authority itself ends."""
-        if not (own := self.path / f"{_CA}.pem").exists():
-            raise self._none()
-        return certificates(str(own))[0].not_valid_after_utc
+        return self._lasts()[1]
 
     def identity(self, member: Member) -> Identity:
         """Its files, whether they are there or not."""
@@ -127,19 +142,43 @@ class Folder:
         """A router's files, as `identity`, but for what it verifies others by: see `admit`."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
+    def _begun(self, member: Member, now: datetime) -> Pair:
+        """The issuer of a member; ValueError where the authority is not valid yet, and with it nothing that it signs."""
+        if now < (begins := self._lasts()[0]):
+            raise ValueError(
+                f"{self.path}: the authority begins on {begins:%Y-%m-%d %H:%M} UTC, and here it is {now:%Y-%m-%d %H:%M}: nobody"
+                " would take what it signs. Is this machine's clock right? If it was wrong when the authority was made, make"
+                " a new one, in another folder"
+            )
+        return self.issuer(member)
+
+    def _lasts(self) -> tuple[datetime, datetime]:
+        if not (path := self.path / f"{_CA}.pem").exists():
+            raise self._none()
+        own = certificates(str(path))[0]
+        return own.not_valid_before_utc, own.not_valid_after_utc
+
     def _authority(self) -> Pair:
-        if not (self.path / f"{_CA}.key").exists():
+        if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
             raise self._none()
         return _pair(self.path / _CA)
 
     def _none(self) -> ValueError:
+        if (here := self.path / f"{_CA}.pem").exists():
+            return ValueError(f"{self.path / _CA}.key is not there: bring it here from where it is kept")
+        if (self.path / _ISSUERS).exists():
+            return ValueError(f"{here} is not there: bring it back; every machine of the ward has it")
         return ValueError(
             f"{self.path}: no authority here; `truerate pki init --ward WARD --folder {self.path}` makes one"
         )
 
     def _lines(self) -> list[str]:
         path = self.path / _REVOKED
-        return path.read_text("utf-8").splitlines() if path.exists() else []
+        try:
+            text = path.read_text("utf-8-sig") if path.exists() else ""
+        except UnicodeDecodeError:
+            raise ValueError(f"{path} is not UTF-8 text: save the file as UTF-8 in your editor") from None
+        return [line for line in text.splitlines() if line.strip()]
 
 
 def utc_now() -> datetime:

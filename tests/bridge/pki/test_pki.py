@@ -1,10 +1,12 @@
 """`truerate pki`: pairs that are whole, keys that nobody else reads, words on what is wrong, an exit code for monitoring."""
 
+import errno
 import json
 import shutil
 import stat
+from collections.abc import Callable
 from contextlib import nullcontext
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Self
 
@@ -12,9 +14,10 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
+from bridge.pki import folder
 from bridge.pki.authority import Pair, issue, new_authority, new_issuer
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults, hosts_of, verified
+from bridge.pki.identity import Identity, certificates, common_name, faults, hosts_of, until, verified
 from bridge.pki.member import Member, Role
 from estimator.cli import main
 
@@ -178,6 +181,92 @@ def test_an_authority_whose_key_is_kept_elsewhere_is_not_made_anew(pki: Path) ->
     (pki / "ca.key").unlink()
     assert run(pki, "init") == 2
     assert (pki / "ca.pem").read_bytes() == before
+
+
+def test_what_lacks_of_an_authority_is_named_and_not_made_anew(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (pki / "ca.key").rename(pki / "kept.key")
+    assert run(pki, "issue", "bridge:b2") == 2
+    assert "ca.key is not there: bring it here" in capsys.readouterr().err
+    (pki / "kept.key").rename(pki / "ca.key")
+    (pki / "ca.pem").unlink()
+    for verb in (["issue", "bridge:b2"], ["show"]):
+        assert run(pki, *verb) == 2
+        assert "ca.pem is not there: bring it back" in capsys.readouterr().err
+    assert run(pki, "init") == 2
+
+
+def test_an_authority_that_was_broken_off_half_made_can_be_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = folder._write
+
+    def full(path: Path, content: bytes, mode: int) -> None:
+        if path.suffix == ".pem":
+            raise OSError(errno.ENOSPC, "full")
+        write(path, content, mode)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(folder, "_write", full)
+        assert run(tmp_path, "init", "--ward", "w") == 1
+    key = (tmp_path / "ca.key").read_bytes()
+    assert run(tmp_path, "init", "--ward", "w") == 0
+    assert (tmp_path / "ca.key").read_bytes() == key, "a key that may be somebody's is never written over"
+    assert run(tmp_path, "issue", "bridge:b1") == 0
+    assert faults(Folder(tmp_path).identity(Member(Role.BRIDGE, "b1")), datetime.now(UTC)) == []
+
+
+def test_before_its_authority_begins_nothing_is_signed(tmp_path: Path) -> None:
+    now = datetime(2026, 11, 23, tzinfo=UTC)
+    here, member = Folder(tmp_path), Member(Role.BRIDGE, "b1")
+    here.make("w", now + timedelta(days=400))
+    with pytest.raises(
+        ValueError, match=r"begins on 2027-12-27 23:55 UTC, and here it is 2026-11-23 00:00.*clock right"
+    ):
+        here.issue(member, now)
+    assert not list(tmp_path.glob("bridge*"))
+    here.issue(member, now + timedelta(days=400, minutes=-4))  # clocks differ by so much
+
+
+def test_one_that_cannot_be_renewed_keeps_none_of_the_others_from_it(
+    pki: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (pki / "bridge.b1.key").unlink()
+    before = until(Folder(pki).identity(Member(Role.VIEWER, "hall")))
+    assert run(pki, "renew", "bridge:b1", "viewer:hall", "--days", "200") == 2
+    assert "bridge.b1.key is not there, and a renewal keeps the key: copy it back" in capsys.readouterr().err
+    assert until(Folder(pki).identity(Member(Role.VIEWER, "hall"))) > before
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "words"),
+    [
+        (lambda text: b"\xff\xfe" + text.decode().encode("utf-16-le"), "is not UTF-8 text"),
+        (lambda text: b" " + text, "'' is no role and name"),
+        (lambda text: b"// " + text, "'//' is no role and name"),
+        (lambda _: b"", "bridge:b1 is not in it, and was revoked before"),
+        (None, "bridge:b1 is not in it, and was revoked before"),
+    ],
+    ids=["utf-16", "indented", "commented", "empty", "gone"],
+)
+def test_no_spoilt_list_lets_in_again_whoever_was_revoked(
+    spoilt: Callable[[bytes], bytes] | None, words: str, pki: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
+    assert run(pki, "revoke", "bridge:b1") == 0
+    assert run(pki, "issue", "bridge:b1") == 0
+    file = pki / "revoked.txt"
+    text = file.read_bytes()
+    router = ("router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447")
+    file.write_bytes(b"\xef\xbb\xbf" + text + b"\n")  # as some editors leave it
+    capsys.readouterr()
+    assert run(pki, *router) == 0
+    assert '"bridge:b1"' not in capsys.readouterr().out
+    file.unlink()
+    if spoilt is not None:
+        file.write_bytes(spoilt(text))
+    for verb in (router, ("show",), ("renew", "bridge:b1")):
+        assert run(pki, *verb) == 2
+        assert words in capsys.readouterr().err
 
 
 def test_an_authority_locked_with_a_password_says_so(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
