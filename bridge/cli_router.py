@@ -70,4 +70,7 @@ def _listening_router(args: argparse.Namespace, *, written: bool) -> Router:
             " a file for one that does, `truerate router --config router.json5`"
         )
     listen = root.router.listen if root else (LOCAL,)
-    return Router(check_endpoints(args.listen, "--listen") if args.listen else listen, shed=keys.VIEWED)
+    listen = check_endpoints(args.listen, "--listen") if args.listen else listen
+    for words in router_check.open_to_others(listen):
+        _log.warning("%s", words)
+    return Router(listen, shed=keys.VIEWED)

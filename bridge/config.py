@@ -24,6 +24,8 @@ __all__ = ["Bridge", "Bus", "ConfigError", "Device", "Root", "Router", "check", 
 
 LOCAL = "tcp/127.0.0.1:7447"
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")
+#: hosts to listen at that stand for all of a machine's
+ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - what files say is looked through
 _ADDRESS = re.compile(r"[^?#\s]+:(\d{1,5})(?:[?#].*)?\Z")
 
 
@@ -62,6 +64,12 @@ def listening(address: str) -> tuple[str, int]:
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535 or not address.isprintable():
         raise ValueError(f"health is {address!r}; an address to listen on looks like '127.0.0.1:9464'")
     return host.removeprefix("[").removesuffix("]"), int(port)
+
+
+def clash(address: str, other: str) -> bool:
+    """Whether two programs of one machine cannot both listen there."""
+    (host, port), (there, its) = (listening(one.replace("localhost", "127.0.0.1")) for one in (address, other))
+    return port == its and (host == there or not {host, there}.isdisjoint(ANYWHERE))
 
 
 class Bus(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import secured
+from bridge.config import ANYWHERE
 from bridge.pki.identity import Identity, certificates, hosts_of, member_of, verified
-
-_ANYWHERE = ("0.0.0.0", "::", "*")  # noqa: S104 - what files say is looked through
 
 
 def faults(routers: Sequence[RouterFile]) -> Iterator[str]:
@@ -26,7 +25,7 @@ def reaches(endpoint: str, router: RouterFile) -> bool:
         return False
     if secured(endpoint) and (hosts := hosts_at(router)):
         return any(is_for(host, host_of(endpoint)) for host in hosts)
-    return any(host_of(listen) in (*_ANYWHERE, host_of(endpoint)) for listen in there)
+    return any(host_of(listen) in (*ANYWHERE, host_of(endpoint)) for listen in there)
 
 
 def hosts_at(router: RouterFile) -> list[str]:
@@ -69,7 +68,7 @@ def _twice(routers: Sequence[RouterFile]) -> Iterator[str]:
     for router in routers:
         own = {f"id {router.id!r}"} if router.id else set[str]()
         own |= {name} if (name := _name(router)) else set()
-        own |= {listen for listen in router.listen if host_of(listen) not in _ANYWHERE}
+        own |= {listen for listen in router.listen if host_of(listen) not in ANYWHERE}
         for what in sorted(own):
             before = seen.setdefault(what, router.path)
             if before != router.path:

@@ -6,9 +6,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from bridge.bus.router_check import RouterFile
+from bridge.bus.router_check import RouterFile, loopback, open_to_others
 from bridge.bus.routers import Routers, secured
-from bridge.config import LOCAL, Root, Router, check_endpoints
+from bridge.config import LOCAL, Root, Router, check_endpoints, clash
 from bridge.pki.identity import by_authority, member_of
 from bridge.pki.identity import faults as identity_faults
 from bridge.pki.member import Member, Role
@@ -25,6 +25,8 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
+        *_strangers(wards),
+        *(() if routers else _on_one_machine(wards)),
         *router_faults(routers),
         *_twice(wards),
         *_otherwise(wards),
@@ -79,17 +81,11 @@ def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
 
 
 def _of_ward(root: Root, now: datetime) -> Iterator[str]:
-    if root.devices is not None and root.bridge is not None:
-        places = root.devices.read()
-        for device in root.bridge.devices:
-            if places.get(device.id, root.bridge.id) not in ("", root.bridge.id):
-                yield f"[devices]: {device.id!r} is enrolled by {places[device.id]!r}, and listed by {root.bridge.id!r}"
-            elif device.id not in places:
-                yield f"[devices]: {device.id!r} of [[bridge.devices]] is not enrolled: the estimator would not use it"
     ports = {port_of(endpoint) for endpoint in root.router.listen}
     if root.router != Router() and not ports & {port_of(endpoint) for endpoint in root.bus.connect}:
         there, here = ", ".join(root.router.listen), ", ".join(root.bus.connect)
         yield f"[router] listens at {there}, and [bus] connects to {here}: is one of the ports mistaken?"
+    yield from (f"[router]: listen: {words}" for words in open_to_others(root.router.listen))
     if root.bus.identity is None:
         return
     wrong = identity_faults(root.bus.identity, now, tuple(role for role in Role if role is not Role.ROUTER))
@@ -102,6 +98,50 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
     if member.role in tables and (table is None or table.id != member.name):
         there = f"its id is {table.id!r}" if table is not None else "there is none"
         yield f"[bus]: the certificate is for {member.label}; of [{member.role.value}] {there}"
+
+
+def _strangers(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Devices of a bridge that an estimator of its ward, of another file or the same, would not use."""
+    for path, root in wards.items():
+        if root.devices is None:
+            continue
+        places = root.devices.read()
+        for there, other in wards.items():
+            if other.bridge is None or other.ward != root.ward or (other is not root and root.estimator is None):
+                continue
+            where = "" if other is root else f" in {there}"
+            for device in other.bridge.devices:
+                if places.get(device.id, other.bridge.id) not in ("", other.bridge.id):
+                    by = f"is enrolled by {places[device.id]!r}, and listed by {other.bridge.id!r}"
+                    yield f"{path}: [devices]: {device.id!r} {by}{where}"
+                elif device.id not in places:
+                    yield (
+                        f"{path}: [devices]: {device.id!r} of [[bridge.devices]]{where} is not enrolled: the estimator would"
+                        " not use it"
+                    )
+
+
+def _on_one_machine(wards: Mapping[Path, Root]) -> Iterator[str]:
+    """Files of a ward whose programs go to routers of their own machine: to the same, and each listens at a port of its own."""
+    first: dict[str, tuple[Path, Sequence[str]]] = {}
+    taken: list[tuple[Path, str, str]] = []
+    for path, root in wards.items():
+        here = root.bus.connect
+        if not all(map(loopback, here)):
+            continue
+        before, there = first.setdefault(root.ward, (path, here))
+        if not {port_of(endpoint) for endpoint in here} & {port_of(endpoint) for endpoint in there}:
+            yield (
+                f"{path}: [bus] connects to {', '.join(here)}, in {before} to {', '.join(there)}: who goes to one router does"
+                " not hear who goes to another: is one of the ports mistaken?"
+            )
+        for table in (root.bridge, root.estimator):
+            health: str = table.health if table is not None else ""
+            for other, ward, address in taken:
+                if health and other != path and ward == root.ward and clash(health, address):
+                    yield f"{path}: health is {health!r}, and {address!r} in {other}: each program needs a port of its own"
+            if health:
+                taken.append((path, root.ward, health))
 
 
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:

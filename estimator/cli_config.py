@@ -1,6 +1,7 @@
 """The verb `truerate config check`."""
 
 import argparse
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -33,7 +34,8 @@ def _config_check(given: argparse.Namespace) -> None:
     from estimator.config import Ward  # noqa: PLC0415
 
     wards, routers, wrong = {}, [], list[str]()
-    for file in given.files:
+    files = list({os.path.realpath(file): file for file in given.files}.values())  # by two names it is still one
+    for file in files:
         if file.suffix in (".json5", ".json"):
             try:
                 routers.append(router_check.read(file))
@@ -43,7 +45,7 @@ def _config_check(given: argparse.Namespace) -> None:
             wards[file] = ward = load(file, Ward)
             wrong += [f"{file}: {words}" for words in captures.unreadable(ward.bridge.devices if ward.bridge else ())]
     # Of a router that cannot be read it is not known what the others would lack.
-    wrong += together.faults(wards, routers if len(routers) + len(wards) == len(given.files) else [], datetime.now(UTC))
+    wrong += together.faults(wards, routers if len(routers) + len(wards) == len(files) else [], datetime.now(UTC))
     if wrong:
         raise ConfigError("\n".join(wrong))
     for file, ward in wards.items():

@@ -61,10 +61,11 @@ class Ward(config.Root, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        here = self.estimator.health if self.estimator else ""
-        if here and self.bridge and here == self.bridge.health:
-            raise ValueError(f"health is {here!r} of both bridge and estimator: each needs a port of its own")
-        if self.dashboard.listen in filter(None, (here, self.bridge.health if self.bridge else "")):
-            raise ValueError(
-                f"health is {self.dashboard.listen!r}, as is the dashboard's listen: each needs a port of its own"
-            )
+        here, there = (table.health if table else "" for table in (self.estimator, self.bridge))
+        if here and there and config.clash(here, there):
+            both = repr(here) if here == there else f"{here!r} and {there!r}"
+            raise ValueError(f"health is {both} of both bridge and estimator: each needs a port of its own")
+        for health in filter(None, (here, there)):
+            if config.clash(health, listen := self.dashboard.listen):
+                both = "as is" if health == listen else f"and {listen!r}"
+                raise ValueError(f"health is {health!r}, {both} the dashboard's listen: each needs a port of its own")

@@ -1,7 +1,7 @@
 """A router's own file, JSON5, looked through: it must be safe, and its rules those of the roles."""
 
 import ipaddress
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,10 +88,8 @@ def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
         yield "listen.exit_on_failure must be true: else it runs on where its port is taken, and nobody finds it"
     if join and (said["connect"]["exit_on_failure"] or said["connect"]["timeout_ms"] not in (None, -1)):
         yield "connect: timeout_ms must be -1 and exit_on_failure false: else it ends, or stays alone, while the other is away"
-    open_to_others = [endpoint for endpoint in listen if not secured(endpoint) and not _loopback(endpoint)]
-    if open_to_others:
-        yield f"{', '.join(open_to_others)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
-    if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not _loopback(endpoint)]:
+    yield from open_to_others(listen)
+    if in_the_clear := [endpoint for endpoint in join if not secured(endpoint) and not loopback(endpoint)]:
         yield f"connect: {', '.join(in_the_clear)}: all of the ward would go there for everybody to read; use tls/..."
     taken = said["transport"]["link"]["protocols"]
     for endpoint in (*listen, *join):
@@ -104,6 +102,12 @@ def _of_endpoints(said: dict[str, Any]) -> Iterator[str]:
         yield from _unguarded(said)
     if any(secured(endpoint) for endpoint in join):
         yield from _unproven(said["transport"]["link"]["tls"])
+
+
+def open_to_others(listen: Sequence[str]) -> Iterator[str]:
+    """That whoever reaches a router there needs no certificate."""
+    if reached := [endpoint for endpoint in listen if not secured(endpoint) and not loopback(endpoint)]:
+        yield f"{', '.join(reached)}: whoever reaches it reads and commands the ward; use tls/..., or 127.0.0.1"
 
 
 def _unproven(tls: dict[str, Any]) -> Iterator[str]:
@@ -203,7 +207,8 @@ def _ward(rule: dict[str, Any]) -> str:
     return found.pop() if len(found) == 1 else ""
 
 
-def _loopback(endpoint: str) -> bool:
+def loopback(endpoint: str) -> bool:
+    """Whether only programs of the same machine reach an endpoint."""
     protocol, _, address = endpoint.partition("/")
     host = address.partition("#")[0].partition("?")[0].rpartition(":")[0].strip("[]")
     try:

@@ -1,8 +1,10 @@
 """A ward's file says who a program is; what does not fit is said before anybody is asked, across files too."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -122,6 +124,14 @@ def a_key_for_all(files: Files) -> None:
     (files.pki.path / "bridge.b1.key").chmod(0o644)
 
 
+def a_stranger(files: Files) -> None:
+    files.write("bridge.b1", "estimator.e1", more='[devices]\nenrolled = ["b1/d7"]\n')
+
+
+def anothers_device(files: Files) -> None:
+    files.write("bridge.b1", "estimator.e1", more='[devices]\nenrolled = ["b2/d1"]\n')
+
+
 def unknown(files: Files) -> None:
     files.router.write_text(
         files.router.read_text().replace("bridge:b1", "bridge:b9").replace("bridge/b1", "bridge/b9")
@@ -162,6 +172,8 @@ def by_the_authority(files: Files) -> None:
         (by_another_name, "the router's certificate is for 127.0.0.1 alone"),
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
+        (a_stranger, "[devices]: 'd1' of [[bridge.devices]] in ONE is not enrolled"),
+        (anothers_device, "[devices]: 'd1' is enrolled by 'b2', and listed by 'b1' in ONE"),
         (unknown, "no router knows bridge:b1"),
         (another_ward, "ward is 'w2', and routers have rules for bridge:b1 in w alone"),
         (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
@@ -175,7 +187,16 @@ def test_what_does_not_go_together_is_said(
 ) -> None:
     wrong(files)
     assert files.check() == 2
-    assert words.replace("ROUTER", str(files.router)) in capsys.readouterr().err
+    words = words.replace("ROUTER", str(files.router)).replace("ONE", str(files.one))
+    assert words in capsys.readouterr().err
+
+
+def test_a_file_by_two_names_is_one(files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    again = tmp_path / "link.toml"
+    again.symlink_to(files.one)
+    router = tmp_path / "pki" / ".." / files.router.name
+    assert main(["config", "check", *map(str, (files.one, again, files.router, router))]) == 0, capsys.readouterr().err
+    assert capsys.readouterr().out.count(": right.") == 2
 
 
 @pytest.mark.parametrize(
@@ -343,3 +364,55 @@ def test_a_machine_whose_ports_were_swapped(tmp_path: Path, capsys: pytest.Captu
     ward.write_text('ward = "w"\n[estimator]\nid = "e"\nhealth = "127.0.0.1:8090"\n', "utf-8")
     assert main(["config", "check", str(ward)]) == 2
     assert "as is the dashboard's listen" in capsys.readouterr().err
+
+
+def test_programs_of_one_machine_go_to_one_router_and_have_ports_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, two = tmp_path / "one.toml", tmp_path / "two.toml"
+    one.write_text('ward = "w"\n[bridge]\nid = "b"\nhealth = "127.0.0.1:9464"\n', "utf-8")
+
+    def said(connect: str, health: str, ward: str = "w") -> str:
+        bus = f'[bus]\nconnect = ["{connect}"]\n'
+        two.write_text(f'ward = "{ward}"\n{bus}[estimator]\nid = "e"\nhealth = "{health}"\n', "utf-8")
+        main(["config", "check", str(one), str(two)])
+        return capsys.readouterr().err
+
+    other = "127.0.0.1:9465"
+    assert said("tcp/localhost:7447", other) == ""
+    assert "who goes to one router does not hear who goes to another" in said("tcp/127.0.0.1:7448", other)
+    assert said("tcp/127.0.0.1:7448", other, ward="w2") == ""
+    assert said("tcp/10.0.0.5:7448", "0.0.0.0:9464") == "", "that may be another machine"
+    for health in ("127.0.0.1:9464", "localhost:9464", "0.0.0.0:9464"):
+        assert f"health is '{health}', and '127.0.0.1:9464' in {one}" in said("tcp/127.0.0.1:7447", health)
+    both = '[estimator]\nid = "e"\nhealth = "0.0.0.0:9464"\n'
+    two.write_text(one.read_text("utf-8") + both, "utf-8")
+    assert main(["config", "check", str(two)]) == 2
+    assert "health is '0.0.0.0:9464' and '127.0.0.1:9464' of both" in capsys.readouterr().err
+    two.write_text('ward = "w"\n' + both.replace("9464", "8090"), "utf-8")
+    assert main(["config", "check", str(two)]) == 2
+    assert "health is '0.0.0.0:8090', and '127.0.0.1:8090' the dashboard's listen" in capsys.readouterr().err
+
+
+def test_a_router_that_others_reach_without_a_certificate_is_said(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ward = tmp_path / "ward.toml"
+    words = "tcp/0.0.0.0:7447: whoever reaches it reads and commands the ward"
+    ward.write_text('ward = "w"\n[router]\nlisten = ["tcp/0.0.0.0:7447"]\n', "utf-8")
+    assert main(["config", "check", str(ward)]) == 2
+    assert words in capsys.readouterr().err
+    monkeypatch.setattr("bridge.cli_router.Router", lambda *_, **__: nullcontext(SimpleNamespace(listen=())))
+    monkeypatch.setattr(
+        "bridge.cli_router.stopped_by_signal", lambda: nullcontext(SimpleNamespace(wait=lambda _: True))
+    )
+    for how in (["--config", str(ward)], ["--listen", "tcp/0.0.0.0:7447"]):
+        caplog.clear()
+        assert main(["router", *how]) == 0
+        assert words in caplog.text
+    caplog.clear()
+    assert main(["router"]) == 0
+    assert "reads and commands" not in caplog.text
