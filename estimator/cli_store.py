@@ -62,7 +62,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     )
     inner = parser.add_subparsers(metavar="VERB", required=True)
     verb = add_verb(inner, "backup", _backup, "copy the store of a running estimator into a file that stands alone")
-    verb.add_argument("to", type=Path, metavar="DEST", help="a folder, or a file that is not there yet")
+    verb.add_argument("to", metavar="DEST", help="a folder, or a file that is not there yet")
     _add_place(verb)
     verb = add_verb(inner, "check", _check, "is the file whole, and every row in it? what is not, and what is left")
     verb.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a store (default: the ward's)")
@@ -136,7 +136,11 @@ def _backup(given: argparse.Namespace) -> int:
     from estimator.database import Database, inspect  # noqa: PLC0415
 
     place = _place(given)
-    to = given.to / f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}" if given.to.is_dir() else given.to
+    to = Path(given.to)
+    if to.is_dir() or given.to.endswith(
+        "/"
+    ):  # a folder is meant that is not there, as of a stick that is not plugged in
+        to /= f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}"
     if not to.parent.is_dir():
         raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
     store = Database.reading(place)

@@ -172,8 +172,9 @@ def test_a_backup_of_a_store_in_use_has_everything(
     again.close()
     assert main(["store", "backup", str(copy), "--store", store.path]) == 1
     assert "already" in capsys.readouterr().err
-    assert main(["store", "backup", str(tmp_path / "stick" / "copy"), "--store", store.path]) == 2
-    assert f"there is no folder {tmp_path / 'stick'}; make it first" in capsys.readouterr().err
+    for where in (f"{tmp_path / 'stick'}/copy", f"{tmp_path / 'stick'}/"):
+        assert main(["store", "backup", where, "--store", store.path]) == 2
+        assert f"there is no folder {tmp_path / 'stick'}; make it first" in capsys.readouterr().err
 
 
 def test_a_backup_of_what_is_damaged_says_so(store: Store, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
