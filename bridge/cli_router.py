@@ -5,6 +5,7 @@ import logging
 from datetime import UTC, datetime
 from pathlib import Path
 
+from bridge import routers_together
 from bridge.bus import router_check
 from bridge.bus.contract import BusError
 from bridge.bus.router import Router
@@ -55,6 +56,8 @@ def _looked_through(path: Path) -> RouterFile:
         raise BusError("\n".join(wrong))
     for words in file.faults:
         _log.warning("%s: %s", path, words)
+    for words in routers_together.faults([file]):
+        _log.warning("%s", words)
     return file
 
 

@@ -6,14 +6,15 @@ from pathlib import Path
 from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import secured
 from bridge.config import ANYWHERE
-from bridge.pki.identity import Identity, certificates, hosts_of, member_of, verified
+from bridge.pki.chain import ISSUER_OF
+from bridge.pki.identity import Identity, certificates, common_name, hosts_of, member_of, verified
 
 
 def faults(routers: Sequence[RouterFile]) -> Iterator[str]:
     """What two of them have and only one may, who joins nobody, and who would not be let in."""
     yield from _twice(routers)
     for router in routers:
-        yield from (f"{router.path}: {words}" for words in _joins(router, routers))
+        yield from (f"{router.path}: {words}" for words in (*_lets_in(router), *_joins(router, routers)))
     for ward in sorted({ward for router in routers for ward, _ in router.places}):
         yield from _apart(ward, routers)
 
@@ -61,6 +62,32 @@ def port_of(endpoint: str) -> tuple[str, str]:
     protocol, _, address = endpoint.partition("/")
     bare = address.partition("#")[0].partition("?")[0]
     return protocol, bare if protocol.startswith("unixsock") else bare.rpartition(":")[2]
+
+
+def _lets_in(router: RouterFile) -> Iterator[str]:
+    """Whether a router that goes by its members' issuers goes by those of whom it has rules for, and by nobody else."""
+    try:
+        trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
+    except ValueError:
+        return  # said elsewhere
+    there = {name.removeprefix(ISSUER_OF) for name in trusted if name.startswith(ISSUER_OF)}
+    known, others = (
+        (router.members | {_name(router)}) - {""},
+        [name for name in trusted if not name.startswith(ISSUER_OF)],
+    )
+    if not there or not router.identity:
+        return
+    file, anew = (
+        f"root_ca_certificate: {router.identity.ca}",
+        "`truerate pki router` writes both files of a router, copy both",
+    )
+    if more := sorted(there - known):
+        yield f"{file} lets in {', '.join(more)}, revoked maybe, whom the rules do not know: {anew}"
+    missing = sorted(known - there)
+    if missing and not others:
+        yield f"{file} does not let in {', '.join(missing)}, whom the rules know: {anew}"
+    if others and not missing:
+        yield f"{file} lets in whomever {', '.join(map(repr, others))} has signed, also who was revoked: {anew}"
 
 
 def _twice(routers: Sequence[RouterFile]) -> Iterator[str]:

@@ -120,6 +120,17 @@ def not_let_in(files: Files) -> None:
     files.pki.admit(Member.parse("router:r"), [Member.parse("estimator:e1")])
 
 
+def one_of_its_two_files(files: Files) -> None:
+    """After a revocation the rules alone were copied to the router's machine."""
+    files.pki.revoke(Member.parse("bridge:b1"), utc_now(), "")
+    files.router.write_text(files.router.read_text("utf-8").replace('"bridge:b1', '"bridge:b1:2'), "utf-8")
+
+
+def the_authority_beside(files: Files) -> None:
+    gate = Path(files.pki.gate(Member.parse("router:r")).ca)
+    gate.write_bytes(gate.read_bytes() + (files.pki.path / "ca.pem").read_bytes())
+
+
 def a_key_for_all(files: Files) -> None:
     (files.pki.path / "bridge.b1.key").chmod(0o644)
 
@@ -179,6 +190,10 @@ def by_the_authority(files: Files) -> None:
         (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
         (of_another_authority, "the certificate of ROUTER is nobody's"),
         (by_the_authority, "whose certificate was revoked would still get a session"),
+        (not_let_in, "does not let in bridge:b1, viewer:hall, whom the rules know"),
+        (one_of_its_two_files, "lets in bridge:b1, revoked maybe, whom the rules do not know"),
+        (one_of_its_two_files, "does not let in bridge:b1:2, whom the rules know"),
+        (the_authority_beside, "lets in whomever 'w' has signed, also who was revoked"),
         (not_let_in, "has rules for bridge:b1 and does not let in its certificate"),
     ],
 )
