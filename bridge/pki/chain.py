@@ -11,12 +11,20 @@ from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes
+from cryptography.x509.oid import ExtensionOID as Extension
 from cryptography.x509.oid import NameOID
 from cryptography.x509.oid import SignatureAlgorithmOID as By
 
 #: who signs for one member alone is called so, and then as that
 ISSUER_OF = "issuer of "
 _CURVES, _RSA_BITS = ("secp256r1", "secp384r1"), (2048, 8192)
+#: of a key that signs by ring
+_OWN_RSA_BITS, _OWN_RSA_EXPONENT = (2048, 3072, 4096), 65537
+#: an extension that must be understood and is none of these makes webpki refuse a certificate
+_UNDERSTOOD = {
+    *(Extension.KEY_USAGE, Extension.EXTENDED_KEY_USAGE, Extension.BASIC_CONSTRAINTS, Extension.NAME_CONSTRAINTS),
+    *(Extension.SUBJECT_ALTERNATIVE_NAME, Extension.CRL_DISTRIBUTION_POINTS),
+}
 _SIGNED = {
     *(By.ECDSA_WITH_SHA256, By.ECDSA_WITH_SHA384, By.ED25519),
     *(By.RSA_WITH_SHA256, By.RSA_WITH_SHA384, By.RSA_WITH_SHA512, By.RSASSA_PSS),
@@ -66,8 +74,11 @@ class Chain:
                 yield f"{_named(one)}at most {most} others may be below it, and {below} are"
         for one in (self.own, *self.between):
             named = "" if one is self.own else _named(one)
-            if words := unusable(key_of(one)):
+            if words := unusable(key_of(one), own=one is self.own):
                 yield f"{named}{words}"
+            if strange := [found.oid for found in one.extensions if found.critical and found.oid not in _UNDERSTOOD]:
+                words = ", ".join(oid.dotted_string for oid in strange)
+                yield f"{named}an extension that is marked critical, {words}, which zenoh does not know: have it made without"
             if one.version is not x509.Version.v3:
                 yield f"{named}of an X.509 before version 3, which nobody takes any more"
             if one.signature_algorithm_oid not in _SIGNED:
@@ -97,22 +108,25 @@ def common_name(certificate: x509.Certificate) -> str:
     return str(found[0].value) if found else ""
 
 
-def unusable(public: object) -> str:
-    """Why zenoh can use neither a public key nor its private one; empty where it can."""
+def unusable(public: object, *, own: bool = False) -> str:
+    """Why zenoh cannot verify by a public key, nor sign by its private one where that is its own; empty where it can."""
     match public:
         case ec.EllipticCurvePublicKey() if public.curve.name in _CURVES:
             return ""
-        case rsa.RSAPublicKey() if _RSA_BITS[0] <= public.key_size <= _RSA_BITS[1]:
+        case rsa.RSAPublicKey() if _RSA_BITS[0] <= public.key_size <= _RSA_BITS[1] and not own:
+            return ""
+        case rsa.RSAPublicKey() if public.key_size in _OWN_RSA_BITS and public.public_numbers().e >= _OWN_RSA_EXPONENT:
             return ""
         case ed25519.Ed25519PublicKey():
             return ""
         case ec.EllipticCurvePublicKey():
             kind = f"on the curve {public.curve.name}"
         case rsa.RSAPublicKey():
-            kind = f"of RSA with {public.key_size} bits"
+            kind = f"of RSA with {public.key_size} bits, exponent {public.public_numbers().e}"
         case _:
             kind = "of another kind"
-    return f"a key {kind}, which zenoh cannot use: P-256, P-384, Ed25519, or RSA with 2048 to 8192 bits"
+    of_rsa = f"{', '.join(map(str, _OWN_RSA_BITS))} bits, exponent {_OWN_RSA_EXPONENT}" if own else "2048 to 8192 bits"
+    return f"a key {kind}, which zenoh cannot use: P-256, P-384, Ed25519, or RSA with {of_rsa}"
 
 
 def _named(one: x509.Certificate) -> str:

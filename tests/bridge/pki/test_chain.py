@@ -26,6 +26,7 @@ pytestmark = [pytest.mark.ward, pytest.mark.xdist_group("guarded ward: chain")]
 
 DAY = timedelta(days=1)
 ASK, SERVE, ANY = Usage.CLIENT_AUTH, Usage.SERVER_AUTH, Usage.ANY_EXTENDED_KEY_USAGE
+POLICY = x509.CertificatePolicies([x509.PolicyInformation(x509.ObjectIdentifier("1.2.3"), None)])
 HERE = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
 
 
@@ -44,6 +45,7 @@ class Made:
         may: tuple[x509.ObjectIdentifier, ...] = (),
         hosts: x509.SubjectAlternativeName | None = None,
         with_: hashes.SHA256 | hashes.SHA512 | hashes.SHA384 | None = None,
+        critical: x509.ExtensionType | None = None,
     ) -> None:
         self.key = key or ec.generate_private_key(ec.SECP256R1())
         subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
@@ -60,6 +62,8 @@ class Made:
         )
         if may:
             made = made.add_extension(x509.ExtendedKeyUsage(may), critical=False)
+        if critical:
+            made = made.add_extension(critical, critical=True)
         if hosts:
             made = made.add_extension(hosts, critical=False)
         edwards = isinstance(signer, ed25519.Ed25519PrivateKey | ed448.Ed448PrivateKey)
@@ -185,6 +189,20 @@ CASES: dict[str, tuple[Callable[[Site], Identity], str]] = {
     "RSA of 1024": (
         lambda site: site.file("1024", b1(key=rsa.generate_private_key(65537, 1024))),
         "RSA with 1024 bits",
+    ),
+    "RSA of 3000": (
+        lambda site: site.file("3000", b1(key=rsa.generate_private_key(65537, 3000))),
+        "RSA with 3000 bits",
+    ),
+    "RSA by 3": (lambda site: site.file("by 3", b1(key=rsa.generate_private_key(3, 2048))), "exponent 3, which zenoh"),
+    "RSA of 3000 in between": (lambda site: over(site, key=rsa.generate_private_key(65537, 3000)), ""),
+    "a critical extension": (
+        lambda site: site.file("critical", b1(critical=POLICY)),
+        "marked critical, 2.5.29.32, which zenoh does not know",
+    ),
+    "one in between with a critical extension": (
+        lambda site: over(site, critical=POLICY),
+        "'between', in between: an extension that is marked critical",
     ),
     "Ed448": (lambda site: site.file("ed448", b1(key=ed448.Ed448PrivateKey.generate())), "a key of another kind"),
     "SHA-512 on P-256": (lambda site: site.file("512", b1(with_=hashes.SHA512())), "signed otherwise than zenoh takes"),
