@@ -37,13 +37,21 @@ _BEGIN = re.compile(rb"^-----BEGIN ", re.MULTILINE)
 def certificates(path: str) -> list[x509.Certificate]:
     """All of a PEM file, the holder's own first; ValueError says what is wrong with the file."""
     try:
-        return x509.load_pem_x509_certificates(Path(path).read_bytes())
+        found = x509.load_pem_x509_certificates(Path(path).read_bytes())
     except OSError as error:
         raise ValueError(f"{path}: {os_words.why(error)}") from None
+    except x509.InvalidVersion as error:
+        raise ValueError(f"{path}: it cannot be read: {error}") from None
     except ValueError:
         raise ValueError(
             f"{path}: no certificate in PEM; such a file begins with -----BEGIN CERTIFICATE-----"
         ) from None
+    try:
+        for one in found:
+            list(one.extensions)  # here once, for it is not by ValueErrors alone that they are refused
+    except (ValueError, x509.DuplicateExtension, x509.UnsupportedGeneralNameType) as error:
+        raise ValueError(f"{path}: it cannot be read: {error}") from None
+    return found
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:

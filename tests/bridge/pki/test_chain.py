@@ -1,5 +1,6 @@
 """What `faults` says of files made elsewhere, and what a real router makes of the same files: they agree."""
 
+import base64
 import ipaddress
 import json
 from collections.abc import Callable, Iterator
@@ -248,6 +249,23 @@ def test_keys_of_kinds_that_nobody_knows_are_said_of(site: Site, monkeypatch: py
 
     monkeypatch.setattr("bridge.pki.identity.load_pem_private_key", unknown)
     assert "of another kind" in faults(site.file("unknown", made), utc_now())[0]
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        (b"\x06\x03\x55\x1d\x25", b"\x06\x03\x55\x1d\x13", "Duplicate 2.5.29.19 extension"),  # of usage, of constraints
+        (b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x09", "9 is not a valid X509 version"),
+    ],
+)
+def test_what_is_packed_as_no_certificate_is_said_of(site: Site, good: bytes, bad: bytes, words: str) -> None:
+    made = b1(may=(ASK,))
+    der = made.certificate.public_bytes(serialization.Encoding.DER)
+    assert good in der
+    text = base64.encodebytes(der.replace(good, bad, 1)).decode()
+    pem = f"-----BEGIN CERTIFICATE-----\n{text}-----END CERTIFICATE-----\n".encode()
+    identity = site.file("odd", made, pem=pem)
+    assert any(f"{identity.certificate}: it cannot be read: {words}" in said for said in faults(identity, utc_now()))
 
 
 def test_a_date_is_judged_by_the_clock_that_is_given(site: Site) -> None:
