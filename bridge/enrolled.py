@@ -42,6 +42,8 @@ class Enrolment(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
                 raise ValueError(f"more than {MOST_BYTES} bytes")
             lines = (line.partition("#")[0].strip() for line in text.decode("utf-8-sig").splitlines())
             return places((*self.enrolled, *filter(None, lines)))
+        except UnicodeDecodeError:
+            raise ValueError(f"file {self.file!r} is not UTF-8 text: save it as UTF-8 in your editor") from None
         except (OSError, ValueError) as error:
             raise ValueError(
                 f"file {self.file!r}: {os_words.why(error) if isinstance(error, OSError) else error}"

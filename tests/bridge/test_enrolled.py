@@ -42,7 +42,7 @@ def test_two_bridges_of_one_device_are_a_mistake() -> None:
         ('file = "/nowhere/at/all"', "there is no such file"),
         ('file = "{broken}"', "'a/..' is not valid"),
         ('file = "{huge}"', f"more than {MOST_BYTES} bytes"),
-        ('file = "{binary}"', "can't decode"),
+        ('file = "{binary}"', "is not UTF-8 text: save it as UTF-8"),
         ('devices = ["a"]', "unknown key 'devices'"),
     ],
 )
