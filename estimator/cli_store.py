@@ -137,9 +137,8 @@ def _backup(given: argparse.Namespace) -> int:
 
     place = _place(given)
     to = Path(given.to)
-    if to.is_dir() or given.to.endswith(
-        "/"
-    ):  # a folder is meant that is not there, as of a stick that is not plugged in
+    # Whoever ends it with a slash means a folder, also where it is not there, as of a stick that is not plugged in.
+    if to.is_dir() or given.to.endswith("/"):
         to /= f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}"
     if not to.parent.is_dir():
         raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")

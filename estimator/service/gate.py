@@ -68,7 +68,7 @@ class Gate:
         except ValueError as error:
             log.error("[devices]: %s; what was enrolled before stays so", error)
             return
-        # as an editor leaves it for a moment, or a disk that is full
+        # As an editor leaves it for a moment, or a disk that is full.
         if places == enrolled.places(self._enrolment.enrolled) != self._places:
             log.error(
                 "[devices]: %s: no device of its own stands in it any more; what was enrolled before stays so",
