@@ -81,8 +81,8 @@ def test_a_newcomer_from_the_ward_page_to_the_verdict(
     keep(page, "certificate")
     assert terminal.wait(60) == 0
     lines = told.read_text(encoding="utf-8")
-    assert "Turn it round once, flat on the table" in lines
-    assert lines.index("Put it at the edge of the table, and let go") < lines.index("Done: it is calibrated")
+    # What was said first a terminal may miss that on a busy machine heard of the device late.
+    assert lines.index("Turn it round once, flat on the table") < lines.index("Done: it is calibrated")
     print(f"from plugging it in to the verdict: {took_s:.0f} s, {lived_s:.0f} s of the device's time")  # noqa: T201
 
 
