@@ -179,7 +179,8 @@ class Service:
         self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
-                device.heard += now - began  # what came meanwhile still waits: our own slowness is nobody's silence
+                # What came meanwhile still waits: our own slowness is nobody's silence. Nobody is heard later than now.
+                device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
             self._every_second(now)
