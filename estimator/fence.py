@@ -8,6 +8,7 @@ which nothing comes is no reason: what a bad line held up may be older.
 """
 
 from dataclasses import dataclass
+from math import inf
 
 #: only older epochs came for so long, s
 FORGET_S = 5.0
@@ -48,7 +49,8 @@ class Turns:
     takes a device over begins no later than where the other had come to.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, forget_s: float = FORGET_S) -> None:
+        self._forget_s = forget_s
         self._turns: list[_Turn] = []  # the latest, by epoch
         self._older_s: float | None = None  # since when only older ones came
 
@@ -57,14 +59,17 @@ class Turns:
         turns = self._turns
         if turns and epoch < turns[-1].epoch:
             self._older_s = now if self._older_s is None else self._older_s
-            if now - self._older_s <= FORGET_S:
-                later = min(turn.first for turn in turns if turn.epoch > epoch)
+            if now - self._older_s <= self._forget_s:
                 self._note(epoch, first)
-                return max(0, min(n, later - first))
+                return round(max(0, min(n, self.until(epoch) - first)))
             turns.clear()
         self._older_s = None
         self._note(epoch, first)
         return n
+
+    def until(self, epoch: int) -> float:
+        """Below which number this turn's samples are taken."""
+        return min((turn.first for turn in self._turns if turn.epoch > epoch), default=inf)
 
     def _note(self, epoch: int, first: int) -> None:
         for turn in self._turns:

@@ -1,6 +1,7 @@
 """Each sample once and in order, by device, boot and sequence number, however often and in whatever order it comes.
 
-What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. Known of a boot
+What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. So is, by who
+waits for long, what a former estimator said of samples that are another's since: if that one never says them. Known of a boot
 are the number it has come to, what is held, and its last few holes: never a set of samples.
 """
 
@@ -12,7 +13,7 @@ from typing import Self
 
 from bridge.wire.messages import CorrectedBatch, SampleFlag
 from bridge.wire.refusal import Tally
-from estimator.fence import Turns
+from estimator.fence import FORGET_S, Turns
 from estimator.revision import SAME_TIME_NS
 
 #: how long a hole is waited for: some batches, so that two publishers may overtake each other
@@ -30,6 +31,11 @@ class OnceKnobs:
     devices: int = 4096  # of more, the one heard longest ago is forgotten
     boots: int = 64  # of each device
     holes: int = 64  # of each boot, and of each device for those who ask
+
+    @property
+    def spares(self) -> bool:
+        """Whether what an estimator said whose device it is no more is kept for as long as holes are waited for."""
+        return self.wait_s >= FORGET_S
 
     @classmethod
     def patient(cls, wait_s: float) -> Self:
@@ -65,7 +71,7 @@ class _Boot:
     reached: int  # after the last of all that came
     last_ns: int
     holes: deque[tuple[int, int]]
-    turns: Turns = field(default_factory=Turns)
+    turns: Turns
     held: list[tuple[CorrectedBatch, float]] = field(default_factory=list)  # by sequence, disjoint; and when each came
     samples: int = 0  # in them
     oldest: float = 0.0  # when the first of them came
@@ -92,15 +98,17 @@ class Once:
         """Take a batch that came at `now` seconds of a clock that does not go back."""
         boot = self._boot(batch)
         owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
-        if owed < len(batch):
-            self._leave_out("outdated", len(batch) - owed)
-            if not owed:
-                return
-            batch = _cut(batch, 0, owed)
+        if 0 < owed < len(batch):
+            self.feed(_cut(batch, 0, owed), now)
+            self.feed(_cut(batch, owed, len(batch)), now)
+            return
+        if not owed and not self.knobs.spares:
+            self._leave_out("outdated", len(batch))
+            return
         which = batch.device, batch.boot
         end = batch.sequence + len(batch)
         boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
-        if batch.sequence == boot.came_to and not boot.held:
+        if owed and batch.sequence == boot.came_to and not boot.held:
             boot.came_to, boot.epoch = end, batch.epoch
             self.ready.append(batch)
             return
@@ -143,8 +151,8 @@ class Once:
         if boot is not None:
             boots[batch.boot] = boot
             return boot
-        begins = 0 if batch.sequence == 0 else None
-        boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes))
+        begins, turns = 0 if batch.sequence == 0 else None, Turns(max(FORGET_S, self.knobs.wait_s))
+        boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes), turns)
         self._forget(batch.device)
         return boot
 
@@ -190,12 +198,15 @@ class Once:
                 start = min(until, end)
             at += 1
 
-    def _in_turn(self, boot: _Boot) -> None:
-        """Give what there is no hole before; of an earlier turn than what was given last only if nobody else says it in time."""
+    def _in_turn(self, boot: _Boot, owed: int = 0) -> None:
+        """Give what there is no hole before; what an earlier turn says of a later one's only if nobody else says it in time.
+
+        So many at the beginning have waited for that.
+        """
         n = 0
         while n < len(boot.held) and boot.held[n][0].sequence == boot.came_to:
             batch = boot.held[n][0]
-            if batch.epoch < boot.epoch:
+            if n >= owed and (batch.epoch < boot.epoch or batch.sequence >= boot.turns.until(batch.epoch)):
                 break
             boot.came_to += len(batch)
             boot.epoch = batch.epoch
@@ -209,7 +220,6 @@ class Once:
     def _give_up_first(self, which: tuple[str, int], boot: _Boot) -> None:
         """Wait no longer for what is missing before the first that is held."""
         first = boot.held[0][0]
-        boot.epoch = first.epoch
         if first.sequence != boot.came_to:
             boot.holes.append((boot.came_to or 0, first.sequence))
         if boot.came_to is not None and first.sequence != boot.came_to:
@@ -220,7 +230,7 @@ class Once:
             missing.latest.append(miss)
             self.ready.append(miss)
         boot.came_to = first.sequence
-        self._in_turn(boot)
+        self._in_turn(boot, 1)
 
     def _give_up(self, which: tuple[str, int], boot: _Boot) -> None:
         while boot.held:

@@ -6,6 +6,7 @@ under a higher epoch: so nothing stops while a device moves, and of two that hav
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from bridge.wire.messages import Holding, Owned
 from estimator.service.epochs import BEYOND, OWN, epoch_after, own_bits
@@ -38,8 +39,18 @@ class ClusterKnobs:
     retry_s: float = 3.0
     retry_most_s: float = 48.0
     calm_s: float = 120.0
+    #: but after so long where who has it does nothing with what comes of it here: its line carries what it says, and it hears
+    #: nothing of the device. Sooner than what came meanwhile is kept no more
+    stands_s: float = 6.0
     #: a device that is being calibrated is left to who does it, for so long; where that one says nothing, for `hangs_most_s`
     busy_s: float = 600.0
+
+
+class _Lost(NamedTuple):
+    """A device that was taken from us: when, and not taken back before."""
+
+    at_s: float
+    until_s: float
 
 
 @dataclass(slots=True)
@@ -66,7 +77,7 @@ class Cluster:
         self._peers = {name: _Peer(now) for name in peers if name != own}
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
-        self._not_before: dict[str, float] = {}
+        self._lost: dict[str, _Lost] = {}
         self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
         self._spared: dict[str, float] = {}
         #: all estimators that are taken for alive, ourselves among them
@@ -80,7 +91,7 @@ class Cluster:
     @property
     def undisputed(self) -> bool:
         """Whether nobody says to have any of them."""
-        return self.alone and not self._not_before
+        return self.alone and not self._lost
 
     def settled(self, now: float) -> bool:
         """Whether it is known who is there."""
@@ -147,14 +158,14 @@ class Cluster:
         self.hear(owned.epoch, *(h.epoch for h in owned.holdings))
         return [h.device for h in owned.holdings if h.epoch > self.held.get(h.device, h.epoch)]
 
-    def wants(self, device: str, now: float) -> bool:
-        """Whether a device that is not ours is to be taken now."""
+    def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
+        """Whether a device that is not ours is to be taken now; what came of it first, and nobody has done, waits for so long."""
         if not self.settled(now) or owner(device, self.members) != self.own:
             return False
-        until = self._not_before.get(device)
-        if until is not None and now < until:
+        lost = self._lost.get(device)
+        if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
             return False
-        self._not_before.pop(device, None)
+        self._lost.pop(device, None)
         return not self._busy(device, now)
 
     def _busy(self, device: str, now: float) -> bool:
@@ -177,7 +188,7 @@ class Cluster:
         """Another has it."""
         self.held.pop(device, None)
         if owner(device, self.members) == self.own:
-            self._not_before[device] = now + self._wait_s(now)
+            self._lost[device] = _Lost(now, now + self._wait_s(now))
 
     def _wait_s(self, now: float) -> float:
         since_s = now - self._robbed_s

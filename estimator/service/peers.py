@@ -200,7 +200,8 @@ class Peers:
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
                 silent.take(known, self._begin(known.device), self._now_ns())
-        wanted = list(islice((device for device in self._standby if self.cluster.wants(device, now)), AT_ONCE))
+        wants, waits_s = self.cluster.wants, self._standby.waits_s
+        wanted = list(islice((d for d in self._standby if wants(d, now, waits_s(d, now))), AT_ONCE))
         for h in self.cluster.claims() if wanted else ():
             if h.device in wanted:  # what came since its owner spoke last may be long past: a bridge's cache
                 self._standby.done(h.device, h.boot, h.next, now, h.epoch)

@@ -92,6 +92,11 @@ class Standby:
             self.dropped += 1
         return len(queue.held) <= 1
 
+    def waits_s(self, device: str, now: float) -> float:
+        """How long the first that is kept of a device, and is not done by who has it, has waited."""
+        queue = self._queues.get(device)
+        return now - queue.held[0].came_s if queue is not None and queue.held else 0.0
+
     def done(self, device: str, boot: int, next_: int, now: float, epoch: int = 0) -> None:
         """Who has a device since this epoch has corrected all of this boot below this number.
 

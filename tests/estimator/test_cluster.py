@@ -212,6 +212,23 @@ def test_who_makes_long_pauses_is_not_taken_for_gone_again_at_the_next() -> None
     assert world.most()[device] == "e1"
 
 
+def test_who_does_nothing_with_what_comes_of_a_device_has_it_no_longer_than_that_is_kept() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    for _ in range(3):
+        world.run(4.2, still="e2")
+        world.run(3.5)
+    world.run(4.2, still="e2")
+    device, two = next(d for d in DEVICES if owner(d, ("e1", "e2")) == "e2"), world.all["e2"]
+    robbed_s = world.now + 0.1
+    world.run(2.0)
+    assert world.most()[device] == "e1"
+    later_s = robbed_s + KNOBS.stands_s
+    assert not two.wants(device, later_s + 0.5, waits_s=0.5), "it is only not to be fought for yet"
+    assert not two.wants(device, later_s - 0.5, waits_s=60.0), "who has it may not have said yet how far it is"
+    assert two.wants(device, later_s + 0.1, waits_s=KNOBS.stands_s)
+
+
 def test_what_is_being_calibrated_stays_where_it_is_until_it_is() -> None:
     world = World("e1")
     world.run(1.0)

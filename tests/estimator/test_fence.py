@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bridge.wire.messages import CorrectedBatch
 from estimator.fence import FORGET_S, Fence, Turns
-from estimator.once import Once, OnceKnobs
+from estimator.once import Miss, Once, OnceKnobs
 from tests.estimator.test_revision import batch
 
 
@@ -125,4 +125,25 @@ def test_what_was_held_of_an_earlier_turn_and_nobody_says_again_is_given_in_the_
     once.overdue(due)
     given = [event for event in once.ready if isinstance(event, CorrectedBatch)]
     assert [(b.sequence, len(b), b.epoch) for b in given][2:] == [(20, 10, 1), (30, 10, 3)]
+    assert (once.missing, once.due()) == ({}, None)
+
+
+def test_who_is_patient_is_given_what_a_former_turn_said_where_the_later_one_never_says_it() -> None:
+    patient = OnceKnobs.patient(40.0)
+    came = [(0, 10, 1), (10, 15, 2), (5, 20, 1), (20, 40, 1), (45, 50, 3)]
+    once = Once(patient)
+    for at, (start, end, epoch) in enumerate(came):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    assert [b.epoch for b in once.ready if isinstance(b, CorrectedBatch)] == [1, 2], "the later one may be under way"
+    once.overdue(39.9)
+    assert len(once.ready) == 2
+    once.overdue(41.0)
+    given = [(b.sequence, len(b), b.epoch) for b in once.ready if isinstance(b, CorrectedBatch)]
+    assert given[2:] == [(15, 5, 1), (20, 20, 1), (45, 5, 3)]
+    assert [(miss.first, miss.count) for miss in once.ready if isinstance(miss, Miss)] == [(40, 5)]
+    once = Once(patient)
+    for at, (start, end, epoch) in enumerate([*came, (15, 45, 2)]):
+        once.feed(replace(batch(start, end - start), epoch=epoch), 0.01 * at)
+    assert [b.epoch for b in once.ready if isinstance(b, CorrectedBatch)] == [1, 2, 2, 3]
+    assert once.left_out.as_dict() == {"repeated": 5 + 5 + 25}
     assert (once.missing, once.due()) == ({}, None)

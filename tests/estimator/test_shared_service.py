@@ -252,6 +252,36 @@ def test_what_nobody_listened_to_is_said_again_where_it_was_not_said_by_who_had_
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
 
 
+def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -> None:
+    """It took it while lines were bad; they carry what it says since, and nothing of what the bridge does."""
+    batches = calibration(seed=1, after=[Still(60.0)]).batches()
+    worn = len(batches) - 800  # calibrated
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:worn])
+    cluster = both.services[SECOND]._peers.cluster
+    cluster.knobs = replace(cluster.knobs, retry_s=30.0)  # as after the third time
+    lines = {}
+    for name in (FIRST, SECOND):
+        peers = both.services[name]._peers
+        peers._heard = lines[name] = Cut(peers._heard)  # type: ignore[assignment]
+    both.send(batches[worn : worn + 600])
+    assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
+    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    for line in lines.values():
+        line.cut = False
+    for at in range(worn + 600, len(batches), 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [SECOND]
+    assert both.services[SECOND]._peers._moves[-1].reason == "shared out anew"
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+
+
 def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.start(FIRST)
     both.start(SECOND)
