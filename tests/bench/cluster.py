@@ -1,7 +1,8 @@
 """Three estimators share 300 devices: what a subscriber notices when one is killed, or hangs and wakes up. `make bench-cluster`.
 
 Router, bridge and estimators are processes of their own. A gap is the longest time between two batches of a device that were
-new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part.
+new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part. What
+came is looked through when all is over: the processors are the ward's.
 
 `--pinned`: as much as one processor can do, by one estimator and by three, all held to it; all else has the others.
 """
@@ -24,13 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from bridge.bus.contract import Message
 from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.columns import Column, Columns
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
-from estimator.client import Client
 from estimator.demo.ward import free_port, listens
+from estimator.once import Once, OnceKnobs
 from estimator.service.ownership import owner
 from tests.bench.load.stream import WARD
 
@@ -39,6 +41,8 @@ RATE_HZ, SAMPLES = 104.0, 5
 #: messages, as fast as they are taken; and when no more come
 BURST, QUIET_S = 30_000, 4.0
 GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
+#: how long a subscriber waits for a hole; and messages that wait for us
+PATIENT_S, ROOM = 10.0, 1 << 18
 _CONFIG = """ward = "{ward}"
 [bus]
 connect = ["{endpoint}"]
@@ -73,9 +77,9 @@ class Cluster:
         bus = stack.enter_context(ZenohBus([self.endpoint]))
         self._heard = bus.subscribe(keys.pattern(WARD, "owned"))
         self.owned: dict[str, Owned] = {}
-        self.client = stack.enter_context(Client([self.endpoint], ward=WARD))
-        self.stream = self.client.corrected(wait_s=10.0)
-        self.came: dict[str, list[tuple[float, CorrectedBatch]]] = {}
+        reader = stack.enter_context(ZenohBus([self.endpoint]))
+        self._corrected = reader.subscribe(keys.pattern(WARD, "corrected"), history=True, capacity=ROOM)
+        self.came: list[tuple[float, list[Message]]] = []
         for name in names:
             self.start(name)
         self.until(lambda: len(self.owned) == len(names), 60.0)
@@ -93,8 +97,8 @@ class Cluster:
             os.sched_setaffinity(process.pid, {self._core})  # its threads, which are still to come, have it from it
 
     def poll(self, wait_s: float = 0.01) -> None:
-        for batch in self.stream.drain(wait_s):
-            self.came.setdefault(batch.device, []).append((time.monotonic(), batch))
+        if messages := self._corrected.drain(ROOM, wait_s):
+            self.came.append((time.monotonic(), messages))
         for message in self._heard.drain(4096, 0.0):
             owned = codec.decode_owned(message.key, message.payload)
             self.owned[owned.estimator] = owned
@@ -130,28 +134,64 @@ class Cluster:
     def shares(self) -> dict[str, int]:
         return {name: len(self.has(name)) for name in NAMES if name in self.owned}
 
+    @property
+    def missed(self) -> int:
+        """Messages that the bus lost, or that found no room."""
+        return self._corrected.missed
+
+    @property
+    def count(self) -> int:
+        """How many messages came."""
+        return sum(len(messages) for _, messages in self.came)
+
+
+class Given:
+    """What a subscriber that waits for so long is given of what came, and when."""
+
+    def __init__(self, came: list[tuple[float, list[Message]]]) -> None:
+        self.once = Once(OnceKnobs.patient(PATIENT_S))
+        self.batches: dict[str, list[tuple[float, CorrectedBatch]]] = {}
+        for at, messages in came:
+            for message in messages:
+                self.once.feed(codec.decode_corrected(message.key, message.payload), at)
+            self.once.overdue(at)
+            self._take(at)
+        self.once.rest()
+        self._take(came[-1][0])
+
+    def _take(self, at: float) -> None:
+        for event in self.once.ready:
+            if isinstance(event, CorrectedBatch):
+                self.batches.setdefault(event.device, []).append((at, event))
+        self.once.ready.clear()
+
+    @property
+    def samples(self) -> int:
+        return sum(len(batch) for batches in self.batches.values() for _, batch in batches)
+
     def gaps(self, devices: set[str], since: float, for_s: float) -> NDArray[np.float64]:
-        """(devices,) the longest silence of each that ends within so long."""
+        """(devices,) the longest silence of each in so long, or that begins in it and ends within a second more."""
         found = []
         for device in sorted(devices):
-            moments = np.array([at for at, _ in self.came[device] if at >= since - 1.0])
-            moments = np.append(moments, time.monotonic())  # what has not come yet is a gap, too
+            moments = np.array([at for at, _ in self.batches[device] if since - 1.0 <= at <= since + for_s + 1.0])
+            moments = np.append(moments, since + for_s + 1.0)  # what has not come by then is a gap, too
             during = (moments[1:] >= since) & (moments[:-1] <= since + for_s)
             found.append(np.diff(moments)[during].max(initial=0.0))
         return np.array(found)
 
-    def moves(self) -> int:
+    def moves(self, since: float) -> int:
         """How often a device went to another estimator, as its corrected samples came."""
         return sum(
             before.epoch != after.epoch
-            for batches in self.came.values()
-            for (_, before), (_, after) in itertools.pairwise(batches)
+            for batches in self.batches.values()
+            for (_, before), (at, after) in itertools.pairwise(batches)
+            if at >= since
         )
 
     def faults(self) -> dict[str, int]:
         """Samples that are not there, that are there twice, and batches of an older epoch after a newer one."""
         lost = twice = older = 0
-        for batches in self.came.values():
+        for batches in self.batches.values():
             for (_, before), (_, after) in itertools.pairwise(batches):
                 step = after.sequence - before.sequence - len(before)
                 lost, twice = lost + max(0, step), twice + max(0, -step)
@@ -189,19 +229,18 @@ def pinned(console: Console, devices: int, rounds: int) -> int:
             seen, quiet_s = 0, 0.0
             while quiet_s < QUIET_S:
                 cluster.listen(0.5)
-                count = sum(map(len, cluster.came.values()))
+                count = cluster.count
                 seen, quiet_s = count, quiet_s + 0.5 if count == seen else 0.0
-            moments = [at for came in cluster.came.values() for at, _ in came]
-            samples = sum(len(batch) for came in cluster.came.values() for _, batch in came)
+            given = Given(cluster.came)
             even = devices / len(names)
             off = max(abs(n - even) / even for n in cluster.shares().values())
             spent_s = sum(_spent_s(process.pid) for process in cluster.processes.values())
-            faults = cluster.faults()
-            lost = BURST // devices * devices * SAMPLES - samples
+            faults = given.faults()
+            lost = BURST // devices * devices * SAMPLES - given.samples
             faulty |= bool(lost or faults["given twice"])
             table.add(
                 str(len(names)),
-                f"{BURST / (max(moments) - min(moments)):,.0f}",
+                f"{BURST / (cluster.came[-1][0] - cluster.came[0][0]):,.0f}",
                 f"{spent_s:.1f}",
                 f"{off:.0%}",
                 f"{lost:,}",
@@ -246,28 +285,20 @@ def main() -> int:
         console.print(f"shares: {cluster.shares()}, {worst:.0%} from even at most (goal 20 %)")
         loads = {name: f"{owned.load:.0%}" for name, owned in cluster.owned.items()}
         console.print(f"processor time: {loads}")
-        at = time.monotonic()
+        began = time.monotonic()
+        every = {h.device for owned in cluster.owned.values() for h in owned.holdings}
+        done: list[tuple[str, float, set[str], float]] = [("nothing", began, set(), 0.0)]
         cluster.listen(STOP_S)
-        usual = cluster.gaps(set(cluster.came), at, 3.0)
-        table.add(
-            "nothing", "", "", "", *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())), ""
-        )
-        had_to, before = 0, cluster.moves()
         for number in range(args.rounds):
             victim = NAMES[number % len(NAMES)]
             for what, goal in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S)):
                 theirs = cluster.has(victim)
-                had_to += 2 * len(theirs)
-                others = set(cluster.came) - theirs
-                at = time.monotonic()
+                done.append((what, time.monotonic(), theirs, goal))
                 process = cluster.processes[victim]
                 process.send_signal(getattr(signal, what))
                 cluster.until(lambda: cluster.left(victim, theirs), 30.0)  # noqa: B023 - done at once
                 cluster.owned.pop(victim)
                 cluster.listen(STOP_S)
-                gaps, usual = cluster.gaps(theirs, at, 3.0), cluster.gaps(others, at, 3.0)
-                words = (np.median(gaps), gaps.max(), np.median(usual), usual.max(), goal)
-                table.add(what, str(len(theirs)), *(f"{1e3 * seconds:.0f} ms" for seconds in words))
                 if what == "SIGSTOP":
                     process.send_signal(signal.SIGCONT)
                 else:
@@ -275,14 +306,23 @@ def main() -> int:
                     cluster.start(victim)
                 cluster.until(cluster.home, 60.0)
                 cluster.listen(2.0)
+        given = Given(cluster.came)
+        for what, at, theirs, goal in done:
+            words = [""] * 3
+            if theirs:
+                gaps = given.gaps(theirs, at, 3.0)
+                words = [str(len(theirs)), *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(gaps), gaps.max()))]
+            usual = given.gaps(every - theirs, at, 3.0)
+            words += [f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())]
+            table.add(what, *words, f"{1e3 * goal:.0f} ms" if goal else "")
         console.print(table)
-        console.print(f"devices went to another estimator {cluster.moves() - before} times; had to {had_to} times")
+        had_to = 2 * sum(len(theirs) for _, _, theirs, _ in done)
+        console.print(f"devices went to another estimator {given.moves(began)} times; had to {had_to} times")
         console.print(
-            f"{sum(len(b) for came in cluster.came.values() for _, b in came):,} samples given; {cluster.faults()}; "
-            f"left out as repeated {cluster.stream.repeated:,}, as outdated {cluster.stream.outdated:,}; "
-            f"missing {sum(m.samples for m in cluster.stream.missing.values())}, refused {cluster.stream.refused}"
+            f"{given.samples:,} samples given; {given.faults()}; left out {given.once.left_out.as_dict()}; "
+            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {cluster.missed}"
         )
-        return int(any(cluster.faults().values()))
+        return int(any(given.faults().values()))
 
 
 if __name__ == "__main__":
