@@ -55,7 +55,8 @@ class Peers:
         self.replicas = Replicas(MAX_DEVICES)
         self._buses, self._now_ns, self._counts = (data, control), now_ns, counts
         self._standby, self._ours = Standby(MAX_DEVICES), Standby(MAX_DEVICES)
-        self._company = bool(self.cluster.members[1:])  # whether there ever was another
+        #: whether there ever was another
+        self.company = bool(self.cluster.members[1:])
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_WAITING)
         self._owned = Door[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
@@ -170,7 +171,7 @@ class Peers:
     def sift(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
         """Of samples that came, those of our devices; the others are kept for a while."""
         cluster = self.cluster
-        if not self._company:
+        if not self.company:
             return messages
         ours: list[Message] = []
         for message in messages:
@@ -248,7 +249,7 @@ class Peers:
             self._counts.add(f"tokens refused, {refusal.reason}")
             return
         self.cluster.change(name, now, alive=alive)
-        self._company |= alive and name != self.cluster.own
+        self.company |= alive and name != self.cluster.own
 
     # ---- what is said of ours ---------------------------------------------------------------------------------------
 

@@ -244,7 +244,7 @@ class Service:
         """With the bridge that another estimator heard it from, and from the first sample there is."""
         if known := self._peers.replicas.bridge(device.name):
             device.source.owns(known, now)
-        if not self._peers.cluster.undisputed:
+        if self._peers.company:
             device.overtaken = Overtaken(batch.sequence)
 
     # ---- what comes in --------------------------------------------------------------------------------------------

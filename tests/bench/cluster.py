@@ -306,6 +306,7 @@ def main() -> int:
                     cluster.start(victim)
                 cluster.until(cluster.home, 60.0)
                 cluster.listen(2.0)
+        missed = cluster.missed  # of what comes from now on nothing is taken
         given = Given(cluster.came)
         for what, at, theirs, goal in done:
             words = [""] * 3
@@ -320,7 +321,7 @@ def main() -> int:
         console.print(f"devices went to another estimator {given.moves(began)} times; had to {had_to} times")
         console.print(
             f"{given.samples:,} samples given; {given.faults()}; left out {given.once.left_out.as_dict()}; "
-            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {cluster.missed}"
+            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {missed}"
         )
         return int(any(given.faults().values()))
 

@@ -185,6 +185,22 @@ def test_rates_of_a_device_that_is_taken_over_come_before_what_is_said_of_it(
     assert both.client.statuses(0.1)[NAME].epoch == max(epochs)
 
 
+def test_of_two_the_one_that_is_left_goes_on_at_once(both: Both) -> None:
+    """Alone it waited for what came before the first that it had kept: a tenth of a second, of every device."""
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:-2])
+    both.stream.drain()
+    both.kill(SECOND)
+    for batch in batches[-2:]:
+        both._raw.put(codec.encode_samples(batch))
+        both.services[FIRST].step(0.0)
+    assert both.has() == [FIRST]
+    assert numbers(both.stream.drain())[-1][1] == sum(map(len, batches)) - 1
+
+
 def test_who_starts_takes_nothing_before_it_has_what_bridges_kept(both: Both) -> None:
     """Taken with the first of it, all of fifteen seconds was corrected and said again."""
     batches = calibration(seed=1, after=[Still(30.0)]).batches()
