@@ -3,7 +3,7 @@
 import argparse
 import json
 import time
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -126,7 +126,7 @@ def _history(given: argparse.Namespace) -> int:
         from estimator import figures  # noqa: PLC0415
 
         given.plot.parent.mkdir(parents=True, exist_ok=True)
-        figures.history(found, given.plot)
+        figures.history(found, given.plot, datetime.now().astimezone().tzinfo or UTC)
         if not given.json:
             print(f"drawn in {given.plot}")
     return 0

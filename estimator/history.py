@@ -70,7 +70,7 @@ def devices(store: Store) -> list[str]:
 
 
 def since(text: str, now: datetime) -> datetime:
-    """`7d`, `12h`, `30m` before now, or a date with or without a time, of now's zone; ValueError says what is taken."""
+    """`7d`, `12h`, `30m` before now, or a date with or without a time, as clocks here show it then; ValueError says what is taken."""
     if match := _SPAN.match(text.strip()):
         try:
             return now - timedelta(seconds=float(match[1]) * _SECONDS[match[2]])
@@ -80,7 +80,7 @@ def since(text: str, now: datetime) -> datetime:
         found = datetime.fromisoformat(text.strip())
     except ValueError:
         raise ValueError(f"{text!r} is no time: 7d, 12h, 30m, 2026-03-01 or 2026-03-01T14:30 are taken") from None
-    return found if found.tzinfo else found.replace(tzinfo=now.tzinfo)
+    return found if found.tzinfo else found.astimezone()  # in summer another offset than in winter
 
 
 def _biases(boot: str, rows: list[Row]) -> Biases:

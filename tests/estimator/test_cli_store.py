@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -145,12 +146,17 @@ def test_history_of_nothing_says_what_there_is(
     [
         ("7d", "2026-03-01T12:00:00+00:00"),
         ("1.5h", "2026-03-08T10:30:00+00:00"),
-        ("2026-03-01", "2026-03-01T00:00:00+00:00"),
+        ("2026-03-01", "2026-03-01T00:00:00+01:00"),
+        ("2026-07-01", "2026-07-01T00:00:00+02:00"),
         ("2026-03-01T14:30+02:00", "2026-03-01T14:30:00+02:00"),
     ],
 )
-def test_since(text: str, when: str) -> None:
-    assert since(text, NOW).isoformat() == when
+def test_since(text: str, when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as there:
+        there.setenv("TZ", "Europe/Berlin")
+        time.tzset()
+        assert since(text, NOW).isoformat() == when
+    time.tzset()
 
 
 @pytest.mark.parametrize("text", ["", "7", "d", "-1d", "2026-13-01", "99999999999w"])
