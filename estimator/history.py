@@ -70,7 +70,7 @@ def devices(store: Store) -> list[str]:
 
 
 def since(text: str, now: datetime) -> datetime:
-    """`7d`, `12h`, `30m` before now, or a date with or without a time, as clocks here show it then; ValueError says what is taken."""
+    """`7d`, `12h`, `30m` before now, or a date with or without a time, by clocks here; ValueError says what is taken."""
     if match := _SPAN.match(text.strip()):
         try:
             return now - timedelta(seconds=float(match[1]) * _SECONDS[match[2]])
