@@ -69,7 +69,7 @@ Event = CorrectedBatch | Miss
 class _Boot:
     came_to: int | None  # all before it was given or given up; None while nothing was
     reached: int  # after the last of all that came
-    last_ns: int
+    latest: CorrectedBatch
     holes: deque[tuple[int, int]]
     turns: Turns
     held: list[tuple[CorrectedBatch, float]] = field(default_factory=list)  # by sequence, disjoint; and when each came
@@ -107,7 +107,9 @@ class Once:
             return
         which = batch.device, batch.boot
         end = batch.sequence + len(batch)
-        boot.reached, boot.last_ns = max(boot.reached, end), max(boot.last_ns, batch.start_time_ns)
+        boot.reached = max(boot.reached, end)
+        if batch.start_time_ns > boot.latest.start_time_ns:
+            boot.latest = batch
         if owed and batch.sequence == boot.came_to and not boot.held:
             boot.came_to, boot.epoch = end, batch.epoch
             self.ready.append(batch)
@@ -144,7 +146,7 @@ class Once:
         boots = self._devices[batch.device] = {} if boots is None else boots  # heard last: at the end
         boot = boots.pop(batch.boot, None)
         end = batch.sequence + len(batch)
-        if boot is not None and end <= boot.reached and batch.start_time_ns > boot.last_ns + SAME_TIME_NS:
+        if boot is not None and end <= boot.reached and batch.start_time_ns > _ends_ns(boot.latest) + SAME_TIME_NS:
             # Low numbers at a later time are no repeats: the device was started anew under the same boot number.
             self._give_up(which, boot)
             boot = None
@@ -152,7 +154,7 @@ class Once:
             boots[batch.boot] = boot
             return boot
         begins, turns = 0 if batch.sequence == 0 else None, Turns(max(FORGET_S, self.knobs.wait_s))
-        boot = boots[batch.boot] = _Boot(begins, end, batch.start_time_ns, deque(maxlen=self.knobs.holes), turns)
+        boot = boots[batch.boot] = _Boot(begins, end, batch, deque(maxlen=self.knobs.holes), turns)
         self._forget(batch.device)
         return boot
 
@@ -263,6 +265,11 @@ class Once:
 
 def _span(batch: CorrectedBatch) -> tuple[int, int]:
     return batch.sequence, batch.sequence + len(batch)
+
+
+def _ends_ns(batch: CorrectedBatch) -> int:
+    lasts_s = (int(batch.ticks[-1]) - int(batch.ticks[0])) * batch.tick_period_s * batch.clock_rate
+    return batch.start_time_ns + round(lasts_s * 1e9)
 
 
 def _cut(batch: CorrectedBatch, start: int, end: int) -> CorrectedBatch:

@@ -1,6 +1,10 @@
 """Nothing of an older epoch after a newer one, and nobody is shut out for ever."""
 
+import random
 from dataclasses import replace
+from itertools import pairwise
+
+import pytest
 
 from bridge.wire.messages import CorrectedBatch
 from estimator.fence import FORGET_S, Fence, Turns
@@ -147,3 +151,31 @@ def test_who_is_patient_is_given_what_a_former_turn_said_where_the_later_one_nev
     assert [b.epoch for b in once.ready if isinstance(b, CorrectedBatch)] == [1, 2, 2, 3]
     assert once.left_out.as_dict() == {"repeated": 5 + 5 + 25}
     assert (once.missing, once.due()) == ({}, None)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_turns_that_overlap_come_out_once_in_order_and_whole(*, whole: bool) -> None:
+    """Some estimators after each other, each for a while beside the next; what each says comes in order, theirs anyhow."""
+    for seed in range(200):
+        chance = random.Random(seed)
+        turns, said, begins = [list[CorrectedBatch]() for _ in range(chance.randint(1, 4))], set[int](), 0
+        for epoch, turn in enumerate(turns, 1):
+            ends = 400 if epoch == len(turns) else min(400, begins + chance.randint(20, 300))
+            silent = range(0) if whole else range(at := chance.randrange(begins, ends), at + chance.randint(0, 60))
+            at = begins
+            while at < ends:
+                n = min(ends - at, chance.randint(1, 15))
+                if at not in silent:
+                    turn.append(batch(at, n, epoch=epoch))
+                    said |= set(range(at, at + n))
+                at += n
+            begins = max(0, ends - chance.randint(0, 120))
+        once, now = Once(OnceKnobs.patient(40.0)), 0.0
+        while left := [turn for turn in turns if turn]:
+            now += chance.choice((0.001, 0.01, 0.05))
+            once.feed(chance.choice(left).pop(0), now)
+        once.overdue(now + 40.0)
+        given = [event for event in once.ready if isinstance(event, CorrectedBatch)]
+        assert [b.sequence + i for b in given for i in range(len(b))] == sorted(said), seed
+        if whole:
+            assert all(before.epoch <= after.epoch for before, after in pairwise(given)), seed

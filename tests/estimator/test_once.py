@@ -137,6 +137,12 @@ def test_a_device_started_anew_under_its_boot_number_begins_again() -> None:
     assert said(once) == [("d", 0, 4), ("-", 5, 8), ("d", 9, 11), ("d", 0, 4)]
 
 
+def test_a_part_of_a_batch_of_a_slow_device_that_comes_again_is_no_new_begin() -> None:
+    once = fed((0, 5), (5, 35), (30, 35))  # ten samples a second
+    assert said(once) == [("d", 0, 4), ("d", 5, 34)]
+    assert once.left_out.as_dict() == {"repeated": 5}
+
+
 def test_of_too_many_boots_and_devices_the_oldest_are_forgotten() -> None:
     once = Once(KNOBS)
 
