@@ -8,7 +8,6 @@ which nothing comes is no reason: what a bad line held up may be older.
 """
 
 from dataclasses import dataclass
-from math import inf
 
 #: only older epochs came for so long, s
 FORGET_S = 5.0
@@ -60,16 +59,13 @@ class Turns:
         if turns and epoch < turns[-1].epoch:
             self._older_s = now if self._older_s is None else self._older_s
             if now - self._older_s <= self._forget_s:
+                later = min(turn.first for turn in turns if turn.epoch > epoch)
                 self._note(epoch, first)
-                return round(max(0, min(n, self.until(epoch) - first)))
+                return max(0, min(n, later - first))
             turns.clear()
         self._older_s = None
         self._note(epoch, first)
         return n
-
-    def until(self, epoch: int) -> float:
-        """Below which number this turn's samples are taken."""
-        return min((turn.first for turn in self._turns if turn.epoch > epoch), default=inf)
 
     def _note(self, epoch: int, first: int) -> None:
         for turn in self._turns:

@@ -1,7 +1,6 @@
 """Each sample once and in order, by device, boot and sequence number, however often and in whatever order it comes.
 
-What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. So is, by who
-waits for long, what a former estimator said of samples that are another's since: if that one never says them. Known of a boot
+What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. Known of a boot
 are the number it has come to, what is held, and its last few holes: never a set of samples.
 """
 
@@ -33,9 +32,9 @@ class OnceKnobs:
     holes: int = 64  # of each boot, and of each device for those who ask
 
     @property
-    def spares(self) -> bool:
-        """Whether what an estimator said whose device it is no more is kept for as long as holes are waited for."""
-        return self.wait_s >= FORGET_S
+    def forget_s(self) -> float:
+        """How long only earlier turns may come before the latest is forgotten: it may be taken up again, and the patient wait."""
+        return min(max(FORGET_S, self.wait_s), 2 * FORGET_S)
 
     @classmethod
     def patient(cls, wait_s: float) -> Self:
@@ -98,19 +97,17 @@ class Once:
         """Take a batch that came at `now` seconds of a clock that does not go back."""
         boot = self._boot(batch)
         owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
-        if 0 < owed < len(batch):
-            self.feed(_cut(batch, 0, owed), now)
-            self.feed(_cut(batch, owed, len(batch)), now)
-            return
-        if not owed and not self.knobs.spares:
-            self._leave_out("outdated", len(batch))
-            return
+        if owed < len(batch):
+            self._leave_out("outdated", len(batch) - owed)
+            if not owed:
+                return
+            batch = _cut(batch, 0, owed)
         which = batch.device, batch.boot
         end = batch.sequence + len(batch)
         boot.reached = max(boot.reached, end)
         if batch.start_time_ns > boot.latest.start_time_ns:
             boot.latest = batch
-        if owed and batch.sequence == boot.came_to and not boot.held:
+        if batch.sequence == boot.came_to and not boot.held:
             boot.came_to, boot.epoch = end, batch.epoch
             self.ready.append(batch)
             return
@@ -153,7 +150,7 @@ class Once:
         if boot is not None:
             boots[batch.boot] = boot
             return boot
-        begins, turns = 0 if batch.sequence == 0 else None, Turns(max(FORGET_S, self.knobs.wait_s))
+        begins, turns = 0 if batch.sequence == 0 else None, Turns(self.knobs.forget_s)
         boot = boots[batch.boot] = _Boot(begins, end, batch, deque(maxlen=self.knobs.holes), turns)
         self._forget(batch.device)
         return boot
@@ -200,15 +197,12 @@ class Once:
                 start = min(until, end)
             at += 1
 
-    def _in_turn(self, boot: _Boot, owed: int = 0) -> None:
-        """Give what there is no hole before; what an earlier turn says of a later one's only if nobody else says it in time.
-
-        So many at the beginning have waited for that.
-        """
+    def _in_turn(self, boot: _Boot) -> None:
+        """Give what there is no hole before; of an earlier turn than what was given last only if nobody else says it in time."""
         n = 0
         while n < len(boot.held) and boot.held[n][0].sequence == boot.came_to:
             batch = boot.held[n][0]
-            if n >= owed and (batch.epoch < boot.epoch or batch.sequence >= boot.turns.until(batch.epoch)):
+            if batch.epoch < boot.epoch:
                 break
             boot.came_to += len(batch)
             boot.epoch = batch.epoch
@@ -222,6 +216,7 @@ class Once:
     def _give_up_first(self, which: tuple[str, int], boot: _Boot) -> None:
         """Wait no longer for what is missing before the first that is held."""
         first = boot.held[0][0]
+        boot.epoch = first.epoch
         if first.sequence != boot.came_to:
             boot.holes.append((boot.came_to or 0, first.sequence))
         if boot.came_to is not None and first.sequence != boot.came_to:
@@ -232,7 +227,7 @@ class Once:
             missing.latest.append(miss)
             self.ready.append(miss)
         boot.came_to = first.sequence
-        self._in_turn(boot, 1)
+        self._in_turn(boot)
 
     def _give_up(self, which: tuple[str, int], boot: _Boot) -> None:
         while boot.held:
