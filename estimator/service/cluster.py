@@ -34,6 +34,8 @@ class ClusterKnobs:
     hangs_s: float = 1.1
     pauses: float = 3.0
     hangs_most_s: float = 2.5
+    #: as long of one that was not there before, for so long: on a busy machine loading still keeps it from speaking
+    fresh_s: float = 8.0
     #: a device that another has under a higher epoch, and that we think is ours, is not taken before; twice as long each time
     #: that ours are taken again, until it has been calm: over a bad line they would go to and fro
     retry_s: float = 3.0
@@ -56,6 +58,7 @@ class _Lost(NamedTuple):
 @dataclass(slots=True)
 class _Peer:
     heard_s: float
+    since_s: float
     alive: bool = True
     pause_s: float = 0.0
     parts: dict[int, tuple[Holding, ...]] = field(default_factory=dict)
@@ -74,7 +77,7 @@ class Cluster:
         #: the highest epoch that was heard of, or used
         self.highest = 0
         self._turn = 0
-        self._peers = {name: _Peer(now) for name in peers if name != own}
+        self._peers = {name: _Peer(now, now) for name in peers if name != own}
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
         self._lost: dict[str, _Lost] = {}
@@ -103,7 +106,9 @@ class Cluster:
             return
         if alive and name not in self._peers and len(self._peers) >= MAX_PEERS:
             return
-        peer = self._peers.setdefault(name, _Peer(now))
+        peer = self._peers.setdefault(name, _Peer(now, now))
+        if alive and not peer.alive:
+            peer.since_s = now
         peer.alive, peer.heard_s = alive, now
 
     def unreachable(self, now: float) -> None:
@@ -124,7 +129,7 @@ class Cluster:
         """Who has come, and who is gone, since the last look."""
         there = {self.own}
         for name, peer in list(self._peers.items()):
-            if peer.alive and now - peer.heard_s <= self._patience_s(peer):
+            if peer.alive and now - peer.heard_s <= self._patience_s(peer, now):
                 there.add(name)
             elif self.settled(now) and not peer.alive:
                 del self._peers[name]
@@ -136,7 +141,9 @@ class Cluster:
         self.members = tuple(sorted(there))
         return sorted(there - before), sorted(before - there)
 
-    def _patience_s(self, peer: _Peer) -> float:
+    def _patience_s(self, peer: _Peer, now: float) -> float:
+        if now - peer.since_s < self.knobs.fresh_s:
+            return self.knobs.hangs_most_s
         return min(max(self.knobs.hangs_s, self.knobs.pauses * peer.pause_s), self.knobs.hangs_most_s)
 
     def hear(self, *epochs: int) -> None:

@@ -33,6 +33,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
 from estimator.demo.ward import free_port, listens
 from estimator.once import Once, OnceKnobs
+from estimator.service.cluster import ClusterKnobs
 from estimator.service.ownership import owner
 from tests.bench.load.stream import WARD
 
@@ -43,6 +44,8 @@ BURST, QUIET_S = 30_000, 4.0
 GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
 #: how long a subscriber waits for a hole; and messages that wait for us
 PATIENT_S, ROOM = 10.0, 1 << 18
+#: who has just come is given longer before it is taken for hanging
+FRESH_S = ClusterKnobs().fresh_s
 _CONFIG = """ward = "{ward}"
 [bus]
 connect = ["{endpoint}"]
@@ -277,7 +280,7 @@ def main() -> int:
         ]
     )
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        cluster = Cluster(Path(folder), stack, args.devices, ("paced", str(40.0 * args.rounds + 60.0)))
+        cluster = Cluster(Path(folder), stack, args.devices, ("paced", str(55.0 * args.rounds + 60.0)))
         cluster.until(lambda: sum(cluster.shares().values()) == args.devices and cluster.home(), 60.0)
         cluster.listen(3.0)
         even = args.devices / len(NAMES)
@@ -305,7 +308,7 @@ def main() -> int:
                     process.wait()
                     cluster.start(victim)
                 cluster.until(cluster.home, 60.0)
-                cluster.listen(2.0)
+                cluster.listen(FRESH_S)
         missed = cluster.missed  # of what comes from now on nothing is taken
         given = Given(cluster.came)
         for what, at, theirs, goal in done:

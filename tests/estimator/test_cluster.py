@@ -10,6 +10,7 @@ KNOBS = ClusterKnobs(
     return_s=1.0,
     hangs_s=2.5,
     hangs_most_s=4.0,
+    fresh_s=0.0,
     retry_s=3.0,
     retry_most_s=12.0,
     calm_s=30.0,
@@ -195,6 +196,25 @@ def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_cal
     assert world.most()[device] == "e1"
     world.run(KNOBS.retry_s + 0.3)
     world.assert_shared()
+
+
+def test_who_has_just_come_is_given_longer_to_speak() -> None:
+    knobs = ClusterKnobs(settle_s=0.0, fresh_s=8.0)
+    one = Cluster("e1", [], 0.0, knobs)
+    one.change("e2", 0.0, alive=True)
+    assert one.look(0.1) == (["e2"], [])
+    assert one.look(2.4) == ([], []), "it may load what it needs"
+    assert one.look(2.6) == ([], ["e2"])
+    one.said(Owned("e2", 0, 0, 0.0, ()), 7.0)
+    assert one.look(7.1) == (["e2"], [])
+    one.said(Owned("e2", 0, 0, 0.0, ()), 7.2)
+    for now in range(40):
+        one.said(Owned("e2", 0, 0, 0.0, ()), 7.2 + now / 5)
+    assert one.look(16.0 + knobs.hangs_most_s) == ([], ["e2"])
+    one.change("e2", 20.0, alive=False)
+    one.change("e2", 21.0, alive=True)
+    assert one.look(21.1) == (["e2"], [])
+    assert one.look(21.0 + knobs.hangs_s + 0.5) == ([], []), "it was started anew"
 
 
 def test_who_makes_long_pauses_is_not_taken_for_gone_again_at_the_next() -> None:

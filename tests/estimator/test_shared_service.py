@@ -339,7 +339,7 @@ def test_who_hears_nothing_at_all_takes_nobody_for_gone(both: Both) -> None:
     batches = calibration(seed=1).batches()
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(9.0)  # neither has just come
     both.send(batches[:40])
     assert both.has() == [SECOND]
     both.pass_(5.0, still=SECOND)
