@@ -48,6 +48,12 @@ class Table:
             yield self._due.popleft() if self._due else _LIES
 
 
+_STEP = "document.querySelector('.guide').dataset.step"
+#: what the page says of turns that are over
+_TOLD = """() => [...document.querySelectorAll('#turns [data-mark]')].map(turn => turn.dataset.mark).join()
+    + document.querySelector('#wrong').textContent"""
+
+
 class Hand:
     """What a person does who looks at the guide's page. reads_ms: to take in what is new before doing anything."""
 
@@ -75,9 +81,11 @@ class Hand:
                 return
             self.reads()
             shown = self._page.locator("#pictures > :visible").get_attribute("data-picture") or ""
+            before = self._page.evaluate(_TOLD)
             self._table.turn(_SHOWN[shown], 180.0 if shown == half else 360.0)
             half = "" if shown == half else half
-            self.wait_for(("turning",))
+            # A quick turn may be over before a page that has much to do shows that it is made.
+            self._page.wait_for_function(f"before => {_STEP} === 'turning' || ({_TOLD})() !== before", arg=before)
 
     def wait_for(self, steps: tuple[str, ...]) -> str:
         """The step the page is at, as soon as it is one of these."""
