@@ -91,6 +91,14 @@ class Both:
         """As another estimator would."""
         self._kept.put(codec.encode_checkpoint(checkpoint))
 
+    def part(self) -> list["Cut"]:
+        """What keeps either from hearing what the other has, until it is not cut any more."""
+        lines = []
+        for service in self.services.values():
+            service._peers._heard = line = Cut(service._peers._heard)  # type: ignore[assignment]
+            lines.append(line)
+        return lines
+
     def has(self) -> list[str]:
         return [name for name, service in self.services.items() if NAME in service._devices]
 
@@ -247,15 +255,12 @@ def test_what_nobody_listened_to_is_said_again_where_it_was_not_said_by_who_had_
     both.pass_(1.2)
     both.send(batches[:worn])
     assert both.has() == [SECOND]
-    lines = {}
-    for name in (FIRST, SECOND):
-        peers = both.services[name]._peers
-        peers._heard = lines[name] = Cut(peers._heard)  # type: ignore[assignment]
+    lines = both.part()
     both.send(batches[worn : worn + 600])
     assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
     both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
     both.send(batches[worn + 600 : worn + 700])  # SECOND says them; who has heard FIRST does not listen
-    for line in lines.values():
+    for line in lines:
         line.cut = False
     both.send(batches[worn + 700 :])
     both.pass_(4.0)
@@ -278,14 +283,11 @@ def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -
     both.send(batches[:worn])
     cluster = both.services[SECOND]._peers.cluster
     cluster.knobs = replace(cluster.knobs, retry_s=30.0)  # as after the third time
-    lines = {}
-    for name in (FIRST, SECOND):
-        peers = both.services[name]._peers
-        peers._heard = lines[name] = Cut(peers._heard)  # type: ignore[assignment]
+    lines = both.part()
     both.send(batches[worn : worn + 600])
     assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
     both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
-    for line in lines.values():
+    for line in lines:
         line.cut = False
     for at in range(worn + 600, len(batches), 2):
         both.send(batches[at : at + 2])
