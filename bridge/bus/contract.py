@@ -43,6 +43,9 @@ class Subscription(Protocol):
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
 
+    def wake(self) -> None:
+        """Who waits in `drain` or `receive`, or would the next time, goes on: there is something else to be seen to."""
+
     @property
     def missed(self) -> int:
         """Messages known to be lost: reported by the bus, or dropped because this queue was full."""

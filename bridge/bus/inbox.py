@@ -25,7 +25,7 @@ class Inbox:
         self._ready = threading.Condition()
         self._missed: Counter[str] = Counter()
         self._overflowed = 0
-        self._closed = False
+        self._closed = self._woken = False
         #: when messages came, and how many had come by then; how many have left
         self._came: deque[tuple[float, int]] = deque()
         self._in = self._out = 0
@@ -90,12 +90,19 @@ class Inbox:
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """Wait up to timeout_s for a first message, then take up to limit without waiting."""
         with self._ready:
-            self._ready.wait_for(lambda: self._messages or self._closed, max(0.0, timeout_s))
+            self._ready.wait_for(lambda: self._messages or self._closed or self._woken, max(0.0, timeout_s))
+            self._woken = False
             taken = min(limit, len(self._messages))
             self._out += taken
             self._past = max(0, self._past - taken)
             self._forget()
             return [self._messages.popleft() for _ in range(taken)]
+
+    def wake(self) -> None:
+        """A reader that waits, or the next one that would, goes on with nothing."""
+        with self._ready:
+            self._woken = True
+            self._ready.notify_all()
 
     def _forget(self) -> None:
         while self._came and self._came[0][1] <= self._out:
@@ -125,6 +132,10 @@ class Reading:
     def drain(self, limit: int, timeout_s: float) -> list[Message]:
         """See contract.Subscription."""
         return self._inbox.drain(limit, timeout_s)
+
+    def wake(self) -> None:
+        """See contract.Subscription."""
+        self._inbox.wake()
 
     @property
     def missed(self) -> int:

@@ -40,6 +40,10 @@ class Together:
         """See contract.Subscription."""
         return self._inbox.drain(limit, timeout_s)
 
+    def wake(self) -> None:
+        """See contract.Subscription."""
+        self._inbox.wake()
+
     @property
     def missed(self) -> int:
         """See contract.Subscription."""

@@ -58,6 +58,8 @@ class Peers:
         #: whether there ever was another
         self.company = bool(self.cluster.members[1:])
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_WAITING)
+        #: called on a thread of the bus when an estimator has come or is gone
+        self.on_token: Callable[[], None] = lambda: None
         self._owned = Door[Owned]("ownership", codec.decode_owned)
         self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
         self._own = keys.build(ward, "owned", estimator=own)
@@ -82,6 +84,11 @@ class Peers:
         """Listen no more."""
         for thing in (self._watch, self._heard, self._kept, self._said):
             thing.close()
+
+    @property
+    def pressing(self) -> bool:
+        """Whether there are more devices to be taken over at once."""
+        return self._more
 
     def refused(self) -> dict[str, int]:
         """What was not understood or had no room, counted."""
@@ -241,6 +248,7 @@ class Peers:
 
     def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
         self._tokens.append((key, alive))
+        self.on_token()
 
     def _changed(self, key: str, alive: bool, now: float) -> None:  # noqa: FBT001
         try:

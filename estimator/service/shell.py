@@ -109,7 +109,7 @@ class Service:
         self._notices = Notices(data, ward, self._gate)
         self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, time.monotonic())
         self._turns = Turns(self._lane.take, self._flooded)
-        self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._turns.pressing)
+        self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
         self._next_status = 0.0
@@ -118,6 +118,7 @@ class Service:
         self._raw = data.subscribe(
             keys.pattern(ward, "raw"), history=True, all_past=False, most_past=PAST_IN_COMPANY if peers else None
         )
+        self._peers.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
         self._declared = [
@@ -160,7 +161,7 @@ class Service:
     def step(self, timeout_s: float) -> int:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         waits = time.monotonic()
-        hurry = self._turns.pressing or self._quiet
+        hurry = self._pressing or self._quiet
         messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._overload.idle(began - waits)
@@ -188,6 +189,11 @@ class Service:
         self._quiet.work()
         return len(messages) + self._turns.waiting
 
+    @property
+    def _pressing(self) -> bool:
+        """Whether there are samples to be seen to even if none come."""
+        return self._turns.pressing or self._peers.pressing
+
     # ---- several estimators ---------------------------------------------------------------------------------------
 
     def _ours(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
@@ -196,12 +202,14 @@ class Service:
             self._give_away(lost, now)
         for calibration in self._peers.calibrated():
             self._adopt(calibration)
+        ours = self._peers.sift(messages, now)
         queues = self._peers.taken_over(self._devices, self._silent, now)
         if not queues:
-            return self._peers.sift(messages, now)
-        # The first of each device comes first: then the others are known to the fast lane.
+            return ours
+        self._turns.round(ours)  # to take over takes long
+        # The first of each device that comes first: then the others are known to the fast lane.
         self._turns.round([queue[0] for queue in queues if queue])
-        return [*(message for queue in queues for message in queue[1:]), *self._peers.sift(messages, now)]
+        return [message for queue in queues for message in queue[1:]]
 
     def _give_away(self, names: list[str], now: float) -> None:
         """Devices that another estimator has: it goes on from where we were."""

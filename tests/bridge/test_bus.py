@@ -677,6 +677,19 @@ def test_an_outage_does_not_close_a_subscription(world: World, a: Bus) -> None:
     assert not subscription.closed
 
 
+def test_a_reader_waiting_is_woken_once_and_misses_nothing(a: Bus) -> None:
+    publisher, subscription = a.publisher("t/woken"), a.subscribe("t/woken")
+    meet(publisher, subscription)
+    began = time.monotonic()
+    threading.Timer(0.1, subscription.wake).start()
+    assert not subscription.drain(5, 20.0)
+    subscription.wake()  # before it waits
+    assert not subscription.drain(5, 20.0)
+    assert time.monotonic() - began < 10.0
+    publisher.put(b"7")
+    assert numbers(subscription.drain(5, 20.0)) == [7]
+
+
 def test_a_reader_waiting_is_woken_by_close(a: Bus) -> None:
     subscription = a.subscribe("t/wait")
     threading.Timer(0.1, subscription.close).start()

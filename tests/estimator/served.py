@@ -60,6 +60,9 @@ class Before:
         drained, self.messages = self.messages[:limit], self.messages[limit:]
         return drained
 
+    def wake(self) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

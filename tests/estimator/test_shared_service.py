@@ -209,6 +209,42 @@ def test_of_two_the_one_that_is_left_goes_on_at_once(both: Both) -> None:
     assert numbers(both.stream.drain())[-1][1] == sum(map(len, batches)) - 1
 
 
+def test_who_is_gone_is_noticed_although_no_sample_comes(both: Both) -> None:
+    """Who waited for the next sample, of batches of 50 ms, began to take over with that."""
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(calibration(seed=1).batches())
+    assert both.has() == [SECOND]
+    both.kill(SECOND)
+    began = time.monotonic()
+    both.services[FIRST].step(60.0)
+    assert time.monotonic() - began < 30.0
+    assert both.has() == [FIRST]
+
+
+def test_what_an_estimator_has_does_not_wait_for_what_it_takes_over(both: Both) -> None:
+    own = next(name for n in range(100) if owner(name := f"wrist-{n}", (FIRST, SECOND)) == FIRST)
+    raw = MemoryBus(both.broker).publisher(keys.build(WARD, "raw", bridge="bridge", device=own), cache=500)
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    for batch in batches[:200]:
+        raw.put(codec.encode_samples(replace(batch, device=own)))
+    both.send(batches[:200])
+    assert both.has() == [SECOND]
+    heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
+    both.kill(SECOND)
+    both._raw.put(codec.encode_samples(batches[200]))
+    raw.put(codec.encode_samples(replace(batches[200], device=own)))
+    both.services[FIRST].step(0.0)
+    said = [keys.parse(message.key).device for message in heard.drain(1000, 0.0)]
+    assert said[0] == own
+    assert said.count(own) == 1
+    assert said.count(NAME) > 1
+
+
 def test_who_starts_takes_nothing_before_it_has_what_bridges_kept(both: Both) -> None:
     """Taken with the first of it, all of fifteen seconds was corrected and said again."""
     batches = calibration(seed=1, after=[Still(30.0)]).batches()
