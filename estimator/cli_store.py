@@ -37,7 +37,7 @@ examples:
 _ROWS = {
     "calibrations": ("calibration", ""),
     "boots": ("boot", ""),
-    "bias": ("latest bias", "latest biases"),
+    "bias": ("state to go on from", "states to go on from"),
     "bias_history": ("point of bias history", "points of bias history"),
     "audit": ("command or refusal", "commands and refusals"),
 }
