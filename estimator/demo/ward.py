@@ -1,6 +1,8 @@
 """A ward on this machine: virtual devices behind pseudo-terminals; router, bridge and estimator as processes of their own."""
 
+import contextlib
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -15,6 +17,8 @@ from bridge.sim.virtual_device import VirtualDevice
 from estimator.batch.names import DEFAULT
 
 WARD = "demo"
+#: below what Linux and others give to outgoing connections
+_LISTENING = range(20_000, 30_000)
 _CONFIG = """ward = "{ward}"
 
 [bus]
@@ -152,11 +156,15 @@ class Ward:
 
 
 def free_port() -> int:
-    """A TCP port on loopback that nobody uses now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A TCP port on loopback that nobody uses now.
+
+    None of those that outgoing connections are given: else one may have it while who listens there is restarted.
+    """
+    while True:
+        port = secrets.choice(_LISTENING)  # not `random`: tests begin it alike
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 def listens(endpoint: str, timeout_s: float) -> bool:
