@@ -82,10 +82,13 @@ class Sequences(Generic[_T]):
         state.newest = max(state.newest, state.place(number))
         self._review(source, state, now_s + GRACE_S)
 
-    def history(self, source: str, key: str, found: Mapping[int, _T]) -> Sequence[_T]:
+    def history(self, source: str, key: str, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
         """What a publisher's cache held as the subscription began."""
         state = self._sources.get(source) or self._new(source, key, next(iter(found), 0))
-        return self._fill(state, found)
+        ready = self._fill(state, found)
+        state.due_s = None  # what was said to be last meanwhile may be the next to be read
+        self._review(source, state, now_s)
+        return ready
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
         """Gaps to ask about now; each must be `answered`."""

@@ -12,7 +12,7 @@ from zenoh import handlers
 
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox, Reading
-from bridge.bus.sequences import Sequences
+from bridge.bus.sequences import Gap, Sequences
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, said
 
 _log = logging.getLogger(__name__)
@@ -22,6 +22,8 @@ _EVERYBODY = ""
 #: where an advanced publisher of a key has its cache and its heartbeats; in one, its last number
 _ADVANCED, _NUMBER_BYTES = "/@adv/pub/", 4
 _TURN_S = 0.005
+#: a message that is said to have been sent may wait for us, unread, for so long at most: then it is asked for again
+_UNREAD_S = 1.0
 
 
 class Subscription(Reading, Declared):
@@ -43,7 +45,7 @@ class Subscription(Reading, Declared):
         try:
             self._begin()
             while True:
-                batch = [self._samples.recv()]
+                batch = [self._next()]
                 while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
                     batch.append(sample)
                 self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
@@ -51,6 +53,9 @@ class Subscription(Reading, Declared):
             _log.debug("subscription closed")
         finally:
             self._end()
+
+    def _next(self) -> zenoh.Sample:
+        return self._samples.recv()
 
     def _begin(self) -> None:
         """Before anything is taken."""
@@ -80,10 +85,11 @@ class Repaired(Subscription):
         pattern: str,
         most_past: int | None = None,
     ) -> None:
-        self._pattern, self._heartbeats = pattern, heartbeats
+        self._pattern, self._heartbeats, self._most_past = pattern, heartbeats, most_past
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._past_came = False
+        self._empty, self._emptied_s = False, time.monotonic()  # whether nothing waits for us, or when that was so last
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
         self._first = bus.past(f"{pattern}/@adv/**", "" if most_past is None else f"_max={most_past}")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
@@ -96,8 +102,17 @@ class Repaired(Subscription):
             time.sleep(_TURN_S)
         for source, found in _by_source(first).items():
             key = next(iter(found.values())).key
-            self._hand_on(partial(self._sequences.history, source, key, found))
+            self._hand_on(partial(self._sequences.history, source, key, found, time.monotonic()))
         self._past_came = True
+        self._news.set()
+
+    def _next(self) -> zenoh.Sample:
+        sample = self._samples.try_recv()
+        if sample is None:
+            self._empty, self._emptied_s = True, time.monotonic()
+            sample = self._samples.recv()
+            self._empty = False
+        return sample
 
     @property
     def caught_up(self) -> bool:
@@ -158,16 +173,26 @@ class Repaired(Subscription):
                 self._away.clear()
                 asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
             with self._order:
-                gaps = self._sequences.due(time.monotonic())
+                gaps = self._sequences.due(self._read_to_s()) if self._past_came else []
             for gap in gaps:
-                asked[gap.source] = (self._bus.past(f"{gap.source}/**", f"_sn={gap.start}.." if gap.start else ""), [])
+                asked[gap.source] = (self._bus.past(f"{gap.source}/**", self._what(gap)), [])
             for source in [source for source, answer in asked.items() if _drained(*answer)]:
                 self._answered(source, asked.pop(source)[1])
             with self._order:
-                due_s = self._sequences.next_due_s()
-            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
+                due_s = self._sequences.next_due_s() if self._past_came else None
+            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), _TURN_S)
             self._news.wait(wait_s)
             self._news.clear()
+
+    def _read_to_s(self) -> float:
+        """All that came before has been read: what a busy reader hears of before it gets to it is not asked for again."""
+        now_s = time.monotonic()
+        return now_s if self._empty else max(self._emptied_s, now_s - _UNREAD_S)
+
+    def _what(self, gap: Gap) -> str:
+        if gap.start:
+            return f"_sn={gap.start}.."
+        return "" if self._most_past is None else f"_max={self._most_past}"
 
     def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
         now_s = time.monotonic()

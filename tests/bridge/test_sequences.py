@@ -72,9 +72,27 @@ def test_of_whom_one_hears_first_the_past_comes_before_and_none_of_it_is_missed(
 
 def test_history_and_what_came_meanwhile_overlap() -> None:
     sequences: Sequences[int] = Sequences()
-    assert list(sequences.history(A, KEY, by_number(7, 8, 9))) == [7, 8, 9]
+    assert list(sequences.history(A, KEY, by_number(7, 8, 9), 0.0)) == [7, 8, 9]
     assert live(sequences, 8, 9, 10) == [10]
     assert sequences.missed == {}
+
+
+def test_what_was_said_to_be_last_while_history_was_under_way_is_not_asked_for_if_it_came() -> None:
+    sequences: Sequences[int] = Sequences()
+    sequences.heard(A, KEY, 9, 0.0)
+    assert list(sequences.history(A, KEY, by_number(7, 8, 9), 1.0)) == [7, 8, 9]
+    assert asked(sequences, 9.0) == []
+    sequences.heard(A, KEY, 10, 9.0)
+    assert asked(sequences, 9.0 + GRACE_S) == [10]
+
+
+def test_what_was_said_to_be_last_and_is_not_in_the_history_may_be_the_next_to_be_read() -> None:
+    sequences: Sequences[int] = Sequences()
+    sequences.heard(A, KEY, 11, 0.0)
+    assert list(sequences.history(A, KEY, by_number(8, 9), 1.0)) == [8, 9]
+    assert asked(sequences, 0.9) == []
+    assert live(sequences, 10, 11) == [10, 11]
+    assert asked(sequences, 9.0) == []
 
 
 def test_nobody_answering_is_asked_again_and_given_up() -> None:
@@ -128,7 +146,7 @@ def test_more_than_can_be_held_is_not() -> None:
 
 def test_numbers_that_begin_anew_go_on() -> None:
     sequences: Sequences[int] = Sequences()
-    assert list(sequences.history(A, KEY, by_number(WRAP - 3, WRAP - 2))) == [WRAP - 3, WRAP - 2]
+    assert list(sequences.history(A, KEY, by_number(WRAP - 3, WRAP - 2), 0.0)) == [WRAP - 3, WRAP - 2]
     assert live(sequences, 1) == []
     assert asked(sequences) == [WRAP - 1]
     assert list(sequences.answered(A, by_number(WRAP - 1, 0, 1), 0.1)) == [WRAP - 1, 0, 1]
