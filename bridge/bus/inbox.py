@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from bridge.bus.contract import Message
 
@@ -166,3 +166,12 @@ class Reading:
     def closed(self) -> bool:
         """See contract.Subscription."""
         return self._inbox.closed
+
+
+def newest_last(pasts: Iterable[Sequence[Message]]) -> list[Message]:
+    """All of them, of each key in its order, the last of all keys last: where there is no room for all, each has its latest."""
+    by_key: dict[str, list[Message]] = {}
+    for past in pasts:
+        by_key.setdefault(past[0].key, []).extend(past)
+    aged = [(len(of) - n, message) for of in by_key.values() for n, message in enumerate(of)]
+    return [message for _, message in sorted(aged, key=lambda one: -one[0])]

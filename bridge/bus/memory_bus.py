@@ -12,7 +12,7 @@ from typing import Protocol, Self
 
 from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.inbox import Inbox, Reading
+from bridge.bus.inbox import Inbox, Reading, newest_last
 from bridge.bus.keyexpr import check_key, check_pattern, matches
 
 
@@ -212,8 +212,8 @@ class _Subscription(Reading):
         self._last: dict[_Publisher, int] = {}
         with broker.lock:
             broker.subscriptions.append(self)
-            for publisher in broker.publishers:
-                self.repair(publisher)
+            pasts = [past for publisher in broker.publishers if (past := self._news(publisher))]
+            self._inbox.put(newest_last(pasts), past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):
@@ -224,8 +224,13 @@ class _Subscription(Reading):
         return publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key)
 
     def repair(self, publisher: _Publisher) -> None:
+        past = publisher not in self._last
+        self._inbox.put(self._news(publisher), past=past)
+
+    def _news(self, publisher: _Publisher) -> list[Message]:
+        """What it has kept, and was not heard here."""
         if not (self._history and self.hears(publisher)):
-            return
+            return []
         last = self._last.get(publisher)
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
         if last is None and self._most_past is not None:
@@ -234,7 +239,7 @@ class _Subscription(Reading):
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)
             self._last[publisher] = new[-1][0]
-            self._inbox.put((message for _, message in new), past=last is None)
+        return [message for _, message in new]
 
     def close(self) -> None:
         with self._broker.lock:

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import handlers
 
 from bridge.bus.contract import Message
-from bridge.bus.inbox import Inbox, Reading
+from bridge.bus.inbox import Inbox, Reading, newest_last
 from bridge.bus.sequences import Gap, Sequences
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, said
 
@@ -100,11 +100,12 @@ class Repaired(Subscription):
         first: list[zenoh.Sample] = []
         while not _drained(self._first, first):
             time.sleep(_TURN_S)
-        for source, found in _by_source(first).items():
-            key = next(iter(found.values())).key
-            self._hand_on(partial(self._sequences.history, source, key, found, time.monotonic()))
+        self._hand_on(lambda: newest_last([past for one in _by_source(first).items() if (past := self._past_of(*one))]))
         self._past_came = True
         self._news.set()
+
+    def _past_of(self, source: str, found: dict[int, Message]) -> Sequence[Message]:
+        return self._sequences.history(source, next(iter(found.values())).key, found, time.monotonic())
 
     def _next(self) -> zenoh.Sample:
         sample = self._samples.try_recv()

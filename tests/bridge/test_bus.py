@@ -396,6 +396,19 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
     short.close()
 
 
+def test_where_there_is_no_room_for_the_past_of_all_each_has_its_latest(a: Bus, b: Bus) -> None:
+    """The last to be asked had all of it, the first nothing: where an estimator took those over, what it had not was lost."""
+    publishers = [a.publisher(f"t/many/{n}", cache=50) for n in range(10)]
+    for number in range(50):
+        for publisher in publishers:
+            publisher.put(str(number).encode())
+    time.sleep(0.5)  # what is still under way would come as news
+    subscription = b.subscribe("t/many/*", history=True, capacity=200, all_past=False)
+    eventually(lambda: subscription.missed == 300)
+    came = subscription.drain(500, 1.0)
+    assert [numbers([m for m in came if m.key.endswith(str(n))]) for n in range(10)] == [list(range(30, 50))] * 10
+
+
 def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, b: Bus) -> None:
     publishers = [a.publisher(f"t/some/{n}", cache=50) for n in range(2)]
     for number in range(50):
