@@ -57,8 +57,8 @@ DRAIN_S = 2.0
 #: how long what was said of the rates of a device that has left us may still be asked for
 LINGER_S = 40.0
 #: messages of a device that are asked for of what a bridge keeps where others are there already: what may wait with them to be
-#: corrected, 15 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
-PAST_IN_COMPANY = 320
+#: corrected, 8 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
+PAST_IN_COMPANY = 160
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
 _OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
