@@ -112,7 +112,9 @@ class Standby:
             its, reaches, had_ns = held.read()
             if held.came_s > now - OVERLAP_S and had_ns > recent_ns:
                 break
-            if its == boot and reaches <= next_:
+            if its == boot and reaches > next_:
+                break  # whatever comes after it
+            if its == boot:
                 last = at
         for _ in range(last + 1):
             self._size -= queue.drop()

@@ -23,6 +23,8 @@ FLOODED = "messages flooded"
 ASIDE_S = 0.002
 #: and where nothing came that could be handled at once, as when all have something waiting after a restart
 ALONE_S = 0.01
+#: or so much of the time that has passed since they had it last: where rounds take long what waits would never be done
+PART = 0.25
 #: with so many waiting of all devices together nothing more is taken in
 FULL = 16384
 
@@ -43,6 +45,7 @@ class Turns:
         self._slow: set[str] = set()
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
         self._came, self._second = Counter[str](), 0
+        self._ended = clock()  # the last round
         #: how many messages wait
         self.waiting = 0
 
@@ -78,6 +81,7 @@ class Turns:
         prompt = self._prompt(messages)
         self._take(prompt)
         began = self._clock()
+        part_s = PART * (began - self._ended)
         while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.
@@ -91,8 +95,9 @@ class Turns:
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             self._take(part)
-            if self._clock() >= began + (ASIDE_S if prompt or key in self._slow else ALONE_S):
-                return
+            if self._clock() >= began + max(part_s, ASIDE_S if prompt or key in self._slow else ALONE_S):
+                break
+        self._ended = self._clock()
 
     def _next(self) -> str | None:
         if not self.waiting:

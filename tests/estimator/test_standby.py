@@ -74,6 +74,12 @@ def test_what_goes_over_to_another_has_the_time_at_which_it_came() -> None:
     assert firsts(to.take("d1")) == [(7, 10)]
 
 
+def test_what_came_before_something_corrected_and_is_not_stays() -> None:
+    kept = held(message(0), message(20), message(10))
+    kept.done("d1", 7, 20, LATER)
+    assert firsts(kept.take("d1")) == [(7, 20), (7, 10)]
+
+
 def test_half_a_message_is_not_corrected() -> None:
     kept = held(message(0), message(10))
     kept.done("d1", 7, 15, LATER)

@@ -76,6 +76,19 @@ def test_where_all_have_something_waiting_more_of_it_is_done_at_a_time() -> None
     assert [desk.numbers(key) for key in "abcd"] == [list(range(200 + rounds))] * 4
 
 
+def test_where_rounds_take_long_what_waits_has_a_part_of_the_time() -> None:
+    """An estimator that was back had its devices' last seconds set aside, and on a busy machine came to them seconds later."""
+    desk = Desk({"calm": 1e-2, "back": 1e-3})
+    desk.turns.round(messages("back", 0, 300))
+    waits_since = desk.now
+    while desk.turns.waiting:
+        began = desk.now
+        desk.turns.round(messages("calm", 0, 25))
+        assert desk.now - began < (0.25 + rules.SHARE * 1e-3) / (1 - rules.PART), "the others still have most of it"
+    assert desk.now - waits_since < 1.5, "2 ms in each would take 2.5 s"
+    assert desk.numbers("back") == list(range(300))
+
+
 def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
     desk = Desk()
     for millisecond in range(10_000):
