@@ -425,7 +425,9 @@ class Service:
             self._guarded(device, lambda: self._looked_after(device, time.monotonic()))
 
     def _looked_after(self, device: Device, now: float) -> None:
-        silent_s, which = now - device.heard, (device.name, device.session.boot or 0, device.source.owner)
+        # What it sent may wait unread, or be set aside: that we do not keep up is nobody's silence.
+        silent_s = 0.0 if self._turns.waits(device.key) else now - device.heard - self._raw.waited_s
+        which = device.name, device.session.boot or 0, device.source.owner
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             self._silence(device, now)
         device.say_status(self._now_ns())

@@ -59,6 +59,10 @@ class Turns:
         """Whether there is something to be done even if nothing more comes."""
         return self._next() is not None
 
+    def waits(self, key: str) -> bool:
+        """Whether messages of this key wait."""
+        return bool(self._queues.get(key))
+
     def slow(self, key: str, *, now: bool) -> None:
         """Whether a message of this key may now take as long as a calibration does."""
         if now:

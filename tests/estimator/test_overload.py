@@ -6,6 +6,7 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox
+from bridge.wire.messages import State
 from estimator import glance
 from estimator.service import overload
 from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
@@ -140,3 +141,35 @@ def test_an_inbox_tells_how_long_its_oldest_message_waits(monkeypatch: pytest.Mo
     assert inbox.waited_s == 1
     inbox.drain(10, 0.0)
     assert inbox.waited_s == 0
+
+
+def test_whose_samples_wait_unread_is_not_said_to_be_lost() -> None:
+    served, batches = Served(), calibration(seed=1).batches()
+    with served:
+        served.put(batches[0])
+        served.round()
+        life = served.service._devices[NAME].session.life
+        served.raw.waited_s = 9.5
+        for _ in range(10):
+            served.round(1.0)
+            assert life.state is not State.LOST
+        served.raw.waited_s = 0.0
+        served.round(1.0)
+        assert life.state is State.LOST, "nothing waits any more, and nothing came"
+
+
+def test_whose_samples_are_set_aside_is_not_said_to_be_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    served, batches = Served(), calibration(seed=1).batches()
+    with served:
+        served.put(batches[0])
+        served.round()
+        device = served.service._devices[NAME]
+        monkeypatch.setattr(served.service._turns, "_next", lambda: None)  # never their turn
+        served.service._turns.slow(device.key, now=True)
+        served.put(batches[1])
+        for _ in range(10):
+            served.round(1.0)
+            assert device.session.life.state is not State.LOST
+        served.service._turns.withdraw(NAME)
+        served.round(1.0)
+        assert device.session.life.state is State.LOST
