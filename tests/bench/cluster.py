@@ -4,6 +4,8 @@ Router, bridge and estimators are processes of their own. A gap is the longest t
 new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part. What
 came is looked through when all is over: the processors are the ward's.
 
+`--beside N`: so many other programs take a processor each, if they get it: a ward whose machine has too much to do.
+
 `--pinned`: as much as one processor can do, by one estimator and by three, all held to it; all else has the others.
 """
 
@@ -264,9 +266,12 @@ def main() -> int:
     if sys.argv[1:2] == ["router"]:
         with Router([sys.argv[2]]):
             threading.Event().wait()
+    while sys.argv[1:2] == ["busy"]:
+        pass
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--devices", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--beside", type=int, default=0, metavar="N", help="programs that take a processor each")
     parser.add_argument("--pinned", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
@@ -282,6 +287,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         cluster = Cluster(Path(folder), stack, args.devices, ("paced", str(55.0 * args.rounds + 60.0)))
         cluster.until(lambda: sum(cluster.shares().values()) == args.devices and cluster.home(), 60.0)
+        for _ in range(args.beside):
+            stack.enter_context(_process("tests.bench.cluster", "busy"))
         cluster.listen(3.0)
         even = args.devices / len(NAMES)
         worst = max(abs(n - even) / even for n in cluster.shares().values())
