@@ -24,6 +24,8 @@ _ADVANCED, _NUMBER_BYTES = "/@adv/pub/", 4
 _TURN_S = 0.005
 #: a message that is said to have been sent may wait for us, unread, for so long at most: then it is asked for again
 _UNREAD_S = 1.0
+#: how often it is looked whether it was read
+_READ_S = 0.02
 
 
 class Subscription(Reading, Declared):
@@ -39,23 +41,34 @@ class Subscription(Reading, Declared):
     ) -> None:
         super().__init__(bus, subscriber)
         self._samples, self._inbox = samples, inbox
+        #: whether nothing waits for us; and when that was so last, and all before was taken
+        self._empty, self._emptied_s = False, time.monotonic()
         bus.run(self._pump, f"receive {pattern}")
 
     def _pump(self) -> None:
         try:
             self._begin()
             while True:
-                batch = [self._next()]
-                while len(batch) < _BATCH and (sample := self._samples.try_recv()) is not None:
+                batch, emptied_s = [self._next()], self._emptied_s
+                while len(batch) < _BATCH:
+                    if (sample := self._samples.try_recv()) is None:
+                        emptied_s = time.monotonic()
+                        break
                     batch.append(sample)
                 self._take([sample for sample in batch if sample.kind == zenoh.SampleKind.PUT])
+                self._emptied_s = emptied_s
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
             self._end()
 
     def _next(self) -> zenoh.Sample:
-        return self._samples.recv()
+        sample = self._samples.try_recv()
+        if sample is None:
+            self._empty = True
+            sample = self._samples.recv()
+            self._empty = False
+        return sample
 
     def _begin(self) -> None:
         """Before anything is taken."""
@@ -89,7 +102,7 @@ class Repaired(Subscription):
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._past_came = False
-        self._empty, self._emptied_s = False, time.monotonic()  # whether nothing waits for us, or when that was so last
+        self._early = set[str]()  # publishers that were heard of before their past came
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
         self._first = bus.past(f"{pattern}/@adv/**", "" if most_past is None else f"_max={most_past}")
         super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
@@ -106,14 +119,6 @@ class Repaired(Subscription):
 
     def _past_of(self, source: str, found: dict[int, Message]) -> Sequence[Message]:
         return self._sequences.history(source, next(iter(found.values())).key, found, time.monotonic())
-
-    def _next(self) -> zenoh.Sample:
-        sample = self._samples.try_recv()
-        if sample is None:
-            self._empty, self._emptied_s = True, time.monotonic()
-            sample = self._samples.recv()
-            self._empty = False
-        return sample
 
     @property
     def caught_up(self) -> bool:
@@ -147,6 +152,8 @@ class Repaired(Subscription):
             return
         source = f"{key}{adv}{'/'.join(rest.split('/')[:2])}"
         with self._order:
+            if not self._past_came:
+                self._early.add(source)
             self._sequences.heard(source, key, int.from_bytes(said, "little"), time.monotonic())
         self._news.set()
 
@@ -181,7 +188,9 @@ class Repaired(Subscription):
                 self._answered(source, asked.pop(source)[1])
             with self._order:
                 due_s = self._sequences.next_due_s() if self._past_came else None
-            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), _TURN_S)
+            wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)
+            if wait_s == 0.0:  # it may be among what is not read yet: who reads has better use for the time
+                time.sleep(_READ_S)
             self._news.wait(wait_s)
             self._news.clear()
 
@@ -193,7 +202,8 @@ class Repaired(Subscription):
     def _what(self, gap: Gap) -> str:
         if gap.start:
             return f"_sn={gap.start}.."
-        return "" if self._most_past is None else f"_max={self._most_past}"
+        # Who came later may have been out of reach: nobody else has done any of it.
+        return "" if self._most_past is None or gap.source not in self._early else f"_max={self._most_past}"
 
     def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
         now_s = time.monotonic()

@@ -52,13 +52,15 @@ STATUS_S = 1.0
 MANY = 512
 #: a round that takes longer is held against nobody
 SLOW_S = 0.5
+#: who has something set aside is not silent, for so long: it may be what is only said again
+ASIDE_S = 10.0
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
 #: how long what was said of the rates of a device that has left us may still be asked for
 LINGER_S = 40.0
 #: messages of a device that are asked for of what a bridge keeps where others are there already: what may wait with them to be
-#: corrected, 8 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
-PAST_IN_COMPANY = 160
+#: corrected, 12 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
+PAST_IN_COMPANY = 240
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
 _OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
@@ -426,7 +428,9 @@ class Service:
 
     def _looked_after(self, device: Device, now: float) -> None:
         # What it sent may wait unread, or be set aside: that we do not keep up is nobody's silence.
-        silent_s = 0.0 if self._turns.waits(device.key) else now - device.heard - self._raw.waited_s
+        silent_s = now - device.heard - self._raw.waited_s
+        if silent_s < ASIDE_S and self._turns.waits(device.key):
+            silent_s = 0.0
         which = device.name, device.session.boot or 0, device.source.owner
         if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             self._silence(device, now)

@@ -23,8 +23,8 @@ FLOODED = "messages flooded"
 ASIDE_S = 0.002
 #: and where nothing came that could be handled at once, as when all have something waiting after a restart
 ALONE_S = 0.01
-#: or so much of the time that has passed since they had it last: where rounds take long what waits would never be done
-PART = 0.25
+#: or so much of the time that has passed since they had it last, at most: where rounds take long what waits would never be done
+PART, PART_S = 0.25, 0.1
 #: with so many waiting of all devices together nothing more is taken in
 FULL = 16384
 
@@ -85,7 +85,7 @@ class Turns:
         prompt = self._prompt(messages)
         self._take(prompt)
         began = self._clock()
-        part_s = PART * (began - self._ended)
+        part_s = min(PART * (began - self._ended), PART_S)
         while (key := self._next()) is not None:
             queue = self._queues.pop(key)
             # What is slow is handled one by one, so that time is looked at after each.

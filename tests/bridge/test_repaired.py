@@ -97,15 +97,22 @@ def test_who_asked_for_some_of_the_past_is_not_given_all_of_it_for_news_of_what_
         assert (len(b.asked), subscription.missed) == (1, 0)
 
 
-def test_of_who_is_heard_of_later_no_more_of_the_past_comes_either(endpoint: str) -> None:
+@pytest.mark.parametrize(("early", "what"), [(True, "_max=7"), (False, "")])
+def test_of_who_came_later_all_of_the_past_comes_for_nobody_else_has_done_it(
+    endpoint: str, early: bool, what: str
+) -> None:
     with ZenohBus([endpoint]) as a, Asking([endpoint]) as b:
-        b.may.set()
         subscription = b.subscribe("t/*", history=True, most_past=7)
         assert isinstance(subscription, Repaired)
-        eventually(lambda: subscription.caught_up)
+        if not early:
+            b.may.set()
+            eventually(lambda: subscription.caught_up)
+        time.sleep(0.2)
         a._session.put("t/other/@adv/pub/abd/1/_", b"\7\0\0\0")
+        eventually(lambda: bool(subscription._sequences._lacking))
+        b.may.set()
         eventually(lambda: len(b.asked) > 1)
-        assert b.asked[1] == ("t/other/@adv/pub/abd/1/**", "_max=7")
+        assert b.asked[1] == ("t/other/@adv/pub/abd/1/**", what)
 
 
 @pytest.mark.parametrize(("held_s", "asked"), [(0.4, 0), (1.6, 1)])
@@ -119,8 +126,10 @@ def test_what_waits_here_unread_is_not_asked_for_again_for_a_while(
         publisher, subscription = a.publisher("t/busy", cache=50), b.subscribe("t/*", history=True)
         assert isinstance(subscription, Stopped)
         eventually(lambda: subscription.caught_up)
+        time.sleep(0.2)
         for number in range(5):
             publisher.put(b"%d" % number)
+        eventually(lambda: not subscription._empty)
         deadline = time.monotonic() + held_s
         while time.monotonic() < deadline:
             say_the_last(a, publisher)

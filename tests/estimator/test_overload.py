@@ -8,8 +8,10 @@ from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox
 from bridge.wire.messages import State
 from estimator import glance
+from estimator.lifecycle import Event
 from estimator.service import overload
 from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
+from estimator.service.shell import ASIDE_S
 from estimator.service.vitals import Vitals
 from estimator.session import DeviceSession
 from tests.estimator.served import Before, Served
@@ -164,12 +166,22 @@ def test_whose_samples_are_set_aside_is_not_said_to_be_lost(monkeypatch: pytest.
         served.put(batches[0])
         served.round()
         device = served.service._devices[NAME]
+
+        def lost() -> bool:
+            return device.session.life.state is State.LOST
+
         monkeypatch.setattr(served.service._turns, "_next", lambda: None)  # never their turn
         served.service._turns.slow(device.key, now=True)
         served.put(batches[1])
-        for _ in range(10):
+        for _ in range(round(ASIDE_S) - 1):
             served.round(1.0)
-            assert device.session.life.state is not State.LOST
+            assert not lost()
+        served.round(2.0)
+        assert lost(), "it may be what is only said again"
+        device.session.life.on(Event.HEARD)
+        device.heard = served.now
+        served.round(5.0)
+        assert not lost()
         served.service._turns.withdraw(NAME)
         served.round(1.0)
-        assert device.session.life.state is State.LOST
+        assert lost()

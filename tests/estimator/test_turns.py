@@ -84,9 +84,18 @@ def test_where_rounds_take_long_what_waits_has_a_part_of_the_time() -> None:
     while desk.turns.waiting:
         began = desk.now
         desk.turns.round(messages("calm", 0, 25))
-        assert desk.now - began < (0.25 + rules.SHARE * 1e-3) / (1 - rules.PART), "the others still have most of it"
+        assert desk.now - began < 0.25 * (1 + rules.PART) + rules.SHARE * 1e-3, "the others still have most of it"
     assert desk.now - waits_since < 1.5, "2 ms in each would take 2.5 s"
     assert desk.numbers("back") == list(range(300))
+
+
+def test_after_a_long_pause_what_waits_has_no_more_than_a_moment() -> None:
+    desk = Desk({"back": 1e-3})
+    desk.turns.round(messages("back", 0, 3000))
+    desk.now += 60.0
+    began = desk.now
+    desk.turns.round(messages("calm", 0, 1))
+    assert desk.now - began < rules.PART_S + rules.SHARE * 1e-3 + 1e-4
 
 
 def test_a_flood_is_handled_no_faster_than_any_device_sends() -> None:
