@@ -98,7 +98,7 @@ class Bus(Protocol):
     ) -> Subscription:
         """Receive what matches. With history, cached messages come first and losses during an outage are repaired.
 
-        Of what a publisher's cache holds the last most_past come, by default all.
+        Of what publishers' caches hold now the last most_past come, by default all; of who is heard of later, all.
 
         A full queue drops its oldest message and counts it in `missed`; of what caches held none is
         dropped, but with all_past=False.

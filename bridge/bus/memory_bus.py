@@ -208,12 +208,11 @@ class _Subscription(Reading):
         history: bool,
     ) -> None:
         self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
-        self._most_past = most_past
         self._last: dict[_Publisher, int] = {}
         with broker.lock:
             broker.subscriptions.append(self)
             pasts = [past for publisher in broker.publishers if (past := self._news(publisher))]
-            self._inbox.put(newest_last(pasts), past=True)
+            self._inbox.put(newest_last([past[-most_past:] if most_past else past for past in pasts]), past=True)
 
     def offer(self, publisher: _Publisher, sequence: int, message: Message) -> None:
         if self.hears(publisher):
@@ -233,8 +232,6 @@ class _Subscription(Reading):
             return []
         last = self._last.get(publisher)
         new = [(n, message) for n, message in publisher.cached if n > (last or 0)]
-        if last is None and self._most_past is not None:
-            new = new[-self._most_past :]
         if new:
             if last is not None:
                 self._inbox.add_missed(new[0][0] - last - 1, publisher.key)

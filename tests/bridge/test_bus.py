@@ -424,6 +424,18 @@ def test_of_the_past_as_much_comes_as_is_asked_for_and_all_that_follows(a: Bus, 
     assert subscription.missed == 0
 
 
+def test_of_who_was_out_of_reach_more_comes_than_was_asked_for_of_the_past(world: World) -> None:
+    with world.bus() as a, world.bus() as b:
+        subscription = b.subscribe("t/some/*", history=True, most_past=7)
+        eventually(lambda: subscription.caught_up)
+        world.stop()
+        publisher = a.publisher("t/some/0", cache=50)
+        for number in range(20):
+            publisher.put(str(number).encode())
+        world.start()
+        assert numbers(collect(subscription, 20)) == list(range(20))
+
+
 def test_waiting_keeps_to_its_timeout(a: Bus) -> None:
     subscription = a.subscribe("t/none")
     for wait in (lambda: subscription.receive(0.2), lambda: subscription.drain(5, 0.2)):
