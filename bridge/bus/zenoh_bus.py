@@ -24,7 +24,9 @@ from bridge.bus.zenoh_subscription import Repaired, Subscription
 _log = logging.getLogger(__name__)
 
 _CHANNEL = 65536  # between zenoh and our thread, which always drains; a full one would stop the session's receiving
-_HEARTBEAT_S = 0.25  # sent only when something was published since the last one
+# How soon after a message the number of the last is told, if it was not. Who keeps so many messages says the next one soon, which
+# tells as much: told after each they were two fifths of all that a ward's estimator got. Zenoh's heartbeats are for the others.
+_HEARTBEAT_S, _STREAM = 0.25, 64
 _JOIN_S = 1.0
 _MAX_KNOWN = 8192
 _PAST_S = 2.0
@@ -82,10 +84,12 @@ class ZenohBus:
                 self._session.declare_keyexpr(key),  # a third less work in every put
                 congestion_control=block,
                 cache=ext.CacheConfig(cache),
-                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S),
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=None if cache >= _STREAM else _HEARTBEAT_S
+                ),
                 publisher_detection=True,
             )
-            return _Publisher(self, publisher, key)
+            return _Publisher(self, publisher, key, stream=cache >= _STREAM)
 
     def subscribe(
         self,
@@ -212,10 +216,10 @@ class ZenohBus:
 
     def _repeat(self) -> None:
         """Say again what was last of publishers that say nothing more: nothing that follows tells who did not hear it."""
-        while not self._over.wait(_REPEAT_S):
+        while not self._over.wait(_HEARTBEAT_S):
             now_s = time.monotonic()
             for one in list(self.declared):
-                if isinstance(one, _Publisher) and _REPEAT_S <= now_s - one.put_s < _REPEATED_S:
+                if isinstance(one, _Publisher) and one.due(now_s):
                     one.remind(self._session)
 
     def run(self, work: Callable[[], None], name: str) -> None:
@@ -281,13 +285,15 @@ class _Publisher(Declared):
         publisher: zenoh.Publisher | ext.AdvancedPublisher,
         key: str,
         plain: zenoh.Publisher | None = None,
+        *,
+        stream: bool = False,
     ) -> None:
-        self._publisher, self._key, self._plain = publisher, key, plain
+        self._publisher, self._key, self._plain, self._stream = publisher, key, plain, stream
         #: asked once: while it is taken back on another thread zenoh has no answer
         self._whose = publisher.id
         self._sent = 0
-        #: when the last message was put
-        self.put_s = float("-inf")
+        #: when the last message was put; and its number told by us
+        self._put_s = self._told_s = float("-inf")
         super().__init__(bus, publisher)  # known to the bus from here on, whose threads remind it
 
     def put(self, payload: bytes) -> None:
@@ -297,16 +303,23 @@ class _Publisher(Declared):
             try:
                 self._publisher.put(payload)
                 self._sent += 1
-                self.put_s = time.monotonic()
+                self._put_s = time.monotonic()
             except BaseException as error:
                 if not is_zenohs(error):
                     raise
                 raise BusError(f"could not publish on {self._key!r} ({said(error)})") from error
 
+    def due(self, now_s: float) -> bool:
+        """Whether it is time to tell the number of the last message."""
+        put_s, told_s = self._put_s, self._told_s
+        soon = self._stream and told_s < put_s
+        return now_s - max(put_s, told_s) >= (_HEARTBEAT_S if soon else _REPEAT_S) and now_s - put_s < _REPEATED_S
+
     def remind(self, session: zenoh.Session) -> None:
         """Tell readers the number of the last message, as zenoh's own heartbeat does: who lacks it asks for it."""
         if self._plain is not None or not self._sent or self._closed:
             return
+        self._told_s = time.monotonic()
         number = ext.z_serialize(ext.UInt32((self._sent - 1) % (1 << 32)))
         with contextlib.suppress(zenoh.ZError):  # closed meanwhile
             session.put(f"{self._key}/@adv/pub/{self._whose.zid}/{self._whose.eid}/_", number)
