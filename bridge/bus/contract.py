@@ -59,6 +59,10 @@ class Subscription(Protocol):
         """Those of them that were dropped because this queue was full: its reader is too slow."""
 
     @property
+    def waiting(self) -> int:
+        """How many messages are here that were not read yet."""
+
+    @property
     def waited_s(self) -> float:
         """How long the oldest message that was not read yet has been here; 0 where there is none."""
 

@@ -72,6 +72,11 @@ class Inbox:
         return self._overflowed
 
     @property
+    def waiting(self) -> int:
+        """How many messages are here."""
+        return len(self._messages)
+
+    @property
     def waited_s(self) -> float:
         """How long the oldest message has been here; 0 where there is none."""
         with self._ready:
@@ -151,6 +156,11 @@ class Reading:
     def overflowed(self) -> int:
         """See contract.Subscription."""
         return self._inbox.overflowed
+
+    @property
+    def waiting(self) -> int:
+        """See contract.Subscription."""
+        return self._inbox.waiting
 
     @property
     def waited_s(self) -> float:

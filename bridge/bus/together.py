@@ -66,6 +66,11 @@ class Together:
         return all(part.caught_up for part in self._parts)
 
     @property
+    def waiting(self) -> int:
+        """See contract.Subscription."""
+        return sum(part.waiting for part in self._queues)
+
+    @property
     def waited_s(self) -> float:
         """See contract.Subscription."""
         return max(part.waited_s for part in self._queues)

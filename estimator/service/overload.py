@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from bridge.wire.messages import Status
 from bridge.wording import count
+from estimator.service.shedding import WHY
 
 log = logging.getLogger(__name__)
 
@@ -38,10 +39,11 @@ class Overload:
         """The loop had nothing to do for so long."""
         self._idle_s += seconds
 
-    def look(self, now: float, *, overflowed: int, waited_s: float) -> float:
+    def look(self, now: float, *, overflowed: int, waited_s: float, shedding: bool = False) -> float:
         """How long it did not keep up since the last look, s.
 
-        overflowed: messages that were dropped unread, in all; waited_s: how long the oldest that is there has waited.
+        overflowed: messages that were dropped unread, in all; waited_s: how long the oldest that is there has waited;
+        shedding: whether some devices are left out.
         """
         passed_s, begin, self._looked = now - self._looked, self._looked, now
         if passed_s <= 0:
@@ -54,7 +56,7 @@ class Overload:
         elif self._pressed is None:
             self._pressed = begin
         pressed = self._pressed is not None and now - self._pressed >= PERSISTS_S
-        if not (pressed or lost):
+        if not (pressed or lost or shedding):
             if self._began is not None and now - self._last >= OVER_S:
                 self._began, self.seconds = None, 0
                 log.info("it keeps up with its devices again")
@@ -75,8 +77,11 @@ class Overload:
 
 def found(statuses: Iterable[Status]) -> list[str]:
     """That the estimator does not keep up now, by what it says of its devices, and what to do."""
-    seconds = max((status.events.get(OVERLOADED, 0) for status in statuses), default=0)
-    return [f"the estimator has not kept up with its devices for {seconds} s: {_DO}"] if seconds else []
+    said = list(statuses)
+    seconds = max((status.events.get(OVERLOADED, 0) for status in said), default=0)
+    shed = sum(status.reason == WHY for status in said)
+    out = f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
+    return [f"the estimator has not kept up with its devices for {seconds} s{out}: {_DO}"] if seconds else []
 
 
 def unkept(statuses: Iterable[Status]) -> list[str]:

@@ -13,7 +13,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
+from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch, State
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -36,6 +36,7 @@ from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
+from estimator.service.shedding import SHED, WHY, Shedding
 from estimator.service.silent import Silent
 from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
@@ -50,6 +51,8 @@ log = logging.getLogger(__name__)
 STATUS_S = 1.0
 #: so many messages at most in a round: then there are more to be read
 MANY = 512
+#: so many wait for a round at most
+QUEUE = 65536
 #: a round that takes longer is held against nobody
 SLOW_S = 0.5
 #: who has something set aside is not silent, for so long: it may be what is only said again
@@ -118,8 +121,13 @@ class Service:
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # Of a past that there is no room for the oldest is what others, or we before a restart, have corrected.
         self._raw = data.subscribe(
-            keys.pattern(ward, "raw"), history=True, all_past=False, most_past=PAST_IN_COMPANY if peers else None
+            keys.pattern(ward, "raw"),
+            history=True,
+            capacity=QUEUE,
+            all_past=False,
+            most_past=PAST_IN_COMPANY if peers else None,
         )
+        self._shedding = Shedding(QUEUE, self._least)
         self._peers.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
@@ -174,7 +182,7 @@ class Service:
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        self._turns.round(self._ours(messages, began))
+        self._turns.round(self._shedding.sift(self._ours(messages, began)))
         self._commands.work(self._orders.do)
         now = time.monotonic()
         self._record.collect(now)
@@ -217,6 +225,7 @@ class Service:
         """Devices that another estimator has: it goes on from where we were."""
         for name in names:
             self._silent.drop(name)
+            self._shedding.drop(name)
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             for message in self._turns.withdraw(device.name):
@@ -416,17 +425,40 @@ class Service:
 
     def _weigh(self, now: float) -> None:
         """Whether it all is more than can be done."""
-        over_s = self._overload.look(now, overflowed=self._raw.overflowed, waited_s=self._raw.waited_s)
+        overflowed, waiting = self._raw.overflowed, self._raw.waiting
+        over_s = self._overload.look(
+            now, overflowed=overflowed, waited_s=self._raw.waited_s, shedding=bool(self._shedding)
+        )
+        self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=self._overload.ratio)
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
         for device in self._devices.values():
             device.overloaded_s, device.unkept = self._overload.seconds, bool(self._record.trouble)
+
+    def _least(self) -> list[str]:
+        """Devices, those first that can be done without: that flood us; that are not calibrated, nor being so; that came last."""
+
+        def wanting(device: Device) -> tuple[bool, bool, bool]:
+            session, floods = device.session, self._turns.floods(device.key)
+            return (
+                floods,
+                session.life.state is not State.TURNING,
+                session.calibration is None and session.prior is None,
+            )
+
+        return [device.name for device in sorted(self._devices.values(), key=wanting)[::-1]]
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:
             self._guarded(device, lambda: self._looked_after(device, time.monotonic()))
 
     def _looked_after(self, device: Device, now: float) -> None:
+        if shed := self._shedding.came(device.name):
+            self.counts.add(SHED, shed)
+            device.session.sequence.events.add(SHED, shed)
+            device.heard = now
+            device.source.hold(now)
+            device.session.silence(WHY, Event.SHED)
         # What it sent may wait unread, or be set aside: that we do not keep up is nobody's silence.
         silent_s = now - device.heard - self._raw.waited_s
         if silent_s < ASIDE_S and self._turns.waits(device.key):

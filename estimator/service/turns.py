@@ -63,6 +63,10 @@ class Turns:
         """Whether messages of this key wait."""
         return bool(self._queues.get(key))
 
+    def floods(self, key: str) -> bool:
+        """Whether more came under this key than it may send, in this second so far."""
+        return self._came_now()[key] > A_SECOND
+
     def slow(self, key: str, *, now: bool) -> None:
         """Whether a message of this key may now take as long as a calibration does."""
         if now:

@@ -38,7 +38,7 @@ GOAL_S = 0.020
 class Line:
     """A subscription on which messages arrive at their times, and a publisher that notes when something was said."""
 
-    missed, closed, overflowed = 0, False, 0
+    missed, closed, overflowed, waiting = 0, False, 0, 0
 
     def __init__(self) -> None:
         self._coming: deque[tuple[float, list[Message]]] = deque()

@@ -82,7 +82,7 @@ class _Pen:
 class _Laid:
     """A subscription to rounds that are laid before it; a clock goes on by round_s while the next one is waited for."""
 
-    missed, overflowed, waited_s, closed, caught_up = 0, 0, 0.0, False, True
+    missed, overflowed, waiting, waited_s, closed, caught_up = 0, 0, 0, 0.0, False, True
 
     def __init__(self, rounds: Sequence[list[Message]], round_s: float) -> None:
         self._rounds, self._round_s = iter(rounds), round_s

@@ -51,7 +51,7 @@ class Pen:
 class Before:
     """A subscription to what was laid before it."""
 
-    missed, overflowed, waited_s, caught_up, closed = 0, 0, 0.0, True, False
+    missed, overflowed, waiting, waited_s, caught_up, closed = 0, 0, 0, 0.0, True, False
 
     def __init__(self) -> None:
         self.messages: list[Message] = []

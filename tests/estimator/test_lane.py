@@ -43,7 +43,7 @@ def lives() -> dict[str, list[SampleBatch]]:
 class Fed:
     """A subscription with these messages in rounds."""
 
-    missed, overflowed, waited_s, caught_up, closed = 0, 0, 0.0, True, False
+    missed, overflowed, waiting, waited_s, caught_up, closed = 0, 0, 0, 0.0, True, False
 
     def __init__(self, rounds: list[list[Message]]) -> None:
         self._rounds: Iterator[list[Message]] = iter(rounds)

@@ -1,0 +1,182 @@
+"""More than an estimator can do: some devices are left out whole, so that the others lose nothing; and come back."""
+
+from collections import Counter, deque
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from bridge.bus.contract import Message
+from bridge.wire.messages import State
+from estimator.service import overload, shedding
+from estimator.service.shedding import CALM_S, FILLED, MOST_CALM_S, PATIENCE_S, SHED, WHY, Shedding
+from tests.estimator.served import Served
+from tests.estimator.stream import NAME, calibration
+
+ROOM = 6000
+
+
+class Queue:
+    """A queue of `room`, devices that send ten messages a second each, and a reader that does so many a second."""
+
+    def __init__(self, devices: int, does: float) -> None:
+        self.names = [f"d{n}" for n in range(devices)]
+        self.does, self.now, self.overflowed = does, 0.0, 0
+        self.waits = deque[Message]()
+        self.handled, self.lost = Counter[str](), Counter[str]()
+        self.shedding = Shedding(ROOM, lambda: self.names[::-1])
+
+    @property
+    def shed(self) -> set[str]:
+        return {name for name in self.names if name in self.shedding}
+
+    def second(self) -> None:
+        spare = 0.0
+        for _ in range(10):
+            for name in self.names:
+                self.waits.append(Message(f"w/raw/b/{name}", b""))
+            while len(self.waits) > ROOM:
+                self.lost[self.waits.popleft().key] += 1
+                self.overflowed += 1
+            left = self.does / 10
+            while self.waits and left >= 1.0:  # who is left out costs a tenth
+                kept = self.shedding.sift([message := self.waits.popleft()])
+                self.handled[message.key] += len(kept)
+                left -= 1.0 if kept else 0.1
+            spare += left if not self.waits else 0.0
+        self.now += 1.0
+        busy = 1.0 - spare / self.does
+        self.shedding.look(self.now, waiting=len(self.waits), overflowed=self.overflowed, busy=busy)
+
+    def run(self, seconds: int) -> None:
+        for _ in range(seconds):
+            self.second()
+
+
+@pytest.mark.parametrize("does", [950.0, 700.0, 400.0, 150.0])
+def test_those_that_stay_lose_nothing(does: float) -> None:
+    queue = Queue(100, does)
+    queue.run(100)
+    before, overflowed = queue.shed, queue.overflowed
+    queue.handled.clear()
+    queue.run(300)
+    stay = set(queue.names) - before
+    assert queue.shed <= before
+    assert queue.overflowed == overflowed
+    assert all(queue.handled[f"w/raw/b/{name}"] >= 2990 for name in stay)
+    # What is left out costs something, too.
+    assert 0.7 * does <= 10 * (100 - len(queue.shed)) + len(queue.shed) <= does
+    assert before == set(queue.names[-len(before) :]), "the latest"
+    assert len(queue.waits) < FILLED * ROOM
+
+
+@pytest.mark.parametrize("does", [1000.0, 1001.0, 1500.0])
+def test_nobody_is_left_out_where_all_can_be_done(does: float) -> None:
+    queue = Queue(100, does)
+    queue.waits.extend([Message("w/raw/b/d0", b"")] * (ROOM // 2 - 1100))
+    for _ in range(300):
+        queue.second()
+        assert not queue.shed
+
+
+def test_a_queue_that_becomes_shorter_is_left_to_it() -> None:
+    queue = Queue(100, 1100.0)
+    queue.waits.extend([Message("w/raw/b/d0", b"")] * (ROOM - 1000))
+    for _ in range(300):
+        queue.second()
+        assert not queue.shed
+    assert len(queue.waits) < 1000
+
+
+def test_they_come_back_when_there_is_room_and_the_first_left_out_come_last() -> None:
+    queue = Queue(100, 500.0)
+    queue.run(120)
+    least = list(queue.shedding._shed)
+    assert len(least) > 45
+    queue.does = 800.0
+    queue.run(120)
+    assert queue.shed == set(least[: len(queue.shed)])
+    assert 15 <= len(queue.shed) <= 35
+    queue.does = 2000.0
+    queue.run(60)
+    assert not queue.shed
+    lost = queue.overflowed
+    queue.run(60)
+    assert queue.overflowed == lost
+
+
+def test_where_they_come_back_too_soon_they_wait_longer_and_longer() -> None:
+    made, now = Shedding(100, lambda: ["a", "b", "c", "d"]), 0.0
+    waits = list[float]()
+    for _ in range(9):
+        while not made:
+            now += 1.0
+            made.look(now, waiting=100, overflowed=0, busy=1.0)
+        began = now
+        while made:
+            now += 1.0
+            made.look(now, waiting=0, overflowed=0, busy=0.1)
+        waits.append(now - began)
+    assert waits[0] == pytest.approx(CALM_S, abs=1.5)
+    for before, after in pairwise(waits):
+        assert after == pytest.approx(min(2 * before, MOST_CALM_S), abs=2.5)
+
+
+def test_one_device_is_never_left_out() -> None:
+    made = Shedding(100, lambda: ["a"])
+    for now in range(60):
+        made.look(float(now), waiting=100, overflowed=100 * now, busy=1.0)
+    assert not made
+    assert made.sift([Message("w/raw/b/a", b"")])
+
+
+def test_the_service_says_who_is_left_out_and_why_and_hears_it_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    served, batches = Served(), calibration(seed=1).batches()
+    twin = [replace(batch, device="twin") for batch in batches]
+    with served:
+        sent = 0
+
+        def second() -> None:
+            nonlocal sent
+            for batch in (batches[sent], twin[sent]):
+                served.put(batch)
+            sent += 1
+            served.round(1.0)
+
+        second()
+        device, other = served.service._devices[NAME], served.service._devices["twin"]
+        monkeypatch.setattr(shedding, "SPARE", 0.6)
+        served.raw.waiting = 65536
+        for _ in range(round(PATIENCE_S) + 2):
+            second()
+        assert "twin" in served.service._shedding
+        assert NAME not in served.service._shedding, "it came first"
+        taken = other.session.sequence.samples_in
+        served.raw.waiting = 0
+        for _ in range(5):
+            second()
+        life = other.session.life
+        assert (life.state, life.reason) == (State.UNKNOWN, WHY)
+        assert other.session.sequence.samples_in == taken
+        assert other.session.sequence.events.as_dict()[SHED] >= 5
+        assert served.service.counts.as_dict()[SHED] == other.session.sequence.events.as_dict()[SHED]
+        assert device.session.life.state is State.WARMING
+        assert device.session.sequence.events.as_dict().get("gaps", 0) == 0
+        assert other.latest is not None
+        assert device.latest is not None
+        [words] = overload.found([device.latest, other.latest])
+        assert "1 device is left out" in words
+        served.service._overload.ratio = 0.1
+        monkeypatch.setattr(served.service._overload, "look", lambda *_, **__: 0.0)
+        for _ in range(2 * round(CALM_S) + 3):
+            second()
+        assert not served.service._shedding
+        assert not life.away
+        assert other.session.sequence.events.as_dict()["gaps"] == 1
+        for _ in range(5):  # and one that falls silent while it is left out is lost
+            served.service._shedding._shed["twin"] = 0
+            served.put(batches[sent])
+            sent += 1
+            served.round(1.0)
+        assert life.state is State.LOST
+        assert "no samples for" in life.reason
