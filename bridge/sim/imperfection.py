@@ -4,10 +4,11 @@
     rate    = M (reading − bias),  M = diag(k) (I + E),  E with a zero diagonal; G is the g-sensitivity, often none
     bias(t) = turn-on bias + b₁ (T − T₀) + b₂ (T − T₀)² + a random walk + flicker,  T₀ the cold temperature of the spec
 
-Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature.
+Scale, misalignment and turn-on bias are drawn once a boot; bias then wanders and follows temperature. How it follows it is the
+part's own, as all that is the accelerometer's: the same at every boot.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +74,10 @@ class Truth:
     accel_scale: Array
     bias_per_kelvin2: Array
     g_sensitivity: Array
+
+    def of_part(self, part: "Truth") -> "Truth":
+        """The same boot, of the part that another boot was of."""
+        return replace(part, matrix=self.matrix, turn_on_bias=self.turn_on_bias)
 
     @property
     def k(self) -> Array:
@@ -150,7 +155,7 @@ class Imperfection:
 
 
 def draw(spec: ImuSpec, rng: np.random.Generator) -> Truth:
-    """What is true of a device at one boot."""
+    """What is true of a device at its first boot; see Truth.of_part for the others."""
 
     def within(limit: float, shape: int | tuple[int, int] = 3) -> Array:
         return rng.uniform(-limit, limit, shape)

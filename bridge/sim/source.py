@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.imperfection import Imperfection, ImuSpec, Truth, draw
 from bridge.sim.quaternion import Array
 from bridge.sim.ward_life import Life
 
@@ -91,12 +91,15 @@ class SimulatedSource:
         self.sensor = Sensor(rate_hz, float(np.radians(self.spec.range_dps)))
         self._script = script
         self._usual = self.sensor
+        self._part: Truth | None = None
 
     def power_up(self, rng: np.random.Generator, true_s_per_clock_s: float) -> Truth:
         """See Source."""
         self.sensor = self._usual
         self._motion = self._script(rng)
-        self._imperfection = Imperfection(self.spec, rng)
+        drawn = draw(self.spec, rng)
+        self._imperfection = Imperfection(self.spec, rng, drawn.of_part(self._part) if self._part else drawn)
+        self._part = self._imperfection.truth
         self._true_s_per_clock_s = true_s_per_clock_s
         self._ticks, self._sent = 0.0, 0  # when this rate began, and samples since then
         return self._imperfection.truth

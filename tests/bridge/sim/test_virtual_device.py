@@ -5,6 +5,7 @@ import pytest
 
 from bridge.framing.deframer import Deframer, frame
 from bridge.framing.packets import Data, Hello, decode, encode_identify, encode_rate
+from bridge.sim.imperfection import DEMO_SPEC
 from bridge.sim.motion import Motion, Still
 from bridge.sim.source import RecordedSource, SimulatedSource
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice, demo_device
@@ -163,6 +164,17 @@ def test_a_fast_oscillator_gives_more_samples_a_second() -> None:
     host.hear(100.3)
     assert ticks_of(host.data())[-1] == pytest.approx(100.3e6 * 1.01, rel=1e-3)
     assert sum(len(one.ticks) for one in host.data()) == pytest.approx(104 * 100 * 1.01, rel=1e-3)
+
+
+def test_another_boot_has_another_scale_and_bias_and_is_of_the_same_part() -> None:
+    source, rng = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC), np.random.default_rng(1)
+    first, second = (source.power_up(boot, 1.0) for boot in rng.spawn(2))
+    other = SimulatedSource(lambda _: Motion([Still(1.0)]), DEMO_SPEC).power_up(rng.spawn(1)[0], 1.0)
+    for name in ("matrix", "turn_on_bias"):
+        assert not np.array_equal(getattr(first, name), getattr(second, name))
+    for name in ("bias_per_kelvin", "accel_bias"):
+        assert np.array_equal(getattr(first, name), getattr(second, name))
+        assert not np.array_equal(getattr(first, name), getattr(other, name))
 
 
 def test_truth_corrects_what_was_sent() -> None:
