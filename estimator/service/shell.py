@@ -182,7 +182,7 @@ class Service:
             info = self._info_door.take(message)
             if info is not None:
                 self._on_info(info)
-        self._turns.round(self._shedding.sift(self._ours(messages, began)))
+        self._turns.round(self._ours(messages, began))
         self._commands.work(self._orders.do)
         now = time.monotonic()
         self._record.collect(now)
@@ -212,7 +212,7 @@ class Service:
             self._give_away(lost, now)
         for calibration in self._peers.calibrated():
             self._adopt(calibration)
-        ours = self._peers.sift(messages, now)
+        ours = self._shedding.sift(self._peers.sift(messages, now))
         queues = self._peers.taken_over(self._devices, self._silent, now)
         if not queues:
             return ours
