@@ -301,7 +301,7 @@ class DeviceSession:
             so = (
                 "it will be calibrated anyway"
                 if self.life.state is State.WARMING
-                else "nothing to do until it is heard"
+                else f"nothing to do until it is heard ({self.life.reason})"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
         self.learnt.under_way = UnderWay(self.knobs.method, who, reason)
@@ -322,7 +322,8 @@ class DeviceSession:
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
         """No samples come any more that can be used, as the event says, for this reason as it is now; True when that is news."""
         if not self.life.on(event, reason):
-            if (self.life.state, event) in ((State.LOST, Event.SILENT), (State.UNKNOWN, Event.OUTDATED)):
+            unknown = (Event.OUTDATED, Event.SHED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
+            if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
                 self.life.reason = reason
             return False
         self._apply()

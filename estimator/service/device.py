@@ -62,6 +62,8 @@ class Device:
         self._told = ""  # the calibration that was said last
         #: how long the estimator has not kept up with all its devices; 0 when it does
         self.overloaded_s = 0
+        #: whether what it sends is not looked at, because there is too much of it all
+        self.left_out = False
         #: whether the store does not work now
         self.unkept = False
         #: corrected samples that were published

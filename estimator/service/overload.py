@@ -79,7 +79,7 @@ def found(statuses: Iterable[Status]) -> list[str]:
     """That the estimator does not keep up now, by what it says of its devices, and what to do."""
     said = list(statuses)
     seconds = max((status.events.get(OVERLOADED, 0) for status in said), default=0)
-    shed = sum(status.reason == WHY for status in said)
+    shed = sum(status.reason.startswith(WHY) for status in said)
     out = f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
     return [f"the estimator has not kept up with its devices for {seconds} s{out}: {_DO}"] if seconds else []
 

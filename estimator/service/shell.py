@@ -13,7 +13,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch, State
+from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -127,7 +127,7 @@ class Service:
             all_past=False,
             most_past=PAST_IN_COMPANY if peers else None,
         )
-        self._shedding = Shedding(QUEUE, self._least)
+        self._shedding, self._shed = Shedding(QUEUE, self._least, self._floods), 0
         self._peers.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
         self._totals, self._overload = Totals(), Overload(time.monotonic())
@@ -429,24 +429,35 @@ class Service:
         over_s = self._overload.look(
             now, overflowed=overflowed, waited_s=self._raw.waited_s, shedding=bool(self._shedding)
         )
-        self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=self._overload.ratio)
+        for name in [name for name in self._shedding if name not in self._devices]:
+            self._shedding.drop(name)
+        if self._bus.connected:
+            self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=self._overload.ratio)
+        else:
+            self._shedding.hold(now)
+        if shed := self._shedding.messages - self._shed:
+            self.counts.add(SHED, shed)
+            self._shed += shed
         if over_s:
             self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
         for device in self._devices.values():
             device.overloaded_s, device.unkept = self._overload.seconds, bool(self._record.trouble)
+            device.left_out = device.name in self._shedding
 
     def _least(self) -> list[str]:
-        """Devices, those first that can be done without: that flood us; that are not calibrated, nor being so; that came last."""
+        """Devices that are heard, those first that can be done without: not calibrated, and not being so; that came last."""
+        since = time.monotonic() - self._raw.waited_s - self.settings.silence_s
 
-        def wanting(device: Device) -> tuple[bool, bool, bool]:
-            session, floods = device.session, self._turns.floods(device.key)
-            return (
-                floods,
-                session.life.state is not State.TURNING,
-                session.calibration is None and session.prior is None,
-            )
+        def wanting(device: Device) -> tuple[bool, bool]:
+            learnt = device.session.learnt
+            return not (learnt.turned or learnt.asked), learnt.calibration is None and learnt.prior is None
 
-        return [device.name for device in sorted(self._devices.values(), key=wanting)[::-1]]
+        heard = [device for device in self._devices.values() if device.heard >= since]
+        return [device.name for device in sorted(heard, key=wanting)[::-1]]
+
+    def _floods(self, devices: Collection[str]) -> list[str]:
+        """Those of them that send more than they may."""
+        return [name for name in devices if (d := self._devices.get(name)) is not None and self._turns.floods(d.key)]
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:
@@ -454,11 +465,12 @@ class Service:
 
     def _looked_after(self, device: Device, now: float) -> None:
         if shed := self._shedding.came(device.name):
-            self.counts.add(SHED, shed)
-            device.session.sequence.events.add(SHED, shed)
-            device.heard = now
-            device.source.hold(now)
-            device.session.silence(WHY, Event.SHED)
+            device.session.sequence.events.add(SHED, shed.total())
+            if device.key in shed:
+                device.heard = now
+                device.source.hold(now)
+            if device.left_out:
+                device.session.silence(WHY, Event.SHED)
         # What it sent may wait unread, or be set aside: that we do not keep up is nobody's silence.
         silent_s = now - device.heard - self._raw.waited_s
         if silent_s < ASIDE_S and self._turns.waits(device.key):

@@ -44,7 +44,7 @@ class Turns:
         self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
         self._slow: set[str] = set()
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
-        self._came, self._second = Counter[str](), 0
+        self._came, self._came_before, self._second = Counter[str](), Counter[str](), 0
         self._ended = clock()  # the last round
         #: how many messages wait
         self.waiting = 0
@@ -64,8 +64,8 @@ class Turns:
         return bool(self._queues.get(key))
 
     def floods(self, key: str) -> bool:
-        """Whether more came under this key than it may send, in this second so far."""
-        return self._came_now()[key] > A_SECOND
+        """Whether more came under this key than it may send, in this second so far or the one before."""
+        return max(self._came_now()[key], self._came_before[key]) > A_SECOND
 
     def slow(self, key: str, *, now: bool) -> None:
         """Whether a message of this key may now take as long as a calibration does."""
@@ -116,8 +116,8 @@ class Turns:
         """How many messages of each key came in this second."""
         second = int(self._clock())
         if second != self._second:
-            self._second = second
-            self._came.clear()
+            self._came_before = self._came if second == self._second + 1 else Counter()
+            self._came, self._second = Counter(), second
         return self._came
 
     def _left(self, key: str) -> float:

@@ -1,6 +1,7 @@
 """More than an estimator can do: some devices are left out whole, so that the others lose nothing; and come back."""
 
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,9 +9,11 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.wire.messages import State
+from estimator.lifecycle import Event
 from estimator.service import overload, shedding
 from estimator.service.shedding import CALM_S, FILLED, MOST_CALM_S, PATIENCE_S, SHED, WHY, Shedding
-from tests.estimator.served import Served
+from estimator.under_way import UnderWay
+from tests.estimator.served import WARD, Served
 from tests.estimator.stream import NAME, calibration
 
 ROOM = 6000
@@ -122,6 +125,81 @@ def test_where_they_come_back_too_soon_they_wait_longer_and_longer() -> None:
         assert after == pytest.approx(min(2 * before, MOST_CALM_S), abs=2.5)
 
 
+def looked(made: Shedding, begin: float, seconds: int, **how: float) -> float:
+    """Looks, a second apart; when the last was."""
+    for n in range(1, seconds + 1):
+        made.look(begin + n, **{"waiting": 0, "overflowed": 0, "busy": 0.5} | how)  # type: ignore[arg-type]
+    return begin + seconds
+
+
+def names(n: int) -> Callable[[], list[str]]:
+    return lambda: [f"d{i}" for i in range(n)]
+
+
+def test_who_floods_goes_alone_and_stays_away_while_it_does() -> None:
+    flooding = {"d7"}
+    made = Shedding(100, names(10), lambda some: [name for name in some if name in flooding])
+    now = looked(made, 0.0, 6, waiting=100)
+    assert list(made) == ["d7"]
+    flooding.clear()  # of what is not looked at nobody knows, but for what came
+    for _ in range(60):
+        made.sift([Message("w/raw/b/d7", b"")] * 500)
+        now = looked(made, now, 1, busy=0.1)
+        assert list(made) == ["d7"]
+    now = looked(made, now, 2 * round(CALM_S), busy=0.1)
+    assert not made
+    assert made.came("d7") == {"w/raw/b/d7": 30_000}
+    assert made.messages == 30_000
+
+
+def test_a_busy_second_now_and_then_keeps_nobody_away() -> None:
+    made = Shedding(100, names(40))
+    now = looked(made, 0.0, 6, waiting=100)
+    assert len(made) == 4
+    for second in range(60):
+        now = looked(made, now, 1, busy=0.95 if second % 10 == 5 else 0.2)
+    assert not made
+
+
+def test_where_it_is_just_so_busy_one_is_tried_after_the_other() -> None:
+    made = Shedding(100, names(40))
+    now = looked(made, 0.0, 6, waiting=100)
+    before = len(made)
+    now = looked(made, now, round(CALM_S) + 2, busy=0.95)
+    assert len(made) == before - 1
+    looked(made, now, 300, busy=0.98)
+    assert len(made) == before - 1
+
+
+def test_a_stall_tells_nothing() -> None:
+    made = Shedding(100, names(40))
+    now = looked(made, 0.0, 2, waiting=60)
+    made.look(now + 30.0, waiting=100, overflowed=1000, busy=1.0)
+    assert not made
+    looked(made, now + 30.0, round(PATIENCE_S) - 1, waiting=100)
+    assert not made
+
+
+def test_while_nothing_can_be_heard_nobody_comes_back() -> None:
+    made = Shedding(100, names(40))
+    now = looked(made, 0.0, 6, waiting=100)
+    for n in range(60):
+        made.hold(now + n)
+    assert len(made) == 4
+    looked(made, now + 60.0, round(CALM_S) - 2, busy=0.0)
+    assert len(made) == 4
+
+
+def test_one_overload_in_several_steps_is_one() -> None:
+    made = Shedding(100, names(40))
+    now = looked(made, 0.0, 6, waiting=100)
+    while made:
+        now = looked(made, now, 1, busy=0.1)
+    now = looked(made, now, 18, waiting=100)
+    assert len(made) > 10
+    assert made._calm_s == 2 * CALM_S
+
+
 def test_one_device_is_never_left_out() -> None:
     made = Shedding(100, lambda: ["a"])
     for now in range(60):
@@ -174,9 +252,54 @@ def test_the_service_says_who_is_left_out_and_why_and_hears_it_again(monkeypatch
         assert not life.away
         assert other.session.sequence.events.as_dict()["gaps"] == 1
         for _ in range(5):  # and one that falls silent while it is left out is lost
-            served.service._shedding._shed["twin"] = 0
+            served.service._shedding._shed["twin"] = None
             served.put(batches[sent])
             sent += 1
             served.round(1.0)
         assert life.state is State.LOST
         assert "no samples for" in life.reason
+
+
+def test_only_who_is_heard_is_left_out_and_who_is_being_calibrated_last() -> None:
+    served, batches = Served(), calibration(seed=1).batches()
+    with served:
+        served.put(replace(batches[0], device="gone"))
+        served.round()
+        served.round(3.0)
+        for name in ("one", "two", "three"):
+            served.put(replace(batches[0], device=name))
+        served.round()
+        assert served.service._least() == ["three", "two", "one"]
+        session = served.service._devices["three"].session
+        session.learnt.under_way = UnderWay(session.knobs.method, "she", "")
+        assert served.service._least() == ["two", "one", "three"]
+
+
+def test_it_is_said_of_a_device_that_was_not_known_before_either_and_another_bridge_speaks_for_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    served, batches = Served(), calibration(seed=1).batches()
+    with served:
+        served.put(batches[0])
+        served.round()
+        device = served.service._devices[NAME]
+        device.session.silence("the router is gone", Event.UNREACHABLE)
+        monkeypatch.setattr(served.service._shedding, "look", lambda *_, **__: None)
+        served.service._shedding._shed[NAME] = None
+        served.put(batches[1])
+        served.round(1.0)
+        served.round(1.0)
+        assert device.session.life.reason == WHY
+        refused = device.session.recalibrate("she", "")
+        assert refused is not None
+        assert WHY in refused
+        heard = device.heard
+        key = f"truerate/@v1/{WARD}/raw/other/{NAME}"
+        for _ in range(4):
+            served.raw.messages.append(Message(key, b"whatever"))
+            served.round(1.0)
+        assert device.heard <= heard + 1.0
+        assert device.session.life.state is State.LOST
+        del served.service._devices[NAME]
+        served.round(1.0)
+        assert not served.service._shedding
