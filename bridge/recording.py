@@ -1,7 +1,8 @@
 """A recording of one device: samples at their own times, from NumPy's .npz, from CSV, or from a ward's recording (.mcap).
 
-npz: `gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`. Other
-arrays are passed over; `arrival_s` is one of them, for bytes arrive in bursts: it is no sample time.
+npz: `gyro_rad_s` (n, 3), and where there are `accel_m_s2` (n, 3), `temperature_c` (n,), `t_s` (n,) and `rate_hz`; `device` and
+`boot` as an export says them. Other arrays are passed over; `arrival_s` is one of them, for bytes arrive in bursts: it is no
+sample time.
 CSV: a header row, one row a sample. Columns, the unit in the name:
     t_s | t_ms | t_us                                       time of the sample
     gyro_x_rad_s ... gyro_z_rad_s | gyro_x_dps ... | gyro_x_mdps ...      also gx_dps and so on
@@ -13,9 +14,10 @@ mcap: as `truerate record` writes it; the device, and which of its boots, must b
 """
 
 import logging
+import re
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +29,7 @@ from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
 from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time, rate_of, warn_of_gyro
+from bridge.wire import keys
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
 from bridge.wording import count
@@ -41,6 +44,7 @@ MAX_BYTES = 1 << 29  # of the file, and of what it unpacks to
 TICK_S = 1e-6  # as a recording is played: as if the device counted microseconds
 _MAX_TIME_S = 1e10  # since whatever epoch: 300 years
 _SAME_RATE = 1e-3  # relative: as precisely as people write a rate
+_BOOT = re.compile("[0-9a-f]{16}")
 _WANTED = ("gyro_rad_s", "accel_m_s2", "temperature_c", "t_s", "rate_hz")
 _LIMITS = {
     "gyro_rad_s": (MAX_RATE, "rad/s", "is it in degrees per second, or in counts?"),
@@ -65,7 +69,7 @@ class Recording:
 
     rate_hz: as the file says, or as its times do where none is missing. gyro_range: full scale, rad/s; 0 when unknown.
     made: of a ward's recording, the accepted calibrations of this very boot that are in it, in order; begin_ns: host time
-    of its first sample; told: as they came.
+    of its first sample; told: as they came. device, boot: whose it is, empty and 0 where that is not known.
     """
 
     time_s: Floats
@@ -78,6 +82,8 @@ class Recording:
     made: tuple[Calibration, ...] = ()
     begin_ns: int = 0
     told: Told | None = None
+    device: str = ""
+    boot: int = 0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -120,7 +126,8 @@ def load(
     if device is not None or boot is not None:
         raise RecordingError(f"{path}: it is of one device and one boot; only a .mcap has several to choose from")
     if kind == ".npz":
-        return _checked(path, _read_npz(path), rate_hz, _place)
+        arrays, device, boot = _read_npz(path)
+        return replace(_checked(path, arrays, rate_hz, _place), device=device, boot=boot)
     if kind in {".csv", ".txt"}:
         table = read_csv(path)
         return _checked(path, table.columns, rate_hz, table.place)
@@ -166,11 +173,13 @@ def _of_stretch(path: Path, of: Stretch, made: list[Calibration]) -> Recording:
         made=tuple(made),
         begin_ns=int(of.time_ns[0]),
         told=Told(of.ticks, of.tick_period_s, of.sequence, of.flags),
+        device=of.device,
+        boot=of.boot,
     )
 
 
-def _read_npz(path: Path) -> dict[str, Floats]:
-    """The wanted arrays of an archive; NumPy's own complaints, which advise to load unsafely, are not passed on."""
+def _read_npz(path: Path) -> tuple[dict[str, Floats], str, int]:
+    """The wanted arrays of an archive, and whose it is; NumPy's complaints, which advise to load unsafely, are not passed on."""
     if not path.stat().st_size:
         raise RecordingError(f"{path}: it is empty; an archive with 'gyro_rad_s' in it is needed")
     _check_unpacked(path)
@@ -180,13 +189,16 @@ def _read_npz(path: Path) -> dict[str, Floats]:
             present = list(file.files)
             for name in (name for name in _WANTED if name in present):
                 arrays[name] = _array(path, name, file)
+            device, boot = (_word(name, file) for name in ("device", "boot"))
     except RecordingError:
         raise
     except Exception:  # noqa: BLE001 - a damaged archive fails in many ways
         raise _unreadable(path) from None
     if "gyro_rad_s" not in arrays:
         raise RecordingError(f"{path}: 'gyro_rad_s' is missing; the file has {', '.join(present) or 'nothing'}")
-    return {name: _numbers(path, name, array) for name, array in arrays.items()}
+    # As an export writes them; whatever else is called so tells nothing.
+    whose = (device, int(boot, 16)) if keys.ID.match(device) and _BOOT.fullmatch(boot) else ("", 0)
+    return {name: _numbers(path, name, array) for name, array in arrays.items()}, *whose
 
 
 def _check_unpacked(path: Path) -> None:
@@ -207,6 +219,13 @@ def _array(path: Path, name: str, file: Mapping[str, NDArray[np.generic]]) -> ND
         raise RecordingError(
             f"{path}: {name!r} is damaged, or holds no plain numbers; save it as an array of floats"
         ) from None
+
+
+def _word(name: str, file: Mapping[str, NDArray[np.generic]]) -> str:
+    try:
+        return str(file[name])
+    except Exception:  # noqa: BLE001 - whatever else is called so is passed over
+        return ""
 
 
 def _unreadable(path: Path) -> RecordingError:

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from bridge.recording import Recording
+from bridge.wire import keys
 from bridge.wire.codec import MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration, Turn, Verdict
 from estimator.batch.result import PARAMETERS, Result, VerdictKnobs
@@ -54,6 +55,8 @@ class _File(msgspec.Struct, frozen=True):
     covariance: list[list[float]] | None
     noise_std_rad_s: _Row | None
     id: _Name = ""
+    device: _Name = ""
+    boot: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{16})?$")] = ""
     reason: str = ""
     turns: tuple[_Turn, ...] = ()
     model: _Name = ""
@@ -68,8 +71,8 @@ def of_result(result: Result, recording: Recording | None = None, gyro_range: fl
     warm = None if recording is None else recording.temperature_c
     celsius = np.nan if recording is None or warm is None else np.interp(result.bias_time, recording.time_s, warm)
     return Calibration(
-        device="",
-        boot=0,
+        device=recording.device if recording else "",
+        boot=recording.boot if recording else 0,
         id=recording.name[:64] if recording else "",
         time_ns=0,
         method=result.method,
@@ -98,6 +101,8 @@ def as_json(calibration: Calibration) -> dict[str, Any]:
         "format": FORMAT,
         "version": VERSION,
         "id": c.id,
+        "device": c.device,
+        "boot": keys.boot_id(c.boot) if c.boot else "",
         "method": c.method,
         "verdict": c.verdict.name.lower(),
         "reason": c.reason,
@@ -132,7 +137,7 @@ def save(calibration: Calibration, path: Path | str) -> None:
 
 
 def load(path: Path | str) -> Calibration:
-    """Read an accepted calibration; boot, device and time are not in the file. Raises CalibrationFileError."""
+    """Read an accepted calibration; its time is not in the file, its device and boot may be. Raises CalibrationFileError."""
     path = Path(path)
     file = _read(path)
     if (file.format, file.version) != (FORMAT, VERSION):
@@ -147,8 +152,8 @@ def load(path: Path | str) -> Calibration:
         raise CalibrationFileError(f"{path}: it holds no estimate (null): calibrate again; {_ADVICE}")
     try:
         return Calibration(
-            device="",
-            boot=0,
+            device=file.device,
+            boot=int(file.boot or "0", 16),
             id=file.id or path.stem[:64],
             time_ns=0,
             method=file.method,

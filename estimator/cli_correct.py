@@ -33,7 +33,8 @@ calibrations:
   rest confirms it.
   A ward lets a device warm up for a second after it was switched on. An .npz or .csv does not tell when that was: where that
   second would cost a turn, the device is taken to have been on before, and it is said.
-  After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten.
+  After a reboot, or of another day, say --other-boot too: its scale is a prior, and its bias is forgotten. Where both files
+  tell whose they are, as what a ward recorded does, that is done by itself, and another device's calibration refused.
 examples:
   truerate correct day.npz corrected.npz
   truerate calibrate session.npz --json > chest.json

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bridge.faults import SensorFaults
 from bridge.readings import PLAUSIBLE
 from bridge.recording import TICK_S, Recording, RecordingError, Told
+from bridge.wire import keys
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch, SampleFlag, Verdict
 from bridge.wire.refusal import Tally
 from bridge.wording import count
@@ -85,15 +86,15 @@ def correct(
 ) -> Corrected:
     """Correct a recording as the service would have, row for row what was known when the sample came.
 
-    calibration: of the same boot, its bias an old one until the recording confirms it; or, with other_boot, of another
-    one: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had as it began
-    (Recording.made), else the first whose turns are within the recording, from there on. Where a turn would be missed because
-    a device just switched on has to warm up, and the recording has no device's time to tell when that was, it is taken to
-    have been on before. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
+    calibration: of the same boot, its bias an old one until the recording confirms it; or of another one, as other_boot or
+    the two themselves say: then its scale is a prior, its bias forgotten. Without it the one that the recording's own boot had
+    as it began (Recording.made), else the first whose turns are within the recording, from there on. Where a turn would be
+    missed because a device just switched on has to warm up, and the recording has no device's time to tell when that was, it is
+    taken to have been on before. smooth: the whole recording is used for every row. gyro_range in rad/s, 0 when unknown.
     warmed_up: the device had been on and worn for a quarter of an hour as it began; else its bias may warm up from there on
     where no temperature tells of it, as live. batch: samples handed over at a time, no matter for the result;
     progress(done, n) is called after each. knobs: by default as a ward treats a device of an unknown kind.
-    Raises RecordingError when a reading is beyond the range, or there is nothing to smooth.
+    Raises RecordingError when a reading is beyond the range, there is nothing to smooth, or the calibration is another device's.
     """
     knobs = knobs or knobs_of(load_model(GENERIC))
     if warmed_up:
@@ -113,7 +114,7 @@ def correct(
         return pass_
 
     if calibration is not None:
-        return passed(_known(calibration)).corrected()
+        return passed(_of_device(_known(calibration), recording)).corrected()
     if before := [one for one in recording.made if one.time_ns <= recording.begin_ns]:
         later = len(recording.made) - len(before)
         used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
@@ -230,9 +231,7 @@ class _Pass:
         )
 
 
-def _known(calibration: Calibration | Result | None) -> Calibration | None:
-    if calibration is None:
-        return None
+def _known(calibration: Calibration | Result) -> Calibration:
     if calibration.verdict is not Verdict.ACCEPTED:
         raise ValueError(
             f"a calibration with verdict {calibration.verdict.name} corrects nothing: {calibration.reason}"
@@ -241,8 +240,20 @@ def _known(calibration: Calibration | Result | None) -> Calibration | None:
     return known if known.id else replace(known, id="given")
 
 
+def _of_device(known: Calibration, recording: Recording) -> Calibration:
+    if known.device and recording.device and known.device != recording.device:
+        raise RecordingError(
+            f"calibration {known.id} is of {known.device}, the recording {recording.name} of {recording.device}: "
+            f"take one of {recording.device}, or none"
+        )
+    return known
+
+
 def _foreign(known: Calibration, recording: Recording, gyro_range: float) -> str | None:
-    """Why a calibration cannot be of the recording's boot; a range of 0 is not known, and is no reason."""
+    """Why a calibration cannot be of the recording's boot; a range of 0 is not known, nor is a boot, and is no reason."""
+    if known.boot and recording.boot and known.boot != recording.boot:
+        was, now = keys.boot_id(known.boot), keys.boot_id(recording.boot)
+        return f"calibration {known.id} is of boot {was}, {recording.name} of boot {now}"
     if gyro_range and known.gyro_range and not isclose(gyro_range, known.gyro_range, rel_tol=1e-3):
         was, now = np.degrees(known.gyro_range), np.degrees(gyro_range)
         return f"calibration {known.id} was made at a range of {was:.5g} °/s, {recording.name} has {now:.5g} °/s"

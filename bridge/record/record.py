@@ -76,10 +76,14 @@ def record(
 
 
 def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Event, deadline: float) -> Bus:
+    told = False
     while True:
         try:
             return open_bus(endpoints)
         except BusError:
+            if not told:
+                told = True
+                _log.warning("looking for a router at %s", ", ".join(endpoints))
             if time.monotonic() >= deadline or stop.wait(_RETRY_S):
                 raise
 

@@ -325,3 +325,22 @@ def test_readings_that_nothing_can_be_learnt_of_are_said(tmp_path: Path, caplog:
     assert "its readings are rounded to 1 °/s" in caplog.text
     load(saved(tmp_path, gyro_rad_s=read, rate_hz=4.0))
     assert "at 4 Hz no rest can be seen" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("device", "boot", "told"),
+    [
+        ("chest", "00000000000000ff", ("chest", 255)),
+        ("Chest; rm", "00000000000000ff", ("", 0)),
+        ("chest", "7", ("", 0)),
+        (3.0, [1, 2], ("", 0)),
+        ({}, "00000000000000ff", ("", 0)),
+    ],
+)
+def test_whose_it_is_is_known_where_an_export_said_it(
+    tmp_path: Path, device: object, boot: object, told: tuple[str, int]
+) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, gyro_rad_s=np.full((50, 3), 0.01), rate_hz=100.0, device=np.array(device), boot=np.array(boot))
+    found = load(path)
+    assert (found.device, found.boot) == told

@@ -35,7 +35,7 @@ def put(**values: object) -> Callable[[Json], object]:
 
 def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     of = simulate_session(4)
-    recording = Recording(of.time_s, of.gyro, of.accel, of.temperature_c, of.rate_hz, "session")
+    recording = Recording(of.time_s, of.gyro, of.accel, of.temperature_c, of.rate_hz, "session", device="chest", boot=7)
     result, _ = calibrate(recording)
     saved = of_result(result, recording, gyro_range=8.7)
     calibration_file.save(saved, tmp_path / "chest.json")

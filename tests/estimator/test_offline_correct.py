@@ -257,6 +257,23 @@ def test_of_another_range_it_is_no_more_than_another_boots(day: Stream, worn: St
     assert correct(replace(of, gyro_range=narrow), known).quality[0] == Quality.PRIOR
 
 
+def test_of_a_boot_that_is_known_to_be_another_it_is_no_more_than_that_and_of_another_device_nothing(
+    day: Stream, worn: Stream
+) -> None:
+    from estimator.calibration_file import of_result
+
+    known = of_result(calibrate(recorded(day))[0], replace(recorded(day), device="chest", boot=1))
+    of = replace(recorded(worn), device="chest", boot=1)
+    assert correct(of, known).quality[0] > Quality.PRIOR
+    assert correct(replace(of, boot=0), known).quality[0] > Quality.PRIOR, "a boot that is not known is no other"
+    found = correct(replace(of, boot=2), known)
+    assert found.quality[0] == Quality.PRIOR
+    assert "of boot 0000000000000001, chest of boot 0000000000000002" in found.said[0]
+    assert same(replace(found, said=found.said[1:]), correct(of, known, other_boot=True))
+    with pytest.raises(RecordingError, match="is of chest, the recording chest of wrist"):
+        correct(replace(of, device="wrist"), known, other_boot=True)
+
+
 def test_what_was_not_accepted_corrects_nothing(day: Stream) -> None:
     result, _ = calibrate(recorded(day.part(0, day.at(6.0))))
     assert result.verdict is not Verdict.ACCEPTED

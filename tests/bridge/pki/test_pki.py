@@ -407,6 +407,12 @@ def other_authority(pki: Path) -> Identity:
     return Folder(pki).identity(B1)
 
 
+def other_of_its_name(pki: Path) -> Identity:
+    ward = common_name(certificates(str(pki / "ca.pem"))[0])
+    (pki / "ca.pem").write_bytes(new_authority(ward, utc_now()).certificate)
+    return Folder(pki).identity(B1)
+
+
 def no_file(pki: Path) -> Identity:
     (pki / "bridge.b1.key").unlink()
     return Folder(pki).identity(B1)
@@ -429,6 +435,7 @@ def for_a_viewer(pki: Path) -> Identity:
         (key_beside, "(mode 0644): chmod 600"),
         (locked_key, "locked with a password"),
         (other_authority, "not signed by"),
+        (other_of_its_name, "another one of the same name"),
         (no_file, "there is no such file"),
         (no_certificate, "no certificate in PEM"),
         (for_a_viewer, "for viewer:hall, where a bridge is to be run"),
