@@ -190,11 +190,11 @@ def _certificate_faults(identity: Identity, chain: Chain, now: datetime, roles: 
     yield from (f"{identity.certificate}: {words}" for words in dates(chain.own, now))
     yield from (f"{identity.certificate}: {words}" for words in chain.faults(now, needed))
     if not chain.ends:
-        by, wanted = chain.last.issuer, certificates(identity.ca)[0].subject
-        another = " (another one of the same name: was `pki init` done twice?)" if by == wanted else ""
+        issuer, expected = chain.last.issuer, certificates(identity.ca)[0].subject
+        another = " (another one of the same name: was `pki init` done twice?)" if issuer == expected else ""
         yield (
             f"{identity.certificate}: not signed by {identity.ca} ({common_name(certificates(identity.ca)[0])!r}), but by"
-            f" {by.rfc4514_string()!r}{another}: use that authority's file, or add what lies between to the certificate's"
+            f" {issuer.rfc4514_string()!r}{another}: use that authority's file, or add what lies between to the certificate's"
         )
     yield from (f"{identity.ca}: {words}" for words in chain.end_faults(now))
     yield from (
