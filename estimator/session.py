@@ -301,7 +301,7 @@ class DeviceSession:
             so = (
                 "it will be calibrated anyway"
                 if self.life.state is State.WARMING
-                else f"nothing to do until it is heard ({self.life.reason})"
+                else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
         self.learnt.under_way = UnderWay(self.knobs.method, who, reason)

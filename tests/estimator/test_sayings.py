@@ -9,6 +9,7 @@ import pytest
 
 from estimator import glance
 from estimator.sayings import Sayings
+from estimator.service.shedding import WHY
 from estimator.texts import texts
 
 ROOT = Path(glance.__file__).parents[1]
@@ -112,6 +113,10 @@ def test_every_sentence_has_a_chinese(speaker: str) -> None:
     said = [text for text in spoken(ROOT / speaker) if text.strip().count(" ") >= 2]
     assert said, "it says nothing any more: take it from the list"
     assert [text for text in said if not (NOT_SHOWN.search(text) or text in PIECES or ZH.knows(text))] == []
+
+
+def test_why_a_device_is_left_out_has_a_chinese() -> None:
+    assert ZH.knows(WHY)
 
 
 #: English, and below it the same in Chinese

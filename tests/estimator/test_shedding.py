@@ -290,9 +290,6 @@ def test_it_is_said_of_a_device_that_was_not_known_before_either_and_another_bri
         served.round(1.0)
         served.round(1.0)
         assert device.session.life.reason == WHY
-        refused = device.session.recalibrate("she", "")
-        assert refused is not None
-        assert WHY in refused
         heard = device.heard
         key = f"truerate/@v1/{WARD}/raw/other/{NAME}"
         for _ in range(4):

@@ -1,6 +1,6 @@
 """Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices: a bare relay, one that recodes, the estimator in turn.
 
-Writes out/load.png: how all of it grows with the number of devices.
+Writes out/load.png: how all of it grows with the number of devices. With --devices one run: what becomes of more than it can do.
 """
 
 import argparse
@@ -29,8 +29,19 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="two loads and one burst only")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each paced run")
     parser.add_argument("--bursts", type=int, default=3, help="how often each burst is made")
+    parser.add_argument(
+        "--devices", type=int, help="the estimator alone with so many at 104 Hz, such as are more than it can do"
+    )
     args = parser.parse_args()
     console = Console(width=120)
+    if args.devices:
+        took = run(Load(args.devices, seconds=args.seconds), Middle.ESTIMATOR)
+        lost = took.lost / (took.sent * 10)
+        console.print(
+            f"{args.devices} devices for {args.seconds:g} s: {lost:.0%} lost, the first moments among it; of {took.whole} devices"
+            f" nothing in the last 20 s; CPU {100 * took.cpu:.0f} %, p99 {1e3 * took.p99_s:.0f} ms"
+        )
+        return 0
     table = Table(title="Paced")
     for heading in (
         "devices",

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 
 import numpy as np
 from google.protobuf.message import Message
@@ -48,6 +49,16 @@ class Receiver:
             twice += n - len(fresh)
             latency[at] = (arrived_ns - batch.start_time_ns) * 1e-9  # type: ignore[attr-defined]
         return len(self._arrived), samples, twice, latency
+
+    def whole(self, rate_hz: float, seconds: float = 20.0) -> int:
+        """Of how many devices nothing is missing in the last seconds that anything came of."""
+        came = [self._kind.FromString(payload) for _, payload in self._arrived]
+        end_ns = max(batch.start_time_ns for batch in came)  # type: ignore[attr-defined]
+        samples = Counter[str]()
+        for batch in came:
+            if -seconds <= (batch.start_time_ns - end_ns) * 1e-9 < -1.0:  # type: ignore[attr-defined]
+                samples[batch.device] += len(batch.ticks) // 8  # type: ignore[attr-defined]
+        return sum(n >= 0.99 * rate_hz * (seconds - 1.0) for n in samples.values())
 
     def close(self) -> None:
         """End the thread and the session."""

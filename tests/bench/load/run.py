@@ -68,6 +68,8 @@ class Took:
     p50_s: float
     p99_s: float
     sender_late_s: float
+    #: devices that lost nothing in the last 20 s
+    whole: int
 
     @property
     def messages_per_s(self) -> float:
@@ -115,6 +117,7 @@ def _measured(
         rss = _rss_mb(worker)
     _, samples, twice, latency = receiver.result()
     latency = latency[arrived:]
+    whole = 0 if load.burst else receiver.whole(load.rate_hz)
     receiver.close()
     spent_s = max(ended_s - began_s, 1e-9)
     return Took(
@@ -128,6 +131,7 @@ def _measured(
         p50_s=float(np.percentile(latency, 50)),
         p99_s=float(np.percentile(latency, 99)),
         sender_late_s=said["late_s"],
+        whole=whole,
     )
 
 
