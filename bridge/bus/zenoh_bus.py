@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 _CHANNEL = 65536  # between zenoh and our thread, which always drains; a full one would stop the session's receiving
 # How soon after a message the number of the last is told, if it was not. Who keeps so many messages says the next one soon, which
-# tells as much: told after each they were two fifths of all that a ward's estimator got. Zenoh's heartbeats are for the others.
+# tells as much: zenoh's heartbeats, four a second while anything is published, are for the others.
 _HEARTBEAT_S, _STREAM = 0.25, 64
 _JOIN_S = 1.0
 _MAX_KNOWN = 8192
