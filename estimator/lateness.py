@@ -1,19 +1,44 @@
-"""Whether a batch comes late: much longer under way than the others of its device lately. Pure; times are seconds of wall clocks.
+"""Whether a batch comes late: much longer under way than the others of its device lately, or after what came next.
 
-The clocks of a bridge's machine and of ours need not agree: how far they are apart is the least that samples took for a minute.
+Pure; times are seconds of wall clocks. Those of a bridge's machine and of ours need not agree: how far they are apart is the
+least that samples took for a minute. What came next is a later boot, or a later turn of an estimator at the same boot.
 """
 
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bridge.wire.messages import CorrectedBatch, SampleFlag
+from estimator.fence import FORGET_S
 
 #: as a bridge has it
 LATE_S = 1.0
 #: clocks agree as far as this, until a minute has shown otherwise; further apart, what comes is of another time, a recording's
 _AGREE_S = 60.0
 _KNOWN_S = 60.0
+_BOOTS = 8
+
+
+@dataclass(slots=True)
+class _Latest:
+    """What was given last of a device; and its boots before that one, as far as is remembered."""
+
+    boot: int
+    epoch: int
+    given_s: float
+    before: deque[int] = field(default_factory=deque)
+
+    def overtook(self, batch: CorrectedBatch, now: float, *, late: bool) -> bool:
+        """Whether a batch that is given `now` is of an earlier boot or turn; if not, it is the latest."""
+        earlier = batch.boot in self.before or (batch.boot == self.boot and batch.epoch < self.epoch)
+        # A boot that is late when it is first heard of may be an old one, from a cache.
+        if (earlier or (late and batch.boot != self.boot)) and 0.0 <= now - self.given_s < FORGET_S:
+            return True
+        if batch.boot != self.boot:
+            self.before = deque((b for b in (*self.before, self.boot) if b != batch.boot), maxlen=_BOOTS)
+        self.boot, self.epoch, self.given_s = batch.boot, batch.epoch, now
+        return False
 
 
 @dataclass(slots=True)
@@ -21,6 +46,7 @@ class _Way:
     least_s: float
     before_s: float
     since_s: float
+    latest: _Latest
 
 
 class Lateness:
@@ -39,11 +65,13 @@ class Lateness:
             while len(self._ways) >= self._room:
                 del self._ways[next(iter(self._ways))]
             clocks_s = 0.0 if abs(took_s) <= _AGREE_S else took_s
-            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now)
+            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, _Latest(batch.boot, batch.epoch, now))
         if not 0.0 <= now - way.since_s <= _KNOWN_S:
             way.before_s, way.least_s, way.since_s = way.least_s, took_s, now
         way.least_s = min(way.least_s, took_s)
         over_s = took_s - min(way.least_s, way.before_s) - LATE_S
+        if way.latest.overtook(batch, now, late=over_s > 0.0):
+            return replace(batch, flags=batch.flags | np.uint32(SampleFlag.LATE))
         if over_s + lasts_s <= 0.0:
             return batch
         # In a long batch the first samples may be late and the last not.

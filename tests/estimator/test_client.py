@@ -9,7 +9,7 @@ import pytest
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
+from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality, SampleFlag
 from bridge.wire.refusal import Refusal
 from estimator.client import NONE_S, Client
 from estimator.session import DeviceSession
@@ -77,6 +77,17 @@ def test_a_new_boot_counts_from_its_own_start(broker: MemoryBroker, client: Clie
         put(codec.encode_corrected(batch))
     found = list(subscription)
     assert [(b.boot, b.sequence, len(b)) for b in found] == [(1, 0, 50), (2, 0, 20), (1, 50, 10), (2, 20, 10)]
+
+
+def test_what_waited_behind_a_hole_while_the_next_boot_began_is_said_to_be_late(
+    broker: MemoryBroker, client: Client
+) -> None:
+    subscription = client.corrected(idle_s=0.1)
+    put = publisher(broker).put
+    for batch in (corrected(0, 50), corrected(60, 70), corrected(0, 20, boot=2), corrected(20, 30, boot=2)):
+        put(codec.encode_corrected(batch))
+    found = [(b.boot, b.sequence, bool((b.flags & SampleFlag.LATE).any())) for b in subscription]
+    assert found == [(1, 0, False), (2, 0, False), (2, 20, False), (1, 60, True)]
 
 
 def test_a_gap_is_a_gap_and_no_repeat(broker: MemoryBroker, client: Client) -> None:

@@ -65,3 +65,37 @@ def test_of_a_long_batch_only_what_is_late_is_marked() -> None:
     assert lasts_s > 1.2
     np.testing.assert_array_equal(flags, lasts_s - at_s + 0.02 > 1.0)
     assert 0 < np.count_nonzero(flags) < len(flags)
+
+
+def lates(lateness: Lateness, *came: tuple[float, int, int]) -> list[bool]:
+    """Whether batches (at_s, boot, epoch), each given 50 ms after its beginning, are flagged."""
+    found = []
+    for at_s, boot, epoch in came:
+        one = lateness.marked(replace(batch(at_s), boot=boot, epoch=epoch), BEGUN_S + at_s + 0.45)
+        found.append(bool((one.flags & SampleFlag.LATE).all()))
+    return found
+
+
+def test_what_waited_while_the_next_boot_began_is_late() -> None:
+    assert lates(Lateness(), (0, 1, 0), (1, 2, 0), (1.1, 1, 0), (1.2, 2, 0), (1.3, 1, 0)) == [0, 0, 1, 0, 1]
+
+
+def test_what_waited_while_a_later_turn_began_is_late() -> None:
+    assert lates(Lateness(), (0, 1, 5), (1, 1, 6), (1.1, 1, 5), (1.2, 1, 6)) == [0, 0, 1, 0]
+
+
+def test_a_boot_has_turns_of_its_own() -> None:
+    assert lates(Lateness(), (0, 1, 5), (1, 2, 3), (2, 2, 3)) == [0, 0, 0]
+
+
+@pytest.mark.parametrize("earlier", [(1, 0), (2, 4)], ids=["boot", "turn"])
+def test_what_is_heard_no_more_is_not_the_latest_for_ever(earlier: tuple[int, int]) -> None:
+    came = [(at_s, *earlier) for at_s in (1.0, 5.9, 6.1, 7.0)]
+    assert lates(Lateness(), (0, 1, 0), (1, 2, 9), *came) == [0, 0, 1, 1, 0, 0]
+
+
+def test_the_end_of_a_boot_that_is_over_from_a_cache_does_not_make_the_running_one_late() -> None:
+    lateness = Lateness()
+    assert lates(lateness, (20, 2, 0)) == [0]
+    assert (lateness.marked(replace(batch(15.0), boot=1), BEGUN_S + 20.5).flags & SampleFlag.LATE).all()
+    assert lates(lateness, (21, 2, 0)) == [0]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.messages import Quality, SampleFlag, Verdict
+from bridge.wire.messages import CorrectedBatch, Quality, SampleFlag, Verdict
 from estimator.fence import FORGET_S
 from estimator.service.law import EVENT
 from tests.nemesis.history import Boot, History
@@ -45,21 +45,24 @@ def out_of_order(history: History) -> Iterator[str]:
     for device, boots in _boots(history).items():
         latest = sorted(boots, key=lambda boot: history.heard[device, boot][0].time_s)
         for before, after in pairwise(latest):
-            in_time = [
-                one.time_s for one in history.heard[device, before] if not (one.batch.flags & SampleFlag.LATE).all()
-            ]
+            in_time = [one.time_s for one in history.heard[device, before] if not _late(one.batch)]
             late = max(in_time, default=-np.inf) - history.heard[device, after][0].time_s
             if late > 0:
                 yield f"{device}: boot {before:016x} goes on {late:.2f} s after {after:016x} began"
 
 
 def outdated(history: History) -> Iterator[str]:
-    """Nothing of an older epoch after a newer one, unless that is heard no more."""
+    """Nothing of an older epoch after a newer one but what is flagged late, unless that is heard no more."""
     for (device, boot), heard in history.heard.items():
         newest, heard_s = 0, -np.inf
         for at_s, batch in heard:
             if batch.epoch < newest and at_s - heard_s < FORGET_S:
-                yield f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} after {newest}"
+                if _late(batch):
+                    continue
+                yield (
+                    f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} "
+                    f"{at_s - heard_s:.3f} s after {newest}"
+                )
                 break
             newest, heard_s = batch.epoch, at_s
 
@@ -128,6 +131,10 @@ def broken(history: History, truth: Truth, recovered_s: float) -> list[str]:
         wrong(history, truth),
     )
     return [words for check in checks for words in check]
+
+
+def _late(batch: CorrectedBatch) -> bool:
+    return bool((batch.flags & SampleFlag.LATE).all())
 
 
 def _boots(history: History) -> dict[str, list[int]]:
