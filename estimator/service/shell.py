@@ -28,15 +28,15 @@ from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.isolation import Isolation
 from estimator.service.lane import Lane
+from estimator.service.load import Load
+from estimator.service.lost import Lost
 from estimator.service.orders import Orders
-from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.peers import Peers
-from estimator.service.presence import SETTLED_S, Presence
+from estimator.service.presence import Presence
 from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
-from estimator.service.shedding import SHED, WHY, Shedding
 from estimator.service.silent import Silent
 from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
@@ -55,8 +55,6 @@ MANY = 512
 QUEUE = 65536
 #: a round that takes longer is held against nobody
 SLOW_S = 0.5
-#: who has something set aside is not silent, for so long: it may be what is only said again
-ASIDE_S = 10.0
 #: how long the last samples are corrected after a stop was asked for
 DRAIN_S = 2.0
 #: how long what was said of the rates of a device that has left us may still be asked for
@@ -66,7 +64,6 @@ LINGER_S = 40.0
 PAST_IN_COMPANY = 240
 #: under this, samples are counted that waited for their turn when their device left: another corrects them
 MOVED = "moved to another estimator"
-_OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
 #: no device's name: what is done after all devices were looked after
 _WARD = ""
 
@@ -114,6 +111,7 @@ class Service:
         self._notices = Notices(data, ward, self._gate)
         self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, time.monotonic())
         self._turns = Turns(self._lane.take, self._flooded)
+        self._lost = Lost(self._presence, self._gate, self._turns.waits, settings.silence_s)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
@@ -127,10 +125,10 @@ class Service:
             all_past=False,
             most_past=PAST_IN_COMPANY if peers else None,
         )
-        self._shedding, self._shed = Shedding(QUEUE, self._least, self._floods), 0
+        self._load = Load(self._raw, QUEUE, self._devices, self._turns.floods, self.counts, settings.silence_s)
         self._peers.on_token = self._raw.wake
         self._info = data.subscribe(keys.pattern(ward, "info"), history=True)
-        self._totals, self._overload = Totals(), Overload(time.monotonic())
+        self._totals = Totals()
         self._declared = [
             control.answer(keys.pattern(ward, "rpc"), self._commands.ask),
             control.declare_alive(keys.build(ward, "alive/estimator", estimator=settings.id)),
@@ -174,7 +172,7 @@ class Service:
         hurry = self._pressing or self._quiet
         messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
         began = time.monotonic()
-        self._overload.idle(began - waits)
+        self._load.idle(began - waits)
         if len(messages) == MANY or not self._raw.caught_up:
             self._peers.cluster.behind(began)
         messages = self._resumed.left(self._gate.admit(messages, began), began)
@@ -212,7 +210,7 @@ class Service:
             self._give_away(lost, now)
         for calibration in self._peers.calibrated():
             self._adopt(calibration)
-        ours = self._shedding.sift(self._peers.sift(messages, now))
+        ours = self._load.sift(self._peers.sift(messages, now))
         queues = self._peers.taken_over(self._devices, self._silent, now)
         if not queues:
             return ours
@@ -225,7 +223,7 @@ class Service:
         """Devices that another estimator has: it goes on from where we were."""
         for name in names:
             self._silent.drop(name)
-            self._shedding.drop(name)
+            self._load.drop(name)
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             for message in self._turns.withdraw(device.name):
@@ -400,7 +398,7 @@ class Service:
         self._stock.check()
         self._gate.look(now)
         self._notices.say(self._now_ns(), self._devices)
-        self._weigh(now)
+        self._load.look(now, connected=self._bus.connected, unkept=bool(self._record.trouble))
         while self._left and self._left[0][0] <= now:
             self._left.popleft()[1].close()
         self._presence.note(now)
@@ -421,80 +419,18 @@ class Service:
         counts = self._count_all()
         self._totals.tell(now, counts)
         note = partial(self._stock.note, now, self._record.trouble, counts)
-        self._quiet.add(Kind.LOOK, _WARD, partial(note, connected=connected, busy=self._overload.ratio))
-
-    def _weigh(self, now: float) -> None:
-        """Whether it all is more than can be done."""
-        overflowed, waiting = self._raw.overflowed, self._raw.waiting
-        over_s = self._overload.look(
-            now, overflowed=overflowed, waited_s=self._raw.waited_s, shedding=bool(self._shedding)
-        )
-        for name in [name for name in self._shedding if name not in self._devices]:
-            self._shedding.drop(name)
-        if self._bus.connected:
-            self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=self._overload.ratio)
-        else:
-            self._shedding.hold(now)
-        if shed := self._shedding.messages - self._shed:
-            self.counts.add(SHED, shed)
-            self._shed += shed
-        if over_s:
-            self.counts.add(f"{OVERLOADED}, seconds", max(1, round(over_s)))
-        for device in self._devices.values():
-            device.overloaded_s, device.unkept = self._overload.seconds, bool(self._record.trouble)
-            device.left_out = device.name in self._shedding
-
-    def _least(self) -> list[str]:
-        """Devices that are heard, those first that can be done without: not calibrated, and not being so; that came last."""
-        since = time.monotonic() - self._raw.waited_s - self.settings.silence_s
-
-        def wanting(device: Device) -> tuple[bool, bool]:
-            learnt = device.session.learnt
-            return not (learnt.turned or learnt.asked), learnt.calibration is None and learnt.prior is None
-
-        heard = [device for device in self._devices.values() if device.heard >= since]
-        return [device.name for device in sorted(heard, key=wanting)[::-1]]
-
-    def _floods(self, devices: Collection[str]) -> list[str]:
-        """Those of them that send more than they may."""
-        return [name for name in devices if (d := self._devices.get(name)) is not None and self._turns.floods(d.key)]
+        self._quiet.add(Kind.LOOK, _WARD, partial(note, connected=connected, busy=self._load.busy))
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:
             self._guarded(device, lambda: self._looked_after(device, time.monotonic()))
 
     def _looked_after(self, device: Device, now: float) -> None:
-        if shed := self._shedding.came(device.name):
-            device.session.sequence.events.add(SHED, shed.total())
-            if device.key in shed:
-                device.heard = now
-                device.source.hold(now)
-            if device.left_out:
-                device.session.silence(WHY, Event.SHED)
-        # What it sent may wait unread, or be set aside: that we do not keep up is nobody's silence.
-        silent_s = now - device.heard - self._raw.waited_s
-        if silent_s < ASIDE_S and self._turns.waits(device.key):
-            silent_s = 0.0
-        which = device.name, device.session.boot or 0, device.source.owner
-        if silent_s > self.settings.silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
-            self._silence(device, now)
+        self._load.tell(device, now)
+        self._lost.look(device, now, self._raw.waited_s)
         device.say_status(self._now_ns())
         device.look_round()
         self._record.checkpoint(device, now)
-
-    def _silence(self, device: Device, now: float) -> None:
-        """Nothing that can be used has come of it for too long."""
-        name, owner = device.name, device.source.owner
-        boot, outdated_s = device.outdated
-        speaks = device.heard < outdated_s and now - outdated_s <= self.settings.silence_s
-        if speaks and self._presence.heard(name, boot, owner):
-            if device.session.silence(_OUTDATED.format(bridge=owner), Event.OUTDATED):
-                log.warning("%s: %s", name, device.session.life.reason)
-            return
-        why = self._gate.words(name, owner) or self._presence.words(name, device.session.boot or 0, owner)
-        reason = f"{_silent_for(now - device.heard)}{': ' if why else ''}{why}"
-        if device.session.silence(reason):
-            log.warning("%s: lost, %s", name, reason)
 
     def _count_all(self) -> dict[str, int]:
         refused = {
@@ -504,9 +440,3 @@ class Service:
         }
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
         return refused | self._peers.refused() | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
-
-
-def _silent_for(seconds: float) -> str:
-    if seconds >= 7200:
-        return f"no samples for {seconds / 3600:.0f} hours"
-    return f"no samples for {seconds / 60:.0f} minutes" if seconds >= 120 else f"no samples for {seconds:.1f} s"

@@ -86,6 +86,7 @@ class Served:
         )
         self.service._turns._clock = lambda: self.now
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]
+        self.service._load._queue = self.raw  # type: ignore[assignment]
         return self
 
     def __exit__(

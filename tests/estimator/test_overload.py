@@ -10,8 +10,8 @@ from bridge.wire.messages import State
 from estimator import glance
 from estimator.lifecycle import Event
 from estimator.service import overload
+from estimator.service.lost import ASIDE_S
 from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
-from estimator.service.shell import ASIDE_S
 from estimator.service.vitals import Vitals
 from estimator.session import DeviceSession
 from tests.estimator.served import Before, Served

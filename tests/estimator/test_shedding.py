@@ -227,8 +227,8 @@ def test_the_service_says_who_is_left_out_and_why_and_hears_it_again(monkeypatch
         served.raw.waiting = 65536
         for _ in range(round(PATIENCE_S) + 2):
             second()
-        assert "twin" in served.service._shedding
-        assert NAME not in served.service._shedding, "it came first"
+        assert "twin" in served.service._load._shedding
+        assert NAME not in served.service._load._shedding, "it came first"
         taken = other.session.sequence.samples_in
         served.raw.waiting = 0
         for _ in range(5):
@@ -244,15 +244,15 @@ def test_the_service_says_who_is_left_out_and_why_and_hears_it_again(monkeypatch
         assert device.latest is not None
         [words] = overload.found([device.latest, other.latest])
         assert "1 device is left out" in words
-        served.service._overload.ratio = 0.1
-        monkeypatch.setattr(served.service._overload, "look", lambda *_, **__: 0.0)
+        served.service._load._overload.ratio = 0.1
+        monkeypatch.setattr(served.service._load._overload, "look", lambda *_, **__: 0.0)
         for _ in range(2 * round(CALM_S) + 3):
             second()
-        assert not served.service._shedding
+        assert not served.service._load._shedding
         assert not life.away
         assert other.session.sequence.events.as_dict()["gaps"] == 1
         for _ in range(5):  # and one that falls silent while it is left out is lost
-            served.service._shedding._shed["twin"] = None
+            served.service._load._shedding._shed["twin"] = None
             served.put(batches[sent])
             sent += 1
             served.round(1.0)
@@ -269,10 +269,10 @@ def test_only_who_is_heard_is_left_out_and_who_is_being_calibrated_last() -> Non
         for name in ("one", "two", "three"):
             served.put(replace(batches[0], device=name))
         served.round()
-        assert served.service._least() == ["three", "two", "one"]
+        assert served.service._load._least() == ["three", "two", "one"]
         session = served.service._devices["three"].session
         session.learnt.under_way = UnderWay(session.knobs.method, "she", "")
-        assert served.service._least() == ["two", "one", "three"]
+        assert served.service._load._least() == ["two", "one", "three"]
 
 
 def test_it_is_said_of_a_device_that_was_not_known_before_either_and_another_bridge_speaks_for_itself(
@@ -284,8 +284,8 @@ def test_it_is_said_of_a_device_that_was_not_known_before_either_and_another_bri
         served.round()
         device = served.service._devices[NAME]
         device.session.silence("the router is gone", Event.UNREACHABLE)
-        monkeypatch.setattr(served.service._shedding, "look", lambda *_, **__: None)
-        served.service._shedding._shed[NAME] = None
+        monkeypatch.setattr(served.service._load._shedding, "look", lambda *_, **__: None)
+        served.service._load._shedding._shed[NAME] = None
         served.put(batches[1])
         served.round(1.0)
         served.round(1.0)
@@ -299,4 +299,4 @@ def test_it_is_said_of_a_device_that_was_not_known_before_either_and_another_bri
         assert device.session.life.state is State.LOST
         del served.service._devices[NAME]
         served.round(1.0)
-        assert not served.service._shedding
+        assert not served.service._load._shedding
