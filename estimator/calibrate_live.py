@@ -17,7 +17,7 @@ from estimator.device_knobs import Treatment
 from estimator.guide.compare import compared, differing, last_before
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Step, Told
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 from estimator.session_knobs import SessionKnobs
 from estimator.texts import Texts
 
@@ -25,7 +25,6 @@ from estimator.texts import Texts
 LOOK_S = 0.1
 #: after so long a device that no bridge lists is taken for one that there is not
 MISNAMED_S = 3.0
-_SIGMAS = 1.96
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 
@@ -158,9 +157,9 @@ def _end(console: Console, t: Texts, told: Told, status: Status | None, known: d
     rows = compared(calibration, before)
     table = Columns([Column(t(f"guide.{name}"), number=True) for name in ("axis", "scale", "scale_before", "bias")])
     for one in rows:
-        then = f"{one.before:.4f} ± {_SIGMAS * one.before_std:.4f}" if isfinite(one.before) else ""
-        bias = f"{degrees(one.bias):.3f} ± {_SIGMAS * degrees(one.bias_std):.3f}"
-        table.add(AXES[one.axis], f"{one.scale:.4f} ± {_SIGMAS * one.scale_std:.4f}", then, bias)
+        then = f"{one.before:.4f} ± {SIGMAS * one.before_std:.4f}" if isfinite(one.before) else ""
+        bias = f"{degrees(one.bias):.3f} ± {SIGMAS * degrees(one.bias_std):.3f}"
+        table.add(AXES[one.axis], f"{one.scale:.4f} ± {SIGMAS * one.scale_std:.4f}", then, bias)
     console.print(table)
     if before is not None and (apart := differing(rows)):
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(before.time_ns / 1e9))

@@ -96,7 +96,8 @@ def _correct(given: argparse.Namespace) -> None:
     check_range(given)
     model = load_model(given.model)
     corrected_file.check(given.out, given.file)
-    _check_picture(given.picture)
+    if given.picture is not None:
+        picture_file.check("--picture", given.picture)
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
     with Bar() as bar:
@@ -114,6 +115,7 @@ def _correct(given: argparse.Namespace) -> None:
     if given.picture is not None:
         from estimator import figures  # noqa: PLC0415
 
+        given.picture.parent.mkdir(parents=True, exist_ok=True)
         figures.corrected(recording, corrected, given.picture)
     if given.json:
         print(json.dumps(report_correct.as_json(corrected, recording, given.out)))
@@ -125,11 +127,3 @@ def _correct(given: argparse.Namespace) -> None:
         console.print(words, highlight=False, soft_wrap=True)
     if given.picture is not None:
         console.print(f"drawn in {given.picture}", highlight=False, soft_wrap=True)
-
-
-def _check_picture(picture: Path | None) -> None:
-    if picture is None:
-        return
-    if not picture.parent.is_dir():
-        raise ConfigError(f"--picture {picture}: there is no folder {picture.parent}; make it first")
-    picture_file.check("--picture", picture)

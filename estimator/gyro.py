@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 AXES = "xyz"
+#: a ± that people are shown is so many standard deviations: 95 % of a normal distribution
+SIGMAS = 1.96
 #: least step, rad/s, taken for a gyro whose readings never differ: 2000 °/s in 16 bits
 COARSE_STEP = radians(0.061)
 

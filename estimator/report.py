@@ -9,7 +9,7 @@ from bridge.columns import Column, Columns
 from bridge.wire.messages import Calibration
 from estimator import calibration_file
 from estimator.batch.result import Result
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 
 
 def as_json(result: Result, calibration: Calibration) -> dict[str, Any]:
@@ -28,24 +28,24 @@ def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
     return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None}
 
 
-_HEADINGS = {"axis": 0, "scale k": 0, "±": 0, "bias °/s": 0, "± °/s": 0}
+_HEADINGS = {"axis": 0, "scale k": 0, "± 95 %": 0, "bias °/s": 0, "± 95 % °/s": 0}
 _OF_TURNS = {"turn °": 1, "closed to °": 2, "s": 3}
 
 
 def as_table(result: Result | Calibration) -> Columns:
-    """Scale and bias of each axis, with standard deviations, and its turn, where the method has turns."""
+    """Scale and bias of each axis, with 95 % intervals, and its turn, where the method has turns."""
     headings = _HEADINGS | (_OF_TURNS if result.turns else {})
     table = Columns([Column(heading, number=True, spare=spare) for heading, spare in headings.items()])
-    std = np.sqrt(np.diag(result.covariance))
+    wide = SIGMAS * np.sqrt(np.diag(result.covariance))
     turns = {turn.axis: turn for turn in result.turns}
     for axis, name in enumerate(AXES):
         turn = turns.get(axis)
         table.add(
             name,
             f"{result.matrix[axis, axis]:.5f}",
-            f"{std[3 + axis]:.5f}",
+            f"{wide[3 + axis]:.5f}",
             f"{degrees(result.bias[axis]):+.4f}",
-            f"{degrees(std[axis]):.4f}",
+            f"{degrees(wide[axis]):.4f}",
             *(
                 (f"{degrees(turn.angle):+.1f}", f"{degrees(turn.closure_error):.2f}", f"{turn.duration_s:.1f}")
                 if turn
@@ -56,12 +56,15 @@ def as_table(result: Result | Calibration) -> Columns:
 
 
 def as_matrix(result: Result | Calibration) -> Columns:
-    """The whole matrix, row by row, each element with its standard deviation in brackets."""
+    """The whole matrix, row by row, each element with its 95 % interval."""
     table = Columns(
-        [Column(heading, number=True) for heading in ("corrected", "of reading x", "of reading y", "of reading z")]
+        [
+            Column(heading, number=True)
+            for heading in ("corrected, ± 95 %", "of reading x", "of reading y", "of reading z")
+        ]
     )
-    std = dict(zip(result.parameters, np.sqrt(np.diag(result.covariance)), strict=True))
+    wide = dict(zip(result.parameters, SIGMAS * np.sqrt(np.diag(result.covariance)), strict=True))
     for i, row in enumerate(AXES):
         names = [f"k_{row}" if row == column else f"m_{row}{column}" for column in AXES]
-        table.add(row, *(f"{result.matrix[i, j]:+.5f} ({std[name]:.5f})" for j, name in enumerate(names)))
+        table.add(row, *(f"{result.matrix[i, j]:+.5f} ± {wide[name]:.5f}" for j, name in enumerate(names)))
     return table

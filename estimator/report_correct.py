@@ -10,7 +10,7 @@ from bridge.recording import Recording
 from bridge.wire.messages import Quality
 from bridge.wording import count
 from estimator.corrected import Corrected
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 
 _MOST_SAID = 12
 _NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
@@ -51,8 +51,8 @@ def as_words(corrected: Corrected, recording: Recording, out: Path) -> Iterator[
     yield "quality: " + ", ".join(
         f"{name} {_span(seconds)} ({_MEANS[name]})" for name, seconds in corrected.seconds().items()
     )
-    bias, std = np.degrees(corrected.bias[-1]), np.degrees(corrected.bias_std[-1])
-    yield "bias at the end: " + ", ".join(f"{AXES[i]} {bias[i]:+.4f} ± {std[i]:.4f}" for i in range(3)) + " °/s"
+    bias, wide = np.degrees(corrected.bias[-1]), SIGMAS * np.degrees(corrected.bias_std[-1])
+    yield "bias at the end: " + ", ".join(f"{AXES[i]} {bias[i]:+.4f} ± {wide[i]:.4f}" for i in range(3)) + " °/s (95 %)"
     yield f"calibration: {corrected.calibration or _NONE}"
     if (warm := recording.temperature_c) is not None:
         yield f"temperature: {warm.min():.1f} to {warm.max():.1f} °C"

@@ -11,11 +11,8 @@ from rich.console import RenderableType
 from bridge.columns import Column, Columns
 from bridge.logs import printable
 from bridge.wire.messages import Calibration
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 from estimator.history import Biases, History
-
-#: 95 % of a normal distribution
-_SIGMAS = 1.96
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
@@ -115,7 +112,7 @@ def _calibration(c: Calibration) -> tuple[str, ...]:
     std = np.sqrt(np.diag(c.covariance))
     known = dict(zip(c.parameters, std, strict=True))
     scale = " ".join(
-        f"{c.matrix[axis, axis]:.4f}±{_SIGMAS * known.get(f'k_{name}', np.nan):.4f}" for axis, name in enumerate(AXES)
+        f"{c.matrix[axis, axis]:.4f}±{SIGMAS * known.get(f'k_{name}', np.nan):.4f}" for axis, name in enumerate(AXES)
     )
     return f"{c.boot:016x}", c.who, scale, f"{c.verdict.name.lower()} ({c.method}): {c.reason}"
 
@@ -123,7 +120,7 @@ def _calibration(c: Calibration) -> tuple[str, ...]:
 def _bias(of: Biases) -> tuple[str, ...]:
     celsius = of.temperature_c[np.isfinite(of.temperature_c)]
     warm = f"{celsius.min():.1f}…{celsius.max():.1f}" if len(celsius) else ""
-    last = (f"{degrees(b):+.3f}±{_SIGMAS * degrees(s):.3f}" for b, s in zip(of.bias[-1], of.std[-1], strict=True))
+    last = (f"{degrees(b):+.3f}±{SIGMAS * degrees(s):.3f}" for b, s in zip(of.bias[-1], of.std[-1], strict=True))
     return _when(int(of.time_ns[0])), _when(int(of.time_ns[-1])), of.boot, *last, warm
 
 

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from bridge.columns import Column, Columns
 from bridge.wire.messages import State, Status
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 
 STYLES = {
     State.UNKNOWN: "bold magenta",
@@ -34,7 +34,7 @@ _COLUMNS = (
     Column("state", least=8),
     Column("quality", spare=3, least=6),
     Column("turns", number=True, spare=2),
-    Column("bias ± °/s", number=True, spare=1),
+    Column("bias ± 95 % °/s", number=True, spare=1),
     Column("why", least=20),
 )
 
@@ -50,7 +50,7 @@ def table(statuses: dict[str, Status], title: str = "") -> Columns:
             word(status.state),
             status.quality.name.lower().replace("_", " "),
             turns if status.progress < 1 else "done",
-            f"{degrees(max(status.bias_std)):.3f}",
+            f"{SIGMAS * degrees(max(status.bias_std)):.3f}",
             status.reason,
         )
     return shown

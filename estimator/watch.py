@@ -15,9 +15,9 @@ from bridge.columns import Column, Columns
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
 from bridge.wire.refusal import in_words
 from estimator import glance
-from estimator.client import Client
+from estimator.client import NONE_S, Client
 from estimator.glance import Glance
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 from estimator.listening import Ears
 from estimator.screen import table, word
 from estimator.ward_view import NEVER_S, WardView
@@ -101,7 +101,7 @@ def _hardware(infos: dict[str, DeviceInfo]) -> Columns:
     return shown
 
 
-_MOST_UNUSED = 5  # devices
+_MOST_UNUSED, _MOST_NAMES = 5, 20  # devices
 _HARDWARE = (
     Column("device", least=20),
     Column("what it is", spare=2),
@@ -128,7 +128,8 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         revisions = client.revisions(device, history=False)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
         view, latest = WardView(), None
-        heard = False
+        heard, waiting = False, f"waiting for {device} …"
+        told = False
         shown_at = begin = time.monotonic()
         if live:
             live.start()
@@ -141,8 +142,12 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                 heard = heard or batch is not None
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)
+                if not (heard or latest or told) and time.monotonic() - begin > NONE_S:
+                    told, waiting = True, f"waiting for {device} …\n{_who_is_there(client)}"
+                    if not live:
+                        console.print(waiting, highlight=False, soft_wrap=True)
                 if live:
-                    live.update(_panel(device, batch, latest) if batch or latest else Text(f"waiting for {device} …"))
+                    live.update(_panel(device, batch, latest) if batch or latest else Text(waiting))
                 elif batch is not None and time.monotonic() - shown_at >= 1.0:
                     shown_at = time.monotonic()
                     console.print(_line(batch, latest), highlight=False)
@@ -156,6 +161,15 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
     return 0 if heard else 1
 
 
+def _who_is_there(client: Client) -> str:
+    """For who has given a name that nobody has."""
+    names = sorted(set().union(*_said(client)))
+    if not names:
+        return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"heard in ward {client.ward}: {', '.join(names[:_MOST_NAMES])}{more}"
+
+
 def _unheard(device: str, ward: str, status: Status | None) -> str:
     if status is None:
         return f"nothing was heard of {device} in ward {ward}; see `truerate devices`"
@@ -165,7 +179,7 @@ def _unheard(device: str, ward: str, status: Status | None) -> str:
 
 def _line(batch: CorrectedBatch, status: Status | None) -> str:
     rates = " ".join(
-        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+7.2f}±{degrees(float(batch.rate_std[-1, axis])):.2f}"
+        f"{AXES[axis]} {degrees(float(batch.rate[-1, axis])):+7.2f}±{SIGMAS * degrees(float(batch.rate_std[-1, axis])):.2f}"
         for axis in range(3)
     )
     state = status.state.name.lower().replace("_", " ") if status else "?"
@@ -173,26 +187,26 @@ def _line(batch: CorrectedBatch, status: Status | None) -> str:
 
 
 def _revision_line(revision: BiasRevision) -> str:
-    seconds, std = np.ptp(revision.times_ns) / 1e9, degrees(float(revision.bias_std.max()))
-    return f"the bias of {seconds:.0f} s is known better now, to {std:.4f} °/s: {revision.reason}"
+    seconds, wide = np.ptp(revision.times_ns) / 1e9, SIGMAS * degrees(float(revision.bias_std.max()))
+    return f"the bias of {seconds:.0f} s is known better now, to ± {wide:.4f} °/s (95 %): {revision.reason}"
 
 
 #: and what is left out first where there is no room; the bar has no heading
-_PANEL = {"axis": 0, "rate °/s": 0, "±": 0, "": 3, "bias °/s": 0, "± °/s": 1, "scale": 2}
+_PANEL = {"axis": 0, "rate °/s": 0, "± 95 %": 0, "": 3, "bias °/s": 0, "± 95 % °/s": 1, "scale": 2}
 
 
 def _panel(device: str, batch: CorrectedBatch | None, status: Status | None) -> Group:
     rows = Columns([Column(heading, number=True, spare=spare) for heading, spare in _PANEL.items()])
     for axis, name in enumerate(AXES):
         rate = degrees(float(batch.rate[-1, axis])) if batch else float("nan")
-        std = degrees(float(batch.rate_std[-1, axis])) if batch else float("nan")
+        wide = SIGMAS * degrees(float(batch.rate_std[-1, axis])) if batch else float("nan")
         rows.add(
             name,
             f"{rate:+8.2f}",
-            f"{std:.2f}",
+            f"{wide:.2f}",
             _bar(rate),
             f"{degrees(status.bias[axis]):+.3f}" if status else "",
-            f"{degrees(status.bias_std[axis]):.4f}" if status else "",
+            f"{SIGMAS * degrees(status.bias_std[axis]):.4f}" if status else "",
             f"{status.scale[axis]:.4f}" if status else "",
         )
     if status is None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record.export import AXES, events, make_folder, rows_of
+from bridge.record.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
 from bridge.record.files import check_new, new_file
 from bridge.record.stretches import Recorded, Stretch
 from bridge.recording_error import RecordingError
@@ -173,7 +173,7 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
     rows = [
         (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event.split()[0], f"{event.event}: {event.text}")
         for event in events(recorded)
-        if event.device == stretch.device and event.event != "boot" and first <= event.time_ns <= last
+        if event.device == stretch.device and event.event not in (BOOT, BEGIN) and first <= event.time_ns <= last
     ]
     if not rows:
         return []

@@ -27,7 +27,8 @@ examples:
   truerate record --ward demo --device chest --rotate 10min --seconds 3600
   truerate note chest "patient sat up" --config configs/ward.toml      a mark, in the recording too"""
 EXPORT = """A file for each boot of each device, with the corrected rates beside the readings, and events.csv with boots,
-calibrations and notes. `truerate calibrate` and `truerate correct` take them, and the .mcap itself too.
+or where the recording of one began, calibrations and notes. `truerate calibrate` and `truerate correct` take them, and the
+.mcap itself too.
 examples:
   truerate recording export ward-3-20260801T101500Z.mcap --npz out/session
   truerate recording export recordings/*.mcap --bids out/dataset --subject 01 --task ward"""

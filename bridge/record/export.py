@@ -26,6 +26,10 @@ Columns = dict[str, NDArray[np.generic]]
 Write = Callable[[BinaryIO, Stretch], None]
 
 
+#: events: a boot; and the first that was recorded of one
+BOOT, BEGIN = "boot", "recording begins"
+
+
 class Event(NamedTuple):
     """A moment of a device."""
 
@@ -82,9 +86,9 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Boots, calibrations and notes, in order of time."""
+    """Boots, or where the recording of one began, calibrations and notes, in order of time."""
     boots = [
-        Event(int(s.time_ns[0]), s.device, s.boot, "boot", s.info.model if s.info else "")
+        Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
         for s in stretches
     ]
@@ -94,6 +98,10 @@ def events(recorded: Recorded) -> list[Event]:
     ]
     notes = [Event(n.time_ns, n.device, n.boot, f"note by {n.who}", n.text) for n in recorded.notes]
     return sorted(boots + calibrations + notes)
+
+
+def _from_its_boot(stretch: Stretch) -> bool:
+    return stretch.number > 1 or int(stretch.sequence[0]) == 0
 
 
 def _write_npz(file: BinaryIO, stretch: Stretch) -> None:

@@ -76,16 +76,16 @@ def record(
 
 
 def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Event, deadline: float) -> Bus:
-    told = False
+    began, told = time.monotonic(), False
     while True:
         try:
             return open_bus(endpoints)
-        except BusError:
+        except BusError as error:
             if not told:
                 told = True
                 _log.warning("looking for a router at %s", ", ".join(endpoints))
             if time.monotonic() >= deadline or stop.wait(_RETRY_S):
-                raise
+                raise BusError(f"{error}; looked for it for {time.monotonic() - began:.0f} s") from None
 
 
 def _first(

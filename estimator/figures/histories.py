@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from bridge.wire.messages import Floats
 from bridge.wording import count
 from estimator.figures.style import AXES, COLOURS
+from estimator.gyro import SIGMAS
 from estimator.history import Biases, History
 
 #: of a device that was just switched on
 _LEAST = timedelta(minutes=2)
-#: a band so many times as wide as is usual makes the picture no larger, and is cut off by its edge
-_WIDE = 5.0
+#: a band so many times as wide as is usual is cut off by the picture's edge; with one as wide as that its bias is not known
+_WIDE, _UNKNOWN = 5.0, 20.0
 #: dates without the name of a month: of years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
@@ -71,16 +72,17 @@ def history(of: History, path: Path | BinaryIO, zone: tzinfo = UTC, *, words: bo
 
 def _band(of: Biases) -> tuple[Floats, Floats]:
     """(m, 3) bias and half the width of its interval, °/s."""
-    return np.degrees(of.bias), 1.96 * np.degrees(of.std)
+    return np.degrees(of.bias), SIGMAS * np.degrees(of.std)
 
 
 def _fit(axes: Any, biases: Sequence[Biases]) -> bool:
-    """Make room for every bias and the usual bands; whether some band goes beyond."""
+    """Make room for every bias that is known and the usual bands; whether some band goes beyond."""
     if not biases:
         return False
     bias, wide = map(np.concatenate, zip(*map(_band, biases), strict=True))
-    shown = np.minimum(wide, _WIDE * np.percentile(wide, 50, method="lower"))
-    low, high = float((bias - shown).min()), float((bias + shown).max())
+    usual = np.percentile(wide, 50, method="lower")
+    shown, known = np.minimum(wide, _WIDE * usual), wide <= _UNKNOWN * usual
+    low, high = float((bias - shown)[known].min()), float((bias + shown)[known].max())
     margin = (high - low) / 20
     if margin:
         axes.set_ylim(low - margin, high + margin)

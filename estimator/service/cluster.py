@@ -31,7 +31,7 @@ class ClusterKnobs:
     most_s: float = 15.0
     #: one whose connection lives and that says nothing for this long hangs; of one that spoke with longer pauses lately, over a
     #: bad line or because it has too much to do, for so many times as long as those, and at most
-    hangs_s: float = 1.1
+    hangs_s: float = 1.0
     pauses: float = 3.0
     hangs_most_s: float = 2.5
     #: as long of one that was not there before, for so long: on a busy machine loading still keeps it from speaking

@@ -7,15 +7,13 @@ from math import degrees, isfinite, nan
 from bridge.wire.messages import Calibration, DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
 from estimator.guide.compare import stds
-from estimator.gyro import AXES
+from estimator.gyro import AXES, SIGMAS
 from estimator.texts import Texts
 from estimator.web import words
 from estimator.web.known import Known, Story
 from estimator.web.tiles import Tile, tile, troubles
 from estimator.web.trail import Mark
 
-#: 95 % of a normal distribution
-_SIGMAS = 1.96
 _RECALIBRATES = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING, State.TRACKING, State.DEGRADED)
 _CANCELS = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 
@@ -126,7 +124,7 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
 def interval(value: float, std: float, digits: int) -> str:
     """`1.0123 ± 0.0008`, of 95 %; the value alone where its standard deviation is not known."""
     shown = f"{value:.{digits}f}".replace("-", words.MINUS)
-    return f"{shown} ± {_SIGMAS * std:.{digits}f}" if isfinite(std) else shown
+    return f"{shown} ± {SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def _event(mark: Mark, t: Texts) -> Line:

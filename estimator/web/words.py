@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import degrees, isfinite
 
+from estimator.gyro import SIGMAS
 from estimator.texts import Texts
 from estimator.ward_view import age
 
@@ -16,9 +17,10 @@ def signed(value: float, digits: int) -> str:
 
 
 def bias(bias: Sequence[float], std: Sequence[float]) -> str:
-    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: each axis of rad/s, and the largest of their standard deviations."""
-    digits = 3 if degrees(max(std)) < 0.1 else 2
-    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {degrees(max(std)):.{digits}f} °/s"
+    """`+0.12 −0.40 +0.03 ± 0.004 °/s`: each axis of rad/s, and 95 % of the one that is least known."""
+    wide = SIGMAS * degrees(max(std))
+    digits = 3 if wide < 0.1 else 2
+    return f"{' '.join(signed(degrees(b), digits) for b in bias)} ± {wide:.{digits}f} °/s"
 
 
 def rate(measured_hz: float, told_hz: float, t: Texts) -> str:

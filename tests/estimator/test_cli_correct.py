@@ -138,8 +138,9 @@ def test_smoothed_is_said_to_be(
 def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool) -> None:
     if not warm:
         np.savez(recorded, gyro_rad_s=session.gyro[:700], rate_hz=104.0)
-    picture = tmp_path / "day.png"
-    assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
+    picture = tmp_path / "new" / "day.png"
+    for _ in range(2):  # a picture takes a picture's place
+        assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
 
@@ -202,7 +203,6 @@ def test_only_what_it_wrote_before_is_replaced(
         (["IN", "out.npz", "--other-boot"], 2, "needs --calibration FILE"),
         (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
         (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
-        (["IN", "out.npz", "--picture", "nowhere/p.png"], 2, "there is no folder"),
         (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
     ],
 )

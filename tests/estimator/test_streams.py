@@ -16,7 +16,7 @@ from bridge.wire.messages import CorrectedBatch, SampleFlag
 from estimator.client import Client
 from estimator.lateness import LATE_S
 from estimator.once import Miss
-from tests.bridge.test_bus import MemoryWorld, World, ZenohWorld, eventually
+from tests.bridge.bus.worlds import MemoryWorld, World, ZenohWorld, eventually
 from tests.estimator.test_client import numbers
 from tests.estimator.test_revision import batch
 

@@ -271,6 +271,21 @@ def test_one_device_that_is_watched_is_not_what_it_was_either(
     assert "it is unknown: no word of it for 5 s" in file.getvalue()
 
 
+@pytest.mark.usefixtures("client")
+def test_who_is_heard_is_said_where_the_one_that_is_watched_is_not(
+    speaking: Speaking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus, (console, file) = speaking.bus, terminal()
+    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
+    monkeypatch.setattr(Corrected, "receive", lambda *_: speaking.sleep(0.2))
+    assert watch.watch(console, WARD, (), "d1x", 5.0) == 1
+    waiting, names, unheard = file.getvalue().splitlines()
+    assert waiting == "waiting for d1x …"
+    assert names.startswith("heard in ward w: d0, d1, d10, ")
+    assert names.endswith(" and 100 more")
+    assert "nothing was heard of d1x" in unheard
+
+
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
     console, _ = terminal()
     assert watch_ward.watch_ward(console, client, ["degraded"], once=True, as_json=True) == 0

@@ -99,7 +99,7 @@ def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
 
 def test_a_revision_says_how_far_back_and_why() -> None:
     said = watch._revision_line(revision(reason="at rest again after 95 s"))
-    assert said == "the bias of 2 s is known better now, to 14.3239 °/s: at rest again after 95 s"
+    assert said == "the bias of 2 s is known better now, to ± 28.0749 °/s (95 %): at rest again after 95 s"
 
 
 def test_a_device_that_is_lost_is_said_to_be_lost_and_why() -> None:

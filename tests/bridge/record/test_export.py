@@ -81,6 +81,11 @@ def test_events_have_boots_calibrations_and_notes(some: Recorded, tmp_path: Path
     assert [float(row["t_s"]) for row in rows] == [0, 0, 2, 3, 30]
 
 
+def test_where_a_recording_begins_within_a_boot_none_is_said(tmp_path: Path) -> None:
+    *_, path = export(read(recorded(tmp_path, [about("one"), *run("one", 40, 200)])), tmp_path / "out", ".csv")
+    assert [row["event"] for row in table_of(path)] == ["recording begins"]
+
+
 def test_what_somebody_wrote_is_no_formula_of_a_spreadsheet(some: Recorded, tmp_path: Path) -> None:
     (note,) = some.notes
     said = ['=cmd|" /C calc"!A0', "@SUM(1)", "+1", "-1", "1+1", "sat up"]

@@ -108,7 +108,7 @@ def test_no_router_is_said_after_a_while(tmp_path: Path) -> None:
         tries.append(endpoints)
         raise BusError("no router at tcp/127.0.0.1:1")
 
-    with pytest.raises(BusError, match="no router"):
+    with pytest.raises(BusError, match=r"no router at .*; looked for it for \d+ s"):
         record(WARD, NOWHERE, run.settings, Console(file=run.said), open_bus=refuse)
     assert len(tries) > 1
 

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.bus.zenoh_bus import _HEARTBEAT_S, _REPEAT_S, _REPEATED_S, _STREAM, ZenohBus, _Publisher
 from bridge.bus.zenoh_subscription import Repaired
-from tests.bridge.test_bus import ZenohWorld, eventually
+from tests.bridge.bus.worlds import ZenohWorld, eventually
 
 
 @pytest.fixture

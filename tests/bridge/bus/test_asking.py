@@ -1,0 +1,83 @@
+"""Questions and answers."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from bridge.bus.contract import Bus, BusError
+from tests.bridge.bus.worlds import World, eventually
+
+
+def test_an_answer_comes_back(a: Bus, b: Bus) -> None:
+    b.answer("q/*/double", lambda key, payload: key.encode() + payload * 2)
+    eventually(lambda: answered(a, "q/x/double"))
+    assert a.ask("q/x/double", b"ab") == b"q/x/doubleabab"
+
+
+def answered(bus: Bus, key: str) -> bool:
+    try:
+        return bool(bus.ask(key, b"", 0.5))
+    except BusError as error:
+        return "answered with an error" in str(error)
+
+
+def test_of_all_who_answer_the_one_who_has_something_to_say_is_heard(world: World, a: Bus, b: Bus) -> None:
+    asked: list[str] = []
+
+    def of(name: str, says: bytes) -> Callable[[str, bytes], bytes]:
+        def handler(key: str, payload: bytes) -> bytes:
+            asked.append(name)
+            return says + payload if says else b""
+
+        return handler
+
+    c = world.bus()
+    with c:
+        held = [b.answer("t/*", of("first", b"")), c.answer("t/*", of("second", b"mine: "))]
+        eventually(lambda: answered(a, "t/x") and {*asked} == {"first", "second"})
+        assert a.ask("t/x", b"hello") == b"mine: hello"
+        held[1].close()
+        with pytest.raises(BusError, match="empty answer"):
+            a.ask("t/x", b"hello")
+
+
+def test_asking_nobody_fails_at_once(a: Bus) -> None:
+    began = time.monotonic()
+    with pytest.raises(BusError, match="nobody answers 'q/none'"):
+        a.ask("q/none", b"", 5.0)
+    assert time.monotonic() - began < 2.0
+
+
+def test_an_answer_too_late_or_empty_is_a_failure(a: Bus, b: Bus) -> None:
+    done = threading.Event()
+    b.answer("q/slow", lambda key, payload: b"late" if done.wait(5.0) else b"")
+    b.answer("q/empty", lambda key, payload: b"")
+    eventually(lambda: answered(a, "q/empty"))
+    with pytest.raises(BusError):
+        a.ask("q/empty", b"")
+    began = time.monotonic()
+    with pytest.raises(BusError):
+        a.ask("q/slow", b"", 0.3)
+    assert time.monotonic() - began < 2.0
+    done.set()
+
+
+def test_a_handler_that_raises_is_heard_of_on_both_sides(a: Bus, b: Bus, caplog: pytest.LogCaptureFixture) -> None:
+    def handler(key: str, payload: bytes) -> bytes:
+        if payload == b"good":
+            return b"fine"
+        raise ValueError("out of turns")
+
+    caplog.set_level(logging.DEBUG)
+    b.answer("q/bad", handler)
+    eventually(lambda: answered(a, "q/bad"))
+    with pytest.raises(BusError, match="ValueError: out of turns"):
+        a.ask("q/bad", b"")
+    assert a.ask("q/bad", b"good") == b"fine"
+    levels = [r.levelname for r in caplog.records if r.name == "bridge.bus.handlers"]
+    assert levels.count("ERROR") == 1
+    assert levels.count("DEBUG") >= 1
+    assert levels[-1] == "INFO"
