@@ -4,7 +4,7 @@ from estimator.client import Client
 
     with Client(ward="demo") as ward:
         for batch in ward.corrected():  # or `async for`
-            print(batch.device, batch.quality.name, batch.rate[-1], "±", batch.rate_std[-1])
+            print(batch.device, batch.quality.name, batch.rate[-1], "std", batch.rate_std[-1])
 """
 
 import logging

@@ -27,15 +27,19 @@ class _Latest:
     boot: int
     epoch: int
     given_s: float
+    begun_ns: int  # when that boot's first sample that was given was taken
     before: deque[int] = field(default_factory=deque)
 
     def overtook(self, batch: CorrectedBatch, now: float, *, late: bool) -> bool:
         """Whether a batch that is given `now` is of an earlier boot or turn; if not, it is the latest."""
-        earlier = batch.boot in self.before or (batch.boot == self.boot and batch.epoch < self.epoch)
-        # A boot that is late when it is first heard of may be an old one, from a cache.
-        if (earlier or (late and batch.boot != self.boot)) and 0.0 <= now - self.given_s < FORGET_S:
+        other = batch.boot != self.boot
+        before = batch.boot in self.before or (other and batch.start_time_ns < self.begun_ns)
+        earlier = before or (not other and batch.epoch < self.epoch)
+        # Another boot that is late when it is heard may be an old one, from a cache.
+        if (other and late) or (earlier and 0.0 <= now - self.given_s < FORGET_S):
             return True
-        if batch.boot != self.boot:
+        if other:
+            self.begun_ns = batch.start_time_ns
             self.before = deque((b for b in (*self.before, self.boot) if b != batch.boot), maxlen=_BOOTS)
         self.boot, self.epoch, self.given_s = batch.boot, batch.epoch, now
         return False
@@ -65,7 +69,8 @@ class Lateness:
             while len(self._ways) >= self._room:
                 del self._ways[next(iter(self._ways))]
             clocks_s = 0.0 if abs(took_s) <= _AGREE_S else took_s
-            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, _Latest(batch.boot, batch.epoch, now))
+            latest = _Latest(batch.boot, batch.epoch, now, batch.start_time_ns)
+            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, latest)
         if not 0.0 <= now - way.since_s <= _KNOWN_S:
             way.before_s, way.least_s, way.since_s = way.least_s, took_s, now
         way.least_s = min(way.least_s, took_s)

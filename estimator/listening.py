@@ -26,6 +26,11 @@ class Ears:
         for status in self._statuses.drain():
             self.view.take_status(status, now)
 
+    def close(self) -> None:
+        """Stop listening; the view stays as it is."""
+        self._statuses.close()
+        self._infos.close()
+
     def settle(self, least_s: float = FIRST_S) -> None:
         """So long, and until every device was spoken of anew, or for so long was not that it is unknown."""
         self.listen(least_s)

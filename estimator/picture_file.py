@@ -14,19 +14,20 @@ def check(option: str, path: Path) -> None:
         raise ConfigError(f"{option} {path}: a picture ends in {', '.join(KINDS)}, not in {path.suffix!r}")
     if path.is_dir():
         raise ConfigError(f"{option} {path}: a folder; give the picture a name of its own")
-    if path.is_file() and not _is_picture(path):
-        raise ConfigError(f"{option} {path}: is there, and is no picture; give another name, or remove it first")
+    if path.exists() and not (path.is_file() and _is_drawn(path)):
+        raise ConfigError(
+            f"{option} {path}: is there, and none of these pictures; give another name, or remove it first"
+        )
     check_folder(option, path)
 
 
-def _is_picture(path: Path) -> bool:
-    """Whether a file is of its kind: then another picture may take its place."""
+def _is_drawn(path: Path) -> bool:
+    """Whether a file was drawn as these are, which say so in each kind: then another may take its place."""
     try:
-        with path.open("rb") as file:
-            begin = file.read(1000)
+        drawn = path.read_bytes()
     except OSError:
         return False
-    return not begin or begin.startswith((b"\x89PNG", b"%PDF")) or b"<svg" in begin
+    return not drawn or b"Matplotlib" in drawn
 
 
 def check_folder(option: str, path: Path) -> None:

@@ -130,7 +130,8 @@ class Corrected(Stream[CorrectedBatch]):
     """An iterator over corrected batches: each sample once and in order, over restarts of estimator and router.
 
     What is given more than a second later than it should be is flagged `SampleFlag.LATE`, whoever held it up: the way, a hole
-    before it that was waited for, or a program that does not read. So is what waited while the device's next boot began.
+    before it that was waited for, or a program that does not read. So is what waited while the device's next boot began,
+    or a later owner said what came before it.
     on_miss is called for each hole when it is given up, between the batch before it and the batch after it.
     """
 

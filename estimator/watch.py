@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from math import degrees
 
 import numpy as np
@@ -18,7 +19,7 @@ from estimator import glance
 from estimator.client import NONE_S, Client
 from estimator.glance import Glance
 from estimator.gyro import AXES, SIGMAS
-from estimator.listening import Ears
+from estimator.listening import FIRST_S, Ears
 from estimator.screen import table, word
 from estimator.ward_view import NEVER_S, WardView
 
@@ -53,8 +54,8 @@ def show_status(console: Console, ward: str, endpoints: Sequence[str], *, as_jso
 
 def _said(client: Client) -> tuple[dict[str, Status], dict[str, DeviceInfo]]:
     """What is said of a ward now."""
-    ears = Ears(client)
-    ears.settle()
+    with closing(Ears(client)) as ears:
+        ears.settle()
     return ears.view.statuses(time.monotonic()), ears.view.infos()
 
 
@@ -143,7 +144,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)
                 if not (heard or latest or told) and time.monotonic() - begin > NONE_S:
-                    told, waiting = True, f"waiting for {device} …\n{_who_is_there(client)}"
+                    told, waiting = True, f"{waiting}\n{_who_is_there(client, device)}"
                     if not live:
                         console.print(waiting, highlight=False, soft_wrap=True)
                 if live:
@@ -161,9 +162,14 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
     return 0 if heard else 1
 
 
-def _who_is_there(client: Client) -> str:
-    """For who has given a name that nobody has."""
-    names = sorted(set().union(*_said(client)))
+def _who_is_there(client: Client, device: str) -> str:
+    """For who waits for a device: why, or who is heard where that name is nobody's."""
+    with closing(Ears(client)) as ears:
+        ears.listen(FIRST_S)
+        infos = ears.view.infos()
+        names = sorted({*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)})
+    if (info := infos.get(device)) is not None:
+        return info.trouble or "its bridge hears it, and no estimator has said anything of it: is one running?"
     if not names:
         return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""

@@ -101,7 +101,7 @@ def events(recorded: Recorded) -> list[Event]:
 
 
 def _from_its_boot(stretch: Stretch) -> bool:
-    return stretch.number > 1 or int(stretch.sequence[0]) == 0
+    return int(stretch.sequence[0]) == 0
 
 
 def _write_npz(file: BinaryIO, stretch: Stretch) -> None:

@@ -85,7 +85,10 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
                 told = True
                 _log.warning("looking for a router at %s", ", ".join(endpoints))
             if time.monotonic() >= deadline or stop.wait(_RETRY_S):
-                raise BusError(f"{error}; looked for it for {time.monotonic() - began:.0f} s") from None
+                looked_s = time.monotonic() - began
+                raise BusError(
+                    f"{error}; looked for it for {looked_s:.0f} s" if looked_s >= 1 else str(error)
+                ) from None
 
 
 def _first(

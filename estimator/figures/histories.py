@@ -18,8 +18,9 @@ from estimator.history import Biases, History
 
 #: of a device that was just switched on
 _LEAST = timedelta(minutes=2)
-#: a band so many times as wide as is usual is cut off by the picture's edge; with one as wide as that its bias is not known
-_WIDE, _UNKNOWN = 5.0, 20.0
+#: a band so many times as wide as is usual is cut off by the picture's edge; and its bias, too, of which no more is known than
+#: this, °/s, as of that with which a boot begins
+_WIDE, _UNKNOWN = 5.0, 1.0
 #: dates without the name of a month: of years, months, days, hours, minutes, seconds
 _NUMBERS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S.%f"]
 _NUMBERED = ["", "%Y", "%Y-%m", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d %H:%M"]
@@ -80,8 +81,8 @@ def _fit(axes: Any, biases: Sequence[Biases]) -> bool:
     if not biases:
         return False
     bias, wide = map(np.concatenate, zip(*map(_band, biases), strict=True))
-    usual = np.percentile(wide, 50, method="lower")
-    shown, known = np.minimum(wide, _WIDE * usual), wide <= _UNKNOWN * usual
+    usual = float(np.percentile(wide, 50, method="lower"))
+    shown, known = np.minimum(wide, _WIDE * usual), wide <= max(_WIDE * usual, _UNKNOWN)
     low, high = float((bias - shown)[known].min()), float((bias + shown)[known].max())
     margin = (high - low) / 20
     if margin:

@@ -176,7 +176,7 @@ class Ward:
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
             service = Service(WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9))
-            service._raw = raw  # type: ignore[assignment]
+            service._raw = service._load._queue = raw  # type: ignore[assignment]
             service._turns._clock = lambda: raw.now
             service._quiet = Quiet(lambda: False, lambda: raw.now)
             collect_seldom()  # as it is served

@@ -401,9 +401,9 @@ def test_where_no_picture_can_be_is_said_before_the_work(
 ) -> None:
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
-    (tmp_path / "thesis.pdf").write_text("my only copy, in words")
+    (tmp_path / "thesis.pdf").write_bytes(b"%PDF-1.7 my only copy")
     for place, said in (
-        ("thesis.pdf", "is there, and is no picture; give another name, or remove it first"),
+        ("thesis.pdf", "is there, and none of these pictures; give another name, or remove it first"),
         ("out.xyz", "a picture ends in .png, .svg, .pdf, not in '.xyz'"),
         ("folder.png", "a folder; give the picture a name of its own"),
         ("file/out.png", "is a file, not a folder"),

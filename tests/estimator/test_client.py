@@ -90,6 +90,17 @@ def test_what_waited_behind_a_hole_while_the_next_boot_began_is_said_to_be_late(
     assert found == [(1, 0, False), (2, 0, False), (2, 20, False), (1, 60, True)]
 
 
+def test_who_joins_as_the_next_boot_begins_is_told_that_the_one_before_is_over(
+    broker: MemoryBroker, client: Client
+) -> None:
+    subscription = client.corrected(idle_s=0.2)
+    put = publisher(broker).put
+    for batch in (corrected(60, 70), corrected(100, 120, boot=2), corrected(120, 130, boot=2)):
+        put(codec.encode_corrected(batch if batch.boot == 1 else replace(batch, sequence=batch.sequence - 100)))
+    found = [(b.boot, b.sequence, bool((b.flags & SampleFlag.LATE).any())) for b in subscription]
+    assert found == [(2, 0, False), (2, 20, False), (1, 60, True)]
+
+
 def test_a_gap_is_a_gap_and_no_repeat(broker: MemoryBroker, client: Client) -> None:
     subscription = client.corrected(idle_s=0.1)
     put = publisher(broker).put

@@ -99,3 +99,19 @@ def test_the_end_of_a_boot_that_is_over_from_a_cache_does_not_make_the_running_o
     assert lates(lateness, (20, 2, 0)) == [0]
     assert (lateness.marked(replace(batch(15.0), boot=1), BEGUN_S + 20.5).flags & SampleFlag.LATE).all()
     assert lates(lateness, (21, 2, 0)) == [0]
+
+
+def test_what_waited_of_a_boot_while_the_one_that_was_heard_first_began_is_late() -> None:
+    lateness = Lateness()
+    assert lates(lateness, (10.3, 2, 0)) == [0]
+    assert (lateness.marked(replace(batch(10.0), boot=1), BEGUN_S + 10.8).flags & SampleFlag.LATE).all()
+    assert lates(lateness, (10.5, 2, 0)) == [0]
+
+
+def test_what_comes_late_of_another_boot_after_a_silence_does_not_make_the_running_one_late() -> None:
+    lateness = Lateness()
+    assert lates(lateness, (0, 1, 0), (1, 2, 0)) == [0, 0]
+    for at_s in (7.0, 8.0):
+        old = lateness.marked(replace(batch(0.5), boot=1), BEGUN_S + at_s)
+        assert (old.flags & SampleFlag.LATE).all()
+    assert lates(lateness, (8.1, 2, 0), (9, 2, 0)) == [0, 0]

@@ -33,6 +33,7 @@ SPEAKERS = (
     "estimator/batch/turn360.py",
     "estimator/service/commands.py",
     "estimator/service/gate.py",
+    "estimator/service/lost.py",
     "estimator/service/presence.py",
     "estimator/service/orders.py",
     "estimator/service/shell.py",
