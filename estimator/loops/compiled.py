@@ -5,10 +5,12 @@ hundreds of them. What is compiled is plain loops over floats and arrays, each w
 same bits in any batching. Numba is imported late: a program that is restarted has other things to do first.
 """
 
+import contextlib
 import functools
 import logging
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ParamSpec, TypeVar
@@ -20,6 +22,7 @@ log = logging.getLogger(__name__)
 
 #: an index out of bounds is an IndexError, as in Python: it costs a twentieth
 _SAFE: dict[str, Any] = {"error_model": "numpy", "boundscheck": True}
+_BLAS = "scipy.linalg.cython_blas"
 _lock = threading.RLock()
 _all: list[Callable[[], Any]] = []
 _told = False
@@ -51,8 +54,25 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def ready() -> None:
     """Have all loops at hand: seconds on the first start on a machine, a fraction of one later."""
     _load()
-    for make in _all:
-        make()
+    with _without_blas():
+        for make in _all:
+            make()
+
+
+@contextlib.contextmanager
+def _without_blas() -> Iterator[None]:
+    """Numba looks for scipy's BLAS, which no loop here needs: loading it is a sixth of the time until an estimator is back.
+
+    For who is about to start: another thread that loads scipy meanwhile would not find it either.
+    """
+    if _BLAS in sys.modules:
+        yield
+        return
+    sys.modules[_BLAS] = None  # type: ignore[assignment] # as Python has it: there is none
+    try:
+        yield
+    finally:
+        sys.modules.pop(_BLAS, None)
 
 
 def kept() -> str | None:

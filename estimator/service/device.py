@@ -23,6 +23,8 @@ from estimator.windowed import Windowed
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
+#: what is kept of a device by whoever had it before is good for so long
+FIRST_CHECKPOINT_S = 1.0
 #: calibrations that wait for a store that works again
 UNSAVED = 8
 
@@ -50,8 +52,8 @@ class Device:
         self.heard = now
         #: the boot of samples that were refused as old, and when they came
         self.outdated = 0, float("-inf")
-        #: what is kept of it by whoever had it before is good for a while: at first there are other things to do
-        self.checkpointed, self.recorded = now, 0.0
+        #: when it is to be kept how far it is: soon, or who is killed again and again had ever more to do again, but not at first
+        self.checkpoint_due, self.recorded = now + FIRST_CHECKPOINT_S, 0.0
         #: when its bias history was looked through last; boots still to be thinned, from when on
         self.thinned = float("-inf")
         self.to_thin: deque[tuple[str, int]] = deque()

@@ -256,9 +256,9 @@ class Record:
 
     def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
         """Every few seconds: calibrations that could not be saved yet, and the bias where it is known."""
-        if now - device.checkpointed < CHECKPOINT_S and not force:
+        if now < device.checkpoint_due and not force:
             return
-        device.checkpointed = now
+        device.checkpoint_due = now + CHECKPOINT_S
         self._tell(device)
         self._save_calibrations(device)
         session = device.session

@@ -62,3 +62,15 @@ def test_what_is_kept_is_that_of_its_own_file() -> None:
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in ("bridge", "estimator")
     }
     assert found == {"estimator.loops.compiled"}
+
+
+def test_who_starts_does_not_wait_for_a_part_of_scipy_that_no_loop_needs_and_it_is_there_later() -> None:
+    code = (
+        "import sys; from estimator.service import serve; serve._load(); "
+        "assert 'scipy.linalg' not in sys.modules; "
+        "import numpy, scipy.linalg.cython_blas; scipy.linalg.lu_factor(numpy.eye(3))"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=280, check=False
+    )
+    assert said.returncode == 0, said.stderr
