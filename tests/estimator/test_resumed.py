@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
@@ -58,6 +59,22 @@ def test_what_was_done_before_a_restart_is_not_done_again(once: Stream) -> None:
         assert all(batch.quality is Quality.GOOD for batch in said)
         assert EVENT not in served.service.counts.as_dict()
         assert served.service._devices[NAME].session.life.state is State.TRACKING
+    store.close()
+
+
+def test_who_is_killed_again_within_seconds_has_no_more_to_do_again_each_time(once: Stream) -> None:
+    store, batches, done = Store(":memory:"), once.batches(boot=BOOT), []
+    live(store, batches)
+    for kill in range(3):
+        more = replace(once, ticks=once.ticks + once.ticks[-1]).part(0, 300 * (kill + 1))
+        batches = once.batches(boot=BOOT) + more.batches(boot=BOOT, first=len(once))
+        with Served(store=store) as served:
+            for at, batch in enumerate(batches):  # all that a bridge kept comes at once, and 3 s as they pass
+                served.put(batch)
+                if at >= len(batches) - 300 // len(batch):
+                    served.round(len(batch) / once.rate_hz)
+            done.append(served.service.counts.as_dict()[DONE])
+    assert np.diff(done).min() > 0, done
     store.close()
 
 
