@@ -13,7 +13,7 @@ from bridge.drivers.stream import StreamOptions
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
 from bridge.ward import Ward
-from tests.bridge.test_ward import Listener, unbroken
+from tests.bridge.published.hearing import Listener, unbroken
 from tests.bridge.transport.test_network import free_port
 
 

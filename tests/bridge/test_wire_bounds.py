@@ -11,19 +11,8 @@ from bridge.wire import codec
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.messages import Owned
 from bridge.wire.refusal import Reason, Refusal
-from tests.bridge.test_codec import (
-    CAL,
-    CALIBRATION,
-    CHECKPOINT,
-    INFO,
-    KEPT,
-    OWN,
-    REVISED,
-    REVISION,
-    STATUS,
-    STILL,
-    SURE,
-)
+from tests.bridge.codec.drawn import CALIBRATION, CHECKPOINT, INFO, OWN, REVISION, STATUS
+from tests.bridge.codec.examples import CAL, KEPT, REVISED, STILL, SURE
 
 
 class Door(NamedTuple):

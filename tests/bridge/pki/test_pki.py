@@ -5,36 +5,19 @@ import json
 import shutil
 import stat
 from collections.abc import Callable
-from contextlib import nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Self
 
 import pytest
 from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric import rsa
 
 from bridge.pki import folder
-from bridge.pki.authority import Pair, issue, new_authority, new_issuer
+from bridge.pki.authority import Pair, issue
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import Identity, certificates, common_name, faults, hosts_of, until, verified
+from bridge.pki.identity import certificates, common_name, faults, hosts_of, until, verified
 from bridge.pki.member import Member, Role
 from estimator.cli import main
-
-DAY = timedelta(days=1)
-B1 = Member.parse("bridge:b1")
-
-
-@pytest.fixture
-def pki(tmp_path: Path) -> Path:
-    made = tmp_path / "pki"
-    assert main(["pki", "init", "--ward", "w", "--folder", str(made)]) == 0
-    assert main(["pki", "issue", "bridge:b1", "viewer:hall", "--folder", str(made)]) == 0
-    return made
-
-
-def run(pki: Path, *arguments: str) -> int:
-    return main(["pki", *arguments, "--folder", str(pki)])
+from tests.bridge.pki.office import DAY, run
 
 
 @pytest.mark.parametrize("text", ["bridge:b1", "router:r-1", "estimator:e_1:2"])
@@ -176,13 +159,6 @@ def test_by_such_names_a_router_may_be_reached(host: str, pki: Path) -> None:
     assert hosts_of(certificates(str(pki / "router.r.pem"))[0]) == [host]
 
 
-def test_an_authority_whose_key_is_kept_elsewhere_is_not_made_anew(pki: Path) -> None:
-    before = (pki / "ca.pem").read_bytes()
-    (pki / "ca.key").unlink()
-    assert run(pki, "init") == 2
-    assert (pki / "ca.pem").read_bytes() == before
-
-
 def test_what_lacks_of_an_authority_is_named_and_not_made_anew(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (pki / "ca.key").rename(pki / "kept.key")
     assert run(pki, "issue", "bridge:b2") == 2
@@ -308,181 +284,6 @@ def test_a_ward_or_member_that_is_named_twice_is_there_once(pki: Path, capsys: p
         capsys.readouterr()
 
 
-def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
-    (pki / "router.json5").write_text(capsys.readouterr().out)
-    (pki / "router.r.key").chmod(0o644)
-    assert main(["router", "--config", str(pki / "router.json5")]) == 1
-    assert "chmod 600" in capsys.readouterr().err
-
-
-def test_a_router_by_whose_files_nobody_could_be_let_in_says_so_instead_of_listening(
-    pki: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, router = Folder(pki), Member.parse("router:r")
-    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
-    file, text = pki / "router.json5", capsys.readouterr().out
-    for wrong, words in (
-        (("router.r.pem", "bridge.b1.pem"), "for bridge:b1, where a router is to be run"),
-        (("r.members", "x"), "x.pem: there"),
-    ):
-        file.write_text(text.replace(*wrong))
-        assert main(["router", "--config", str(file)]) == 1
-        assert words in capsys.readouterr().err
-    file.write_text(text)
-    folder.renew(router, utc_now(), days=0)
-    assert main(["router", "--config", str(file)]) == 1
-    assert "expired on" in capsys.readouterr().err
-    ward = pki / "ward.toml"
-    files = folder.identity(B1)
-    ward.write_text(
-        f'ward = "w"\n[bus]\nconnect = ["tls/localhost:7447"]\nca = "{files.ca}"\n'
-        f'certificate = "{files.certificate}"\nkey = "{files.key}"\n'
-    )
-    assert main(["router", "--config", str(ward)]) == 2
-    assert "which this one would not: `truerate pki router` writes" in capsys.readouterr().err
-
-
-def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
-    pki: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder, router = Folder(pki), Member.parse("router:r")
-    assert run(pki, "issue", "router:r", "--host", "localhost", "--days", "3") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
-    file = pki / "router.json5"
-    file.write_text(capsys.readouterr().out.replace('"deny"', '"allow"'))
-
-    class Listening:
-        listen = ("tls/127.0.0.1:1",)
-
-        def __enter__(self) -> Self:
-            folder.renew(router, utc_now())  # of which a router that runs knows nothing
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-    looked: list[float] = []
-
-    class Stop:
-        def wait(self, timeout_s: float) -> bool:
-            looked.append(timeout_s)
-            return len(looked) == 2
-
-    monkeypatch.setattr("bridge.cli_router.Router.of_file", lambda _: Listening())
-    monkeypatch.setattr("bridge.cli_router.stopped_by_signal", lambda: nullcontext(Stop()))
-    assert main(["router", "--config", str(file)]) == 0
-    assert caplog.text.count("the certificate that this router began with ends on") == 2
-    assert "with default_permission 'deny'" in caplog.text
-
-
-def other_key(pki: Path) -> Identity:
-    return Identity(f"{pki}/ca.pem", f"{pki}/bridge.b1.pem", f"{pki}/viewer.hall.key")
-
-
-def open_key(pki: Path) -> Identity:
-    (pki / "bridge.b1.key").chmod(0o644)
-    return Folder(pki).identity(B1)
-
-
-def key_beside(pki: Path) -> Identity:
-    with (pki / "bridge.b1.pem").open("ab") as file:
-        file.write((pki / "bridge.b1.key").read_bytes())
-    return Folder(pki).identity(B1)
-
-
-def locked_key(pki: Path) -> Identity:
-    key = rsa.generate_private_key(65537, 2048)
-    form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
-    (pki / "bridge.b1.key").write_bytes(key.private_bytes(*form, serialization.BestAvailableEncryption(b"x")))
-    return Folder(pki).identity(B1)
-
-
-def other_authority(pki: Path) -> Identity:
-    (pki / "ca.pem").write_bytes(new_authority("another", utc_now()).certificate)
-    return Folder(pki).identity(B1)
-
-
-def other_of_its_name(pki: Path) -> Identity:
-    ward = common_name(certificates(str(pki / "ca.pem"))[0])
-    (pki / "ca.pem").write_bytes(new_authority(ward, utc_now()).certificate)
-    return Folder(pki).identity(B1)
-
-
-def no_file(pki: Path) -> Identity:
-    (pki / "bridge.b1.key").unlink()
-    return Folder(pki).identity(B1)
-
-
-def no_certificate(pki: Path) -> Identity:
-    (pki / "bridge.b1.pem").write_text("hello")
-    return Folder(pki).identity(B1)
-
-
-def for_a_viewer(pki: Path) -> Identity:
-    return Folder(pki).identity(Member.parse("viewer:hall"))
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (other_key, "not the key of"),
-        (open_key, "chmod 600"),
-        (key_beside, "(mode 0644): chmod 600"),
-        (locked_key, "locked with a password"),
-        (other_authority, "not signed by"),
-        (other_of_its_name, "another one of the same name"),
-        (no_file, "there is no such file"),
-        (no_certificate, "no certificate in PEM"),
-        (for_a_viewer, "for viewer:hall, where a bridge is to be run"),
-    ],
-)
-def test_files_from_elsewhere_are_looked_through(make: object, words: str, pki: Path) -> None:
-    assert callable(make)
-    assert [fault for fault in faults(make(pki), utc_now(), (Role.BRIDGE,)) if words in fault]
-
-
-def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_path: Path) -> None:
-    assert faults(Folder(pki).identity(B1), utc_now(), (Role.BRIDGE,)) == []
-    for name, days in (("expired", 91), ("early", -1)):
-        assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
-    root = new_authority("root", utc_now())
-    middle = new_issuer(root, B1)
-    own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
-    for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
-        (tmp_path / name).write_bytes(content)
-        (tmp_path / name).chmod(0o600)
-    files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
-    (tmp_path / "own.pem").write_bytes(own.certificate.removesuffix(middle.certificate))
-    assert [fault for fault in faults(files, utc_now()) if "what lies between" in fault]
-    (tmp_path / "own.pem").write_bytes(own.certificate)
-    assert faults(files, utc_now()) == []
-
-
-def test_a_router_goes_by_the_issuers_of_its_members_and_not_of_who_was_revoked(pki: Path) -> None:
-    assert run(pki, "issue", "router:r", "bridge:b2", "--host", "localhost") == 0
-    assert run(pki, "revoke", "bridge:b1") == 0
-    assert run(pki, "issue", "bridge:b1") == 0
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447", "--member", "bridge:b1") == 0
-    by = pki / "router.r.members.pem"
-    assert [common_name(one) for one in certificates(str(by))] == ["issuer of router:r", "issuer of bridge:b1:2"]
-    assert verified(f"{pki}/bridge.b1.2.pem", str(by))
-    for other in ("bridge.b1", "bridge.b2", "viewer.hall"):
-        assert not verified(f"{pki}/{other}.pem", str(by))
-    assert run(pki, "renew", "bridge:b1") == 0
-    assert verified(f"{pki}/bridge.b1.2.pem", str(by))
-    assert [member.label for member, _ in Folder(pki).members()] == [
-        "bridge:b1",
-        "bridge:b2",
-        "router:r",
-        "viewer:hall",
-    ]
-
-
 def test_a_folder_of_an_earlier_truerate_goes_on_and_says_what_to_do(
     pki: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -504,16 +305,6 @@ def test_a_folder_of_an_earlier_truerate_goes_on_and_says_what_to_do(
     assert run(pki, *router) == 0
     assert "renew" not in capsys.readouterr().err
     assert {common_name(one)[:9] for one in certificates(by)} == {"issuer of"}
-
-
-def test_a_router_may_go_by_an_authority_from_elsewhere(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(pki, "issue", "router:r", "--host", "localhost") == 0
-    capsys.readouterr()
-    assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:7447", "--ca", "/etc/site.pem") == 0
-    written = capsys.readouterr()
-    assert '"root_ca_certificate": "/etc/site.pem"' in written.out
-    assert not written.err
-    assert not (pki / "router.r.members.pem").exists()
 
 
 @pytest.mark.parametrize("words", [["issue", "bridge:b1"], ["show"]])

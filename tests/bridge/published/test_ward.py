@@ -1,107 +1,28 @@
 """A bridge end to end: devices on terminals, unplugged, rebooted, over a bus that comes and goes."""
 
-import argparse
 import threading
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from bridge import cli, cli_router
-from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
-from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Notice, Readings
 from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.drivers.stream import StreamOptions
-from bridge.intake import Intake
 from bridge.link import Link
-from bridge.merge import merged
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.ward import Outlet, Ward, shares
 from bridge.wire import codec, keys
-from bridge.wire.messages import BootCause, DeviceInfo, Quality, SampleBatch, SampleFlag, State, Status
-from bridge.wire.refusal import Tally
-from estimator.cli import main
-
-
-class Listener:
-    """A subscriber that keeps what it hears."""
-
-    def __init__(self, broker: MemoryBroker) -> None:
-        self.batches: dict[str, list[SampleBatch]] = defaultdict(list)
-        self.infos: dict[str, DeviceInfo] = {}
-        self.alive: list[tuple[str, bool]] = []
-        self._bus = MemoryBus(broker)
-        self._bus.watch_alive(keys.ROOT + "/w/alive/**", lambda key, alive: self.alive.append((key, alive)))
-        self._raw = self._bus.subscribe(keys.pattern("w", "raw"), history=True)
-        self._info = self._bus.subscribe(keys.pattern("w", "info"), history=True)
-
-    def hear(self) -> None:
-        for message in self._info.drain(1000, 0.0):
-            info = codec.decode_info(*message)
-            self.infos[info.device] = info
-        for message in self._raw.drain(1000, 0.01):
-            batch = codec.decode_samples(*message)
-            self.batches[batch.device].append(batch)
-
-    def until(self, condition: Callable[[], bool], limit_s: float = 8.0) -> None:
-        end = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < end, "it did not come to pass"
-            self.hear()
-
-    def count(self, device: str = "d1") -> int:
-        return sum(len(batch) for batch in self.batches[device])
-
-    def close(self) -> None:
-        self._bus.close()
-
-
-@pytest.fixture
-def broker() -> MemoryBroker:
-    return MemoryBroker()
-
-
-@pytest.fixture
-def listener(broker: MemoryBroker) -> Iterator[Listener]:
-    listening = Listener(broker)
-    yield listening
-    listening.close()
-
-
-def native(port: PtyPort, name: str = "d1") -> Device:
-    return Device(name, "native", StreamOptions(port=str(port.link)))
-
-
-@contextmanager
-def published(tmp_path: Path, broker: MemoryBroker) -> Iterator[PtyPort]:
-    """One device d1 on a terminal, and the bridge that reads it."""
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
-        config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
-            yield port
-
-
-def unbroken(batches: list[SampleBatch]) -> bool:
-    """No sample lost, none twice."""
-    ends = [batch.sequence + len(batch) for batch in batches]
-    return all(batch.sequence == end for batch, end in zip(batches[1:], ends, strict=False))
-
-
-def accounted(listener: Listener, device: str) -> bool:
-    return listener.infos[device].samples == listener.count(device)
+from bridge.wire.messages import BootCause, Quality, SampleBatch, SampleFlag, State, Status
+from tests.bridge.published.hearing import Listener, accounted, native, published, unbroken
 
 
 def test_devices_are_published_whole_with_their_account_and_their_tokens(
@@ -297,205 +218,3 @@ def test_a_calibration_that_nobody_speaks_of_any_more_is_over(broker: MemoryBrok
         said = [calibrating.now("d1", 7, at_s) for at_s in (100.0, 109.0, 111.0)]
         assert said == [True, True, False]
         assert not calibrating.now("d2", 7, 100.0)
-
-
-class Scripted:
-    """A driver that does as it is told, then waits."""
-
-    def __init__(self, *script: Exception | Sequence[Event]) -> None:
-        self.faults = Tally()
-        self.place = "script"
-        self.opened = 0
-        self._script = list(script)
-        self._idle = threading.Event()
-
-    def open(self) -> None:
-        self.opened += 1
-        if self._script and isinstance(self._script[0], DeviceUnavailable):
-            raise self._script.pop(0)  # type: ignore[misc]
-
-    def read(self, timeout_s: float) -> list[Event]:
-        if not self._script:
-            self._idle.wait(0.01)
-            return []
-        step = self._script.pop(0)
-        if isinstance(step, Exception):
-            raise step
-        return list(step)
-
-    def close(self) -> None:
-        pass
-
-
-HELLO = Identity(7, BootCause.POWER_UP, "m", "f", 100.0, 0.0, 1e-6, False, False)
-
-
-def said(sequence: int, n: int = 10) -> Readings:
-    ticks = ((sequence + np.arange(n)) * 10_000).astype(np.uint32)
-    return Readings(7, sequence, 10**18 + sequence, ticks, np.ones((n, 3)), None, None)
-
-
-def run(driver: Scripted, until: Callable[[Link], bool]) -> Link:
-    link = Link("d1", driver, Intake("d1", "b1", "scripted", "script"))
-    link.start()
-    end = time.monotonic() + 5
-    while not until(link):
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    link.stop()
-    return link
-
-
-def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
-    missing = [DeviceUnavailable("script: missing") for _ in range(3)]
-    driver = Scripted(*missing, [HELLO, said(0)])
-    taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
-    assert [record.message for record in caplog.records] == ["d1: script: missing", "d1: back on script"]
-    assert sum(map(len, taken.batches)) == 10
-
-
-def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
-    driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
-    run(driver, lambda _: driver.opened == 2 and not driver._script)
-    assert [record.message for record in caplog.records] == ["d1: script: missing"]
-
-
-def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
-    driver = Scripted([HELLO, said(0)], [replace(HELLO, rate_hz=50.0), said(10)])
-    run(driver, lambda _: not driver._script)
-    assert [record.message for record in caplog.records] == [
-        "d1: reading script",
-        "d1: its rate changed from 100 to 50 Hz",
-    ]
-
-
-def test_a_drivers_own_fault_does_not_silence_its_device(caplog: pytest.LogCaptureFixture) -> None:
-    driver = Scripted([HELLO, said(0)], ZeroDivisionError("oops"), [HELLO, said(10)])
-    taken = run(driver, lambda _: driver.opened == 2 and not driver._script).take()
-    assert sum(map(len, taken.batches)) == 20
-    assert "its driver failed: ZeroDivisionError('oops')" in caplog.text
-
-
-class Failing:
-    """A bus whose publishers of samples take two more messages, then fail, until they are mended."""
-
-    def __init__(self, bus: MemoryBus) -> None:
-        self._bus = bus
-        self.left = 2
-
-    def publisher(self, key: str, *, cache: int = 0) -> Publisher:
-        made = self._bus.publisher(key, cache=cache)
-        if "/raw/" not in key:
-            return made
-        put = made.put
-
-        def some(payload: bytes) -> None:
-            if not self.left:
-                raise BusError("full")
-            self.left -= 1
-            put(payload)
-
-        made.put = some  # type: ignore[method-assign]
-        return made
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._bus, name)
-
-
-def test_only_what_was_not_put_is_lost_when_the_bus_fails(broker: MemoryBroker, listener: Listener) -> None:
-    holes = [said(sequence) for sequence in (0, 20, 40, 60)]  # four batches that do not merge
-    link = run(driver := Scripted([HELLO], holes), lambda _: not driver._script)
-    with MemoryBus(broker) as bus:
-        outlet = Outlet(Failing(bus), "w", "b1", "d1", 10)
-        with pytest.raises(BusError, match="full"):
-            outlet.publish(link.take(), 0.0)
-        assert [batch.sequence for batch in outlet.unsent] == [40, 60]
-        link.lose(outlet.unsent)
-        outlet.publish(link.take(), 1.0, last=True)
-        listener.hear()
-    assert listener.infos["d1"].samples == listener.count() == 20
-    assert listener.infos["d1"].dropped == {"overflow": 20}
-
-
-def test_what_nobody_takes_is_bounded_and_counted() -> None:
-    driver = Scripted([HELLO], *[[said(500 * i, 500)] for i in range(60)])
-
-    def finished(link: Link) -> bool:
-        return not driver._script
-
-    taken = run(driver, finished).take()
-    info = taken.info
-    assert info is not None
-    assert sum(map(len, taken.batches)) == 20_000 == info.samples
-    assert info.dropped == {"overflow": 10_000}
-
-
-def test_merging_keeps_every_sample_and_every_edge() -> None:
-    intake = Intake("d1", "b1", "x", "y")
-    intake.take(HELLO)
-    events = [said(0), said(10), said(25), said(35)]
-    batches = [batch for event in events for batch in intake.take(event)]
-    one, two = merged(batches)
-    assert (one.sequence, len(one), two.sequence, len(two)) == (0, 20, 25, 20)
-    assert one.ticks.tolist() == [i * 10_000 for i in range(20)]
-    assert one.receive_time_ns == batches[1].receive_time_ns
-    assert one.start_time_ns == batches[0].start_time_ns
-    assert two.flags.tolist() == [SampleFlag.AFTER_GAP] + [0] * 19
-    assert merged([]) == []
-
-
-def parsed(*arguments: str) -> Any:
-    parser = argparse.ArgumentParser()
-    verbs = parser.add_subparsers(required=True)
-    cli.add_verbs(verbs)
-    cli_router.add_verbs(verbs)
-    return parser.parse_args(arguments)
-
-
-def test_list_says_which_devices_are_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    config = tmp_path / "w.toml"
-    with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
-        config.write_text(
-            'ward = "w"\n[bridge]\nid = "b"\n'
-            f'[[bridge.devices]]\nid = "here"\ndriver = "native"\nport = "{port.link}"\n'
-            f'[[bridge.devices]]\nid = "gone"\ndriver = "native"\nport = "{tmp_path}/gone"\n'
-        )
-        args = parsed("bridge", "list", str(config))
-        assert args.run(args) == 0
-    shown = capsys.readouterr().out
-    assert "simulated" in shown
-    assert f"{port.link}: present" in shown
-    assert f"{tmp_path}/gone: missing" in shown
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("bridge", "run", "none.toml"), 2, "truerate: none.toml: there is no such file\n"),
-        (("bridge", "replay", "none.npz", "--device", "d"), 1, "truerate: none.npz: there is no such file"),
-        (("bridge", "replay", "none.npz", "--device", "d", "--ward", "W W"), 2, "truerate: ward 'W W' is not valid"),
-        (("router", "--listen", "here"), 2, "truerate: --listen: 'here' is no endpoint"),
-        (
-            ("bridge", "replay", "none.npz", "--device", "d", "--connect", "foo"),
-            2,
-            "truerate: --connect: 'foo' is no endpoint; one looks like 'tcp/127.0.0.1:7447'\n",
-        ),
-    ],
-)
-def test_wrong_use_is_one_line_and_an_exit_code(
-    arguments: tuple[str, ...], code: int, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(list(arguments)) == code
-    error = capsys.readouterr().err
-    assert error.startswith(said)
-    assert error.count("\n") == 1
-
-
-def test_every_verb_teaches_by_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in (["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["router"]):
-        with pytest.raises(SystemExit):
-            parsed(*verb, "--help")
-        assert "Example: truerate" in capsys.readouterr().out

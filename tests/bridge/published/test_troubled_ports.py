@@ -1,6 +1,6 @@
 """A bridge says what is wrong with a port in words that help, and goes on."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
@@ -15,8 +15,8 @@ from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.ward import Ward
 from bridge.wire.messages import DeviceInfo
+from tests.bridge.published.hearing import Listener
 from tests.bridge.scan.protocol import KINDS, LineOptions, Talker, lines
-from tests.bridge.test_ward import Listener
 
 
 @pytest.fixture(autouse=True)
@@ -28,18 +28,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 def kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     found: dict[str, DriverKind] = {kind.name: kind for kind in KINDS}
     monkeypatch.setattr(registry, "kinds", lambda: found)
-
-
-@pytest.fixture
-def broker() -> MemoryBroker:
-    return MemoryBroker()
-
-
-@pytest.fixture
-def listener(broker: MemoryBroker) -> Iterator[Listener]:
-    listening = Listener(broker)
-    yield listening
-    listening.close()
 
 
 def talking(link: Path, said: bytes) -> PtyPort:

@@ -1,0 +1,142 @@
+"""What is encoded is decoded back."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.wire import codec, truerate_pb2
+from bridge.wire.messages import (
+    Calibration,
+    Checkpoint,
+    Command,
+    CommandReply,
+    DeviceInfo,
+    Note,
+    Owned,
+    Status,
+)
+from bridge.wire.refusal import Reason
+from tests.bridge.codec.drawn import (
+    CALIBRATION,
+    CHECKPOINT,
+    CORRECTED,
+    INFO,
+    INFOS,
+    NOTE,
+    OWN,
+    OWNED,
+    RAW,
+    REVISION,
+    RPC,
+    STATUS,
+    STATUSES,
+    TEXT,
+    TIME,
+    U64,
+    calibrations,
+    checkpoints,
+    corrected,
+    revision,
+    samples,
+)
+from tests.bridge.codec.examples import FIXED, assert_same, refused
+
+
+@given(st.data())
+def test_samples_round_trip(data: st.DataObject) -> None:
+    batch = samples(data)
+    assert_same(codec.decode_samples(RAW, codec.encode_samples(batch)), batch)
+
+
+@given(st.data())
+def test_corrected_round_trip(data: st.DataObject) -> None:
+    batch = corrected(data)
+    assert_same(codec.decode_corrected(CORRECTED, codec.encode_corrected(batch)), batch)
+
+
+@given(st.data())
+def test_the_rates_alone_are_those_of_the_batch(data: st.DataObject) -> None:
+    batch = corrected(data)
+    found = codec.decode_rates(CORRECTED, codec.encode_corrected(batch))
+    assert found.device == batch.device
+    np.testing.assert_array_equal(found.rate, batch.rate)
+
+
+@pytest.mark.parametrize(
+    ("rate", "reason"),
+    [
+        (np.full((5, 3), np.nan), Reason.NON_FINITE),
+        (np.full((5, 3), 1e9), Reason.RANGE),
+        (np.zeros((0, 3)), Reason.LENGTH),
+        (np.zeros((codec.MAX_SAMPLES + 1, 3)), Reason.LENGTH),
+        (np.zeros((5, 2)), Reason.LENGTH),
+    ],
+)
+def test_rates_that_are_none_are_refused(rate: np.ndarray, reason: Reason) -> None:
+    bad = codec.encode_corrected(dataclasses.replace(FIXED, rate=rate.astype(np.float32)))
+    assert refused(bad, CORRECTED, codec.decode_rates) is reason
+    assert refused(bad, RAW, codec.decode_rates) is Reason.BAD_KEY
+
+
+@given(INFOS)
+def test_info_round_trip(info: DeviceInfo) -> None:
+    assert codec.decode_info(INFO, codec.encode_info(info)) == info
+
+
+@given(STATUSES)
+def test_status_round_trip(status: Status) -> None:
+    assert codec.decode_status(STATUS, codec.encode_status(status)) == status
+
+
+@given(calibrations())
+def test_calibration_round_trip(calibration: Calibration) -> None:
+    assert_same(codec.decode_calibration(CALIBRATION, codec.encode_calibration(calibration)), calibration)
+
+
+@given(st.data())
+def test_revision_round_trip(data: st.DataObject) -> None:
+    one = revision(data)
+    assert_same(codec.decode_revision(REVISION, codec.encode_revision(one)), one)
+
+
+@given(OWNED)
+def test_owned_round_trip(owned: Owned) -> None:
+    assert codec.decode_owned(OWN, codec.encode_owned(owned)) == owned
+
+
+@given(checkpoints())
+def test_checkpoint_round_trip(checkpoint: Checkpoint) -> None:
+    assert_same(codec.decode_checkpoint(CHECKPOINT, codec.encode_checkpoint(checkpoint)), checkpoint)
+
+
+@given(st.builds(Note, st.just("d1"), U64, TIME, TEXT, TEXT))
+def test_note_round_trip(note: Note) -> None:
+    assert codec.decode_note(NOTE, codec.encode_note(note)) == note
+
+
+@given(st.builds(Command, TEXT.filter(bool), TEXT, TEXT), st.builds(CommandReply, TEXT, st.booleans(), TEXT))
+def test_command_and_reply_round_trip(command: Command, reply: CommandReply) -> None:
+    assert codec.decode_command(RPC, codec.encode_command(command)) == command
+    assert codec.decode_reply(codec.encode_reply(reply)) == reply
+    assert codec.encode_reply(reply)
+
+
+@given(st.data())
+def test_a_twin_writes_the_very_bytes_of_the_real_message(data: st.DataObject) -> None:
+    for batch, payload, kind in (
+        (one := samples(data), codec.encode_samples(one), truerate_pb2.SampleBatch),
+        (two := corrected(data), codec.encode_corrected(two), truerate_pb2.CorrectedBatch),
+    ):
+        real = kind(version=1)
+        for field in dataclasses.fields(batch):
+            value = getattr(batch, field.name)
+            if field.name == "bridge" or (field.name == "flags" and not value.any()):
+                continue  # the key says the bridge
+            if isinstance(value, np.ndarray):
+                getattr(real, field.name).extend(value.ravel().tolist())
+            elif value is not None:
+                setattr(real, field.name, value)
+        assert real.SerializeToString(deterministic=True) == payload

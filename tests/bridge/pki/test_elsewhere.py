@@ -1,0 +1,103 @@
+"""Files that another authority made."""
+
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+
+from bridge.pki.authority import issue, new_authority, new_issuer
+from bridge.pki.folder import Folder, utc_now
+from bridge.pki.identity import Identity, certificates, common_name, faults
+from bridge.pki.member import Member, Role
+from tests.bridge.pki.office import B1, DAY, run
+
+
+def test_an_authority_whose_key_is_kept_elsewhere_is_not_made_anew(pki: Path) -> None:
+    before = (pki / "ca.pem").read_bytes()
+    (pki / "ca.key").unlink()
+    assert run(pki, "init") == 2
+    assert (pki / "ca.pem").read_bytes() == before
+
+
+def other_key(pki: Path) -> Identity:
+    return Identity(f"{pki}/ca.pem", f"{pki}/bridge.b1.pem", f"{pki}/viewer.hall.key")
+
+
+def open_key(pki: Path) -> Identity:
+    (pki / "bridge.b1.key").chmod(0o644)
+    return Folder(pki).identity(B1)
+
+
+def key_beside(pki: Path) -> Identity:
+    with (pki / "bridge.b1.pem").open("ab") as file:
+        file.write((pki / "bridge.b1.key").read_bytes())
+    return Folder(pki).identity(B1)
+
+
+def locked_key(pki: Path) -> Identity:
+    key = rsa.generate_private_key(65537, 2048)
+    form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    (pki / "bridge.b1.key").write_bytes(key.private_bytes(*form, serialization.BestAvailableEncryption(b"x")))
+    return Folder(pki).identity(B1)
+
+
+def other_authority(pki: Path) -> Identity:
+    (pki / "ca.pem").write_bytes(new_authority("another", utc_now()).certificate)
+    return Folder(pki).identity(B1)
+
+
+def other_of_its_name(pki: Path) -> Identity:
+    ward = common_name(certificates(str(pki / "ca.pem"))[0])
+    (pki / "ca.pem").write_bytes(new_authority(ward, utc_now()).certificate)
+    return Folder(pki).identity(B1)
+
+
+def no_file(pki: Path) -> Identity:
+    (pki / "bridge.b1.key").unlink()
+    return Folder(pki).identity(B1)
+
+
+def no_certificate(pki: Path) -> Identity:
+    (pki / "bridge.b1.pem").write_text("hello")
+    return Folder(pki).identity(B1)
+
+
+def for_a_viewer(pki: Path) -> Identity:
+    return Folder(pki).identity(Member.parse("viewer:hall"))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (other_key, "not the key of"),
+        (open_key, "chmod 600"),
+        (key_beside, "(mode 0644): chmod 600"),
+        (locked_key, "locked with a password"),
+        (other_authority, "not signed by"),
+        (other_of_its_name, "another one of the same name"),
+        (no_file, "there is no such file"),
+        (no_certificate, "no certificate in PEM"),
+        (for_a_viewer, "for viewer:hall, where a bridge is to be run"),
+    ],
+)
+def test_files_from_elsewhere_are_looked_through(make: object, words: str, pki: Path) -> None:
+    assert callable(make)
+    assert [fault for fault in faults(make(pki), utc_now(), (Role.BRIDGE,)) if words in fault]
+
+
+def test_what_is_right_has_no_fault_and_a_chain_may_lie_between(pki: Path, tmp_path: Path) -> None:
+    assert faults(Folder(pki).identity(B1), utc_now(), (Role.BRIDGE,)) == []
+    for name, days in (("expired", 91), ("early", -1)):
+        assert len(faults(Folder(pki).identity(B1), utc_now() + days * DAY)) >= 1, name
+    root = new_authority("root", utc_now())
+    middle = new_issuer(root, B1)
+    own = issue(middle, B1, utc_now() - DAY, utc_now() + DAY)
+    for name, content in (("ca.pem", root.certificate), ("own.key", own.key)):
+        (tmp_path / name).write_bytes(content)
+        (tmp_path / name).chmod(0o600)
+    files = Identity(*(str(tmp_path / name) for name in ("ca.pem", "own.pem", "own.key")))
+    (tmp_path / "own.pem").write_bytes(own.certificate.removesuffix(middle.certificate))
+    assert [fault for fault in faults(files, utc_now()) if "what lies between" in fault]
+    (tmp_path / "own.pem").write_bytes(own.certificate)
+    assert faults(files, utc_now()) == []

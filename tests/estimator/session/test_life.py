@@ -1,0 +1,101 @@
+"""The life of one device, fed as the service feeds it."""
+
+import numpy as np
+import pytest
+
+from bridge.sim.script import TurnPlan
+from bridge.wire import codec, keys
+from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
+from estimator.session import DeviceSession
+from tests.estimator.session.lives import state
+from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
+
+
+def test_from_power_up_to_good(once: Stream) -> None:
+    device = DeviceSession(NAME)
+    device.info = info()
+    seen: list[State] = []
+    corrected = []
+    for batch in once.batches():
+        corrected += feed(device, [batch]).corrected
+        if not seen or seen[-1] is not state(device):
+            seen.append(state(device))
+    assert seen == [State.WARMING, State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING, State.TRACKING]
+    assert len(rates(corrected)) == len(once), "corrected from the first sample on"
+    qualities = [b.quality for b in corrected]
+    assert qualities[0] is Quality.NONE
+    assert Quality.BIAS_ONLY in qualities
+    assert qualities == sorted(qualities), "it only gets better"
+    good = [b for b in corrected if b.quality is Quality.GOOD]
+    assert good[0].device_time[0] < 31.0
+    assert device.calibration is not None
+    np.testing.assert_allclose(np.diag(device.calibration.matrix), once.truth.k, atol=2e-4)
+    assert (device.calibration.model, device.calibration.firmware) == ("m", "1.0")
+    error = rates(good).astype(float) - once.rate[-len(rates(good)) :]
+    assert np.degrees(np.sqrt(np.mean(error**2))) < 0.06
+
+
+def test_sequence_and_ticks_of_what_is_corrected_go_on_without_a_break(once: Stream) -> None:
+    corrected = feed(DeviceSession(NAME), once.batches()).corrected
+    numbers = np.concatenate([b.sequence + np.arange(len(b)) for b in corrected])
+    np.testing.assert_array_equal(numbers, np.arange(len(once)))
+    np.testing.assert_array_equal(np.concatenate([b.ticks for b in corrected]), once.ticks)
+    assert all(codec.decode_corrected(keys.build("w", "corrected", device=NAME), codec.encode_corrected(b)).quality
+               is b.quality for b in corrected)  # fmt: skip
+
+
+@pytest.mark.parametrize("accel", [True, False])
+@pytest.mark.parametrize("rate_hz", [50.0, 200.0, 400.0])
+def test_any_rate_with_and_without_an_accelerometer(rate_hz: float, accel: bool) -> None:
+    of = calibration(seed=2, rate_hz=rate_hz)
+    device = DeviceSession(NAME)
+    outcome = feed(device, of.batches(list(range(8, len(of), 8)), accel=accel))
+    assert outcome.calibration is not None
+    np.testing.assert_allclose(np.diag(outcome.calibration.matrix), of.truth.k, atol=3e-4)
+    assert device.status(1).rate_hz == pytest.approx(rate_hz, rel=1e-3)
+
+
+def test_status_can_be_published_at_any_time(once: Stream) -> None:
+    device = DeviceSession(NAME)
+    key = keys.build("w", "status", device=NAME)
+    assert codec.decode_status(key, codec.encode_status(device.status(1))).state is State.UNKNOWN
+    for batch in once.batches(list(range(50, len(once), 50))):
+        feed(device, [batch])
+        status = codec.decode_status(key, codec.encode_status(device.status(1)))
+        assert status.samples_in == status.samples_out + sum(status.dropped.values())
+        assert 0 <= status.progress <= 1
+        assert status.evidence_age_s >= 0
+        if device.life.state in {State.UNKNOWN, State.WARMING}:
+            assert status.evidence_age_s == NO_REST_S
+    assert 0 <= status.evidence_age_s < 60
+    assert status.progress == 1
+    assert status.axes_done == ()
+    np.testing.assert_allclose(status.scale, once.truth.k, atol=2e-4)
+
+
+def test_the_words_say_what_is_missing() -> None:
+    of = calibration(TurnPlan(1), TurnPlan(0, 180.0), seed=3)
+    device = DeviceSession(NAME)
+    outcome = feed(device, of.batches())
+    assert state(device) is State.TURNING
+    assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
+    assert "still needed: x, z" in device.life.reason
+    assert device.status(1).axes_done == (1,)
+
+
+def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
+    from estimator.batch import closure
+
+    def never(*_: object) -> None:
+        raise closure.NotConverged("no scale factors close the three turns")
+
+    monkeypatch.setattr(closure, "estimate", never)
+    device = DeviceSession(NAME)
+    outcome = feed(device, calibration(seed=4).batches())
+    assert state(device) is State.TURNING
+    assert device.calibration is None
+    assert outcome.calibration is not None
+    assert outcome.calibration.verdict is Verdict.REFUSED
+    key = keys.build("w", "calibration", device=NAME)
+    assert codec.decode_calibration(key, codec.encode_calibration(outcome.calibration)).parameters == ()
+    assert not any(b.quality is Quality.GOOD for b in outcome.corrected)
