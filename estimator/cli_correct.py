@@ -98,6 +98,10 @@ def _correct(given: argparse.Namespace) -> None:
     corrected_file.check(given.out, given.file)
     if given.picture is not None:
         picture_file.check("--picture", given.picture)
+        if given.out.absolute() in given.picture.absolute().parents:
+            raise ConfigError(
+                f"--picture {given.picture}: {given.out} is to be a file of corrected rates, not a folder"
+            )
     calibration = calibration_file.load(given.calibration) if given.calibration else None
     recording = recorded(given)
     with Bar() as bar:

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from numba.core import caching as numba_caching
+from numba.core.runtime import nrt as numba_runtime
 
-caching: Any = numba_caching  # has no types
+caching: Any = numba_caching  # neither has types
+runtime: Any = numba_runtime
 
 _SEAL = sha256().digest_size
 
@@ -23,6 +25,11 @@ class Kept(caching.FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         impl = self._impl
         self._cache_file = _Sealed(self._cache_path, f"{impl.filename_base}.sealed", impl.locator.get_source_stamp())
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """As Numba's own, but without loading first what only compiling needs: a sixth of the time until an estimator starts."""
+        runtime.rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
 
 
 class _Sealed(caching.IndexDataCacheFile):  # type: ignore[misc]

@@ -2,7 +2,7 @@
 
 Bridges keep half a minute of what they sent, for whoever missed it. Most of it had been corrected, said and learnt from before
 the restart; to do it again would keep what comes now waiting, of hundreds of devices for minutes. Where turns were taken of a
-calibration under way all of it is: they may be in it.
+calibration under way all of it is: they may be in it. That takes longer than what is left of the others, and waits for them.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,20 +27,41 @@ Reached = tuple[int, int, int]
 
 
 class Resumed:
-    """Messages in, those that are to be handled out; `reached` is what was kept of devices, came takes numbers of samples."""
+    """Messages in, those that are to be handled out; `reached` is what was kept of devices, came takes numbers of samples.
 
-    def __init__(self, reached: Mapping[str, Reached], came: Callable[[int], None], counts: Tally, now: float) -> None:
-        self._reached, self._came, self._counts = reached, came, counts
+    begins is told of each key that messages are left of, and whether they go on from where its device was, so that
+    little is to be done.
+    """
+
+    def __init__(
+        self,
+        reached: Mapping[str, Reached],
+        came: Callable[[int], None],
+        counts: Tally,
+        begins: Callable[[str, bool], None],
+        now: float,
+    ) -> None:
+        self._reached, self._came, self._counts, self._begins = reached, came, counts, begins
         self._until = now + LASTS_S
         #: of each key where it is done up to; None from the first message on that is not
         self._keys: dict[str, Reached | None] = {}
+        self._go_on = set[str]()
+
+    @property
+    def over(self) -> bool:
+        """Whether all is handed out that comes."""
+        return not self._reached
+
+    def goes_on(self, key: str) -> bool:
+        """Whether the first message of this key that was left goes on from where its device was."""
+        return key in self._go_on
 
     def left(self, messages: list[Message], now: float) -> list[Message]:
         """Those that were not done before, in their order."""
         if not self._reached:
             return messages
         if now >= self._until:
-            self._reached, self._keys = {}, {}
+            self._reached, self._keys, self._go_on = {}, {}, set()
             return messages
         return [message for message in messages if not self._done(message)]
 
@@ -60,6 +81,10 @@ class Resumed:
             self._counts.add(DONE, n)
             return True
         self._keys[message.key] = None
+        goes_on = raw.boot == boot
+        if goes_on:
+            self._go_on.add(message.key)
+        self._begins(message.key, goes_on)
         return False
 
     def _point(self, key: str) -> Reached | None:
@@ -72,4 +97,6 @@ class Resumed:
         except Refusal:
             found = None
         self._keys[key] = found
+        if found is None:
+            self._begins(key, False)  # noqa: FBT003 - it does not go on
         return found

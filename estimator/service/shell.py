@@ -8,16 +8,14 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
-from bridge import rivals
 from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
-from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
-from bridge.wire.refusal import Reason, Refusal, Tally
+from bridge.wire import keys
+from bridge.wire.messages import Calibration, SampleBatch
+from bridge.wire.refusal import Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
-from estimator.door import Door
 from estimator.lifecycle import Event
 from estimator.outcome import Outcome
 from estimator.overtaken import Overtaken
@@ -26,8 +24,8 @@ from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
+from estimator.service.intake import Intake
 from estimator.service.isolation import Isolation
-from estimator.service.lane import Lane
 from estimator.service.load import Load
 from estimator.service.lost import Lost
 from estimator.service.orders import Orders
@@ -38,7 +36,6 @@ from estimator.service.record import Record
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
 from estimator.service.silent import Silent
-from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 from estimator.service.store import Store
 from estimator.service.totals import Totals
@@ -62,8 +59,6 @@ LINGER_S = 40.0
 #: messages of a device that are asked for of what a bridge keeps where others are there already: what may wait with them to be
 #: corrected, 12 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
 PAST_IN_COMPANY = 240
-#: under this, samples are counted that waited for their turn when their device left: another corrects them
-MOVED = "moved to another estimator"
 #: no device's name: what is done after all devices were looked after
 _WARD = ""
 
@@ -102,16 +97,22 @@ class Service:
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
-        self._samples = Door[SampleBatch]("sample", self._stock.decode, self._refused)
-        self._info_door = Door[DeviceInfo]("info", codec.decode_info, self._refused)
-        self._lane = Lane(self._on_samples, self._guarded, self._tell, self._stock.came)
-        self._boots, self._holding = Boots(self._devices, self._record, self._guarded), dict[str, Device]()
+        self._intake = Intake(
+            self._devices,
+            Boots(self._devices, self._record, self._guarded),
+            self._stock,
+            self._guarded,
+            self._tell,
+            self._newcomer,
+        )
         self._presence, self._views = Presence(self.counts), Views(self.counts)
         self._gate = Gate(enrolment, self.counts)
         self._notices = Notices(data, ward, self._gate)
-        self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, time.monotonic())
-        self._turns = Turns(self._lane.take, self._flooded)
-        self._lost = Lost(self._presence, self._gate, self._turns.waits, settings.silence_s)
+        self._turns = Turns(self._intake.take, self._flooded)
+        self._resumed = Resumed(self._record.reached(), self._stock.came, self.counts, self._catch_up, time.monotonic())
+        #: whether what was said before a restart still comes
+        self._returns = not self._resumed.over
+        self._lost = Lost(self._presence, self._gate, self._turns, settings.silence_s)
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
@@ -144,7 +145,7 @@ class Service:
         deadline = time.monotonic() + DRAIN_S
         while self.step(0.0) and time.monotonic() < deadline:
             pass
-        self._give_up(math.inf)
+        self._intake.give_up()
         self._quiet.finish()
         now = time.monotonic()
         for device in self._devices.values():
@@ -170,21 +171,22 @@ class Service:
         """One round: what has come in, what was asked, what is due. How many sample messages came or still wait."""
         waits = time.monotonic()
         hurry = self._pressing or self._quiet
-        messages = self._raw.drain(0 if self._turns.full else MANY, 0.0 if hurry else timeout_s)
+        # After a restart: first all that was done before it is left aside, then what is soon done of the rest is begun with.
+        most = QUEUE if self._returns and not self._peers.company else MANY
+        messages = self._raw.drain(0 if self._turns.full else most, 0.0 if hurry else timeout_s)
         began = time.monotonic()
         self._load.idle(began - waits)
-        if len(messages) == MANY or not self._raw.caught_up:
+        self._returns &= len(messages) >= MANY or not self._raw.caught_up
+        if len(messages) >= MANY or not self._raw.caught_up:
             self._peers.cluster.behind(began)
         messages = self._resumed.left(self._gate.admit(messages, began), began)
         for message in self._gate.admit(self._info.drain(512, 0.0), began):
-            info = self._info_door.take(message)
-            if info is not None:
-                self._on_info(info)
+            self._intake.hear(message)
         self._turns.round(self._ours(messages, began))
         self._commands.work(self._orders.do)
         now = time.monotonic()
         self._record.collect(now)
-        self._give_up(now)
+        self._intake.give_up(now, self._turns.waits)
         self._views.say(now)
         if now - began > SLOW_S:
             for device in self._devices.values():
@@ -228,11 +230,7 @@ class Service:
         for device in leaving:
             for message in self._turns.withdraw(device.name):
                 self._peers.back(device.name, message, now)
-            self._lane.dismiss(device)
-            self._holding.pop(device.name, None)
-            for late in device.overtaken.drop():
-                device.session.sequence.refuse(late, MOVED)
-            device.drop_waiting()
+            self._intake.leave(device)
             self._learn(device)
             self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
         self._stock.check()  # while they are counted
@@ -257,22 +255,23 @@ class Service:
 
         self._guarded(device, adopted)
 
-    def _go_on(self, device: Device, batch: SampleBatch, now: float) -> None:
-        """With the bridge that another estimator heard it from, and from the first sample there is."""
-        if known := self._peers.replicas.bridge(device.name):
-            device.source.owns(known, now)
-        if self._peers.company:
-            device.overtaken = Overtaken(batch.sequence)
-
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def _refused(self, key: str, refusal: Refusal) -> None:
-        try:
-            device = self._devices.get(keys.parse(key).ids.get("device", ""))
-        except Refusal:
-            device = None
-        if device is not None:
-            device.session.count_event(f"refused {refusal.reason}")
+    def _newcomer(self, batch: SampleBatch, key: str, now: float) -> Device | None:
+        """A device not known before: with the bridge another estimator heard it from, and from the first sample there is."""
+        if not self._devices.room(now, len(batch)):
+            return None
+        name, knobs, epoch = batch.device, self._treatment.of(batch.device), self._peers.epoch(batch.device)
+        device = Device(
+            self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, float(batch.device_time[0])
+        )
+        if known := self._peers.replicas.bridge(name):
+            device.source.owns(known, now)
+        if self._peers.company or self._resumed.goes_on(key):
+            device.overtaken = Overtaken(batch.sequence)
+        self._silent.drop(name)
+        self._devices[name] = device
+        return device
 
     def _flooded(self, key: str, messages: int) -> None:
         self.counts.add(FLOODED, messages)
@@ -280,87 +279,10 @@ class Service:
         if device is not None and device.session.sequence.events.add(FLOODED, messages) == messages:
             log.warning("%s: sends more than can be handled; the oldest is dropped (more is only counted)", device.name)
 
-    def _on_info(self, info: DeviceInfo) -> None:
-        before = self._devices.info(info.bridge, info.device)
-        self._devices.note(info)
-        device = self._devices.get(info.device)
-        if device is None or device.source.owner != info.bridge or device.session.boot != info.boot:
-            return
-
-        def introduced() -> None:
-            if (outcome := self._boots.introduced(device, info, before)) is not None:
-                self._tell(device, outcome)
-
-        self._guarded(device, introduced)
-
-    def _on_samples(self, message: Message) -> None:
-        batch = self._samples.take(message)
-        if batch is None:
-            return
-        now = time.monotonic()
-        device = self._devices.get(batch.device)
-        if device is None:
-            if not self._devices.room(now, len(batch)):
-                return
-            knobs = self._treatment.of(batch.device)
-            epoch = self._peers.epoch(batch.device)
-            began = float(batch.device_time[0])
-            device = Device(self._bus, self.ward, batch.device, knobs, self.settings.silence_s, now, epoch, began)
-            self._go_on(device, batch, now)
-            self._silent.drop(batch.device)
-            self._devices[batch.device] = device
-        if device.source.owns(batch.bridge, now):
-            device.key = message.key
-            self._lane.admit(message.key, device, batch.bridge)
-            self._guarded(device, lambda: self._take(device, batch, now), came=len(batch))
-            return
-        if device.session.sequence.events.add(device.source.label(batch.bridge, now), len(batch)) == len(batch):
-            # How many there are of them stands in its status.
-            log.warning("%s (said once)", rivals.words([batch.device], device.source.owner, (batch.bridge,)))
-
-    def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
-        session, overtaken = device.session, device.overtaken
-        ruling = device.source.judge(batch, session.sequence, now)
-        if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
-            device.outdated = batch.boot, now
-        else:
-            device.heard = now
-        if ruling is Ruling.RANGE:
-            session.sequence.refuse(batch, Reason.RANGE)
-            if session.count_event("refused leap") == 1:
-                log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
-            return
-        if ruling is Ruling.LATE:
-            self._tell(device, session.take(batch))
-            return
-        if ruling is Ruling.JUMP:
-            self._handle(device, overtaken.drop())
-            session.sequence.jump(batch)
-        elif ruling is not Ruling.TAKE:
-            for late in overtaken.drop():
-                session.sequence.refuse(late, Reason.OLD_BOOT)
-            device.drop_waiting()
-            self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        self._handle(device, overtaken.feed(batch, session.sequence.next, now))
-        if overtaken:
-            self._holding[device.name] = device
-
-    def _handle(self, device: Device, batches: list[SampleBatch]) -> None:
-        """Batches in their turn; one that fails is not the others' fault."""
-        for batch in batches:
-            self._guarded(device, partial(self._handle_one, device, batch), came=len(batch))
-
-    def _handle_one(self, device: Device, batch: SampleBatch) -> None:
-        if device.session.boot is None or device.session.begins_earlier(batch):
-            self._boots.begin(device, batch)
-        self._tell(device, device.session.take(batch))
-
-    def _give_up(self, now: float) -> None:
-        """What was missing before batches that are held does not come."""
-        for device in list(self._holding.values()):
-            self._handle(device, device.overtaken.overdue(now))
-            if not device.overtaken:
-                del self._holding[device.name]
+    def _catch_up(self, key: str, goes_on: bool) -> None:  # noqa: FBT001 - Resumed's contract
+        """Where there are others our devices were theirs meanwhile: they come back as it is their turn."""
+        if not self._peers.company:
+            self._turns.behind(key, soon=goes_on)
 
     def _learn(self, device: Device) -> None:
         if device.session.to_learn:
@@ -433,10 +355,6 @@ class Service:
         self._record.checkpoint(device, now)
 
     def _count_all(self) -> dict[str, int]:
-        refused = {
-            f"{door.name} messages refused, {reason}": n
-            for door in (self._samples, self._info_door)
-            for reason, n in door.refused.as_dict().items()
-        }
         missed = {"sample messages missed": self._raw.missed, "info messages missed": self._info.missed}
-        return refused | self._peers.refused() | self.counts.as_dict() | {label: n for label, n in missed.items() if n}
+        met = self._intake.refused() | self._peers.refused() | self.counts.as_dict()
+        return met | {label: n for label, n in missed.items() if n}

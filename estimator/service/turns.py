@@ -1,12 +1,14 @@
 """Whose turn it is: neither a device that floods the bus nor fifty that are calibrated at once keep the others waiting.
 
-What all others sent is handled first; those set aside then get a little time in every round, one after the other. What one
+What all others sent is handled first; those set aside then get a little time in every round, one after the other. After a
+restart, when all have something waiting, one device after the other is brought up to now: most are back sooner so. What one
 device says keeps its order, so what comes of it is the same whenever its turn is.
 """
 
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 from bridge.bus.contract import Message
 
@@ -21,7 +23,7 @@ _REMEMBERED = 1024
 FLOODED = "messages flooded"
 #: for those that wait, s in every round; what was begun is ended
 ASIDE_S = 0.002
-#: and where nothing came that could be handled at once, as when all have something waiting after a restart
+#: and where nothing came that could be handled at once, or devices are brought up to now after a restart
 ALONE_S = 0.01
 #: or so much of the time that has passed since they had it last, at most: where rounds take long what waits would never be done
 PART, PART_S = 0.25, 0.1
@@ -43,6 +45,9 @@ class Turns:
         self._take, self._dropped, self._clock = take, dropped, clock
         self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
         self._slow: set[str] = set()
+        # Of them: those that are brought up to now, the ones of which that comes before all else, and of which nothing came yet.
+        self._past, self._soon, self._first = set[str](), dict[str, None](), set[str]()
+        self._old = 0  # messages that wait under those
         self._allowed: dict[str, tuple[float, float]] = {}  # what is left to a key that waits, and when that was so
         self._came, self._came_before, self._second = Counter[str](), Counter[str](), 0
         self._ended = clock()  # the last round
@@ -51,8 +56,8 @@ class Turns:
 
     @property
     def full(self) -> bool:
-        """Whether what waits should become less first."""
-        return self.waiting >= FULL
+        """Whether what waits should become less first: what does of the past keeps nobody from coming who is up to now."""
+        return self.waiting - self._old >= FULL
 
     @property
     def pressing(self) -> bool:
@@ -62,6 +67,10 @@ class Turns:
     def waits(self, key: str) -> bool:
         """Whether messages of this key wait."""
         return bool(self._queues.get(key))
+
+    def of_the_past(self, key: str) -> bool:
+        """Whether what waits of this key began as its past; see behind."""
+        return key in self._past
 
     def floods(self, key: str) -> bool:
         """Whether more came under this key than it may send, in this second so far or the one before."""
@@ -75,13 +84,29 @@ class Turns:
         else:
             self._slow.discard(key)
 
+    def behind(self, key: str, *, soon: bool) -> None:
+        """What comes now under this key is of the past: all but the first waits, and is handled at a stretch if it is soon done.
+
+        The first is handled at once, so that it is known which devices there are, and that they are ours.
+        """
+        if key in self._past:
+            return
+        queue = self._queues.setdefault(key, deque())
+        if not queue:  # else what comes next is not the first
+            self._first.add(key)
+        self._past.add(key)
+        self._old += len(queue)
+        if soon:
+            self._soon[key] = None
+
     def withdraw(self, device: str) -> list[Message]:
         """What waits of a device that is ours no more."""
         found: list[Message] = []
         for key in [key for key in self._queues if key.rpartition("/")[2] == device]:
-            found += self._queues.pop(key)
+            found += (waited := self._queues.pop(key))
             self._slow.discard(key)
-        self.waiting -= len(found)
+            self._count(key, -len(waited))
+            self._caught_up(key)
         return found
 
     def round(self, messages: Sequence[Message]) -> None:
@@ -91,10 +116,10 @@ class Turns:
         began = self._clock()
         part_s = min(PART * (began - self._ended), PART_S)
         while (key := self._next()) is not None:
-            queue = self._queues.pop(key)
+            queue, past = self._queues.pop(key), key in self._past
             # What is slow is handled one by one, so that time is looked at after each.
             part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
-            self.waiting -= len(part)
+            self._count(key, -len(part))
             self._allowed[key] = self._left(key) - len(part), self._clock()
             if len(self._allowed) > _REMEMBERED:
                 self._allowed = {
@@ -102,15 +127,18 @@ class Turns:
                 }
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
+            if not queue:
+                self._caught_up(key)
             self._take(part)
-            if self._clock() >= began + max(part_s, ASIDE_S if prompt or key in self._slow else ALONE_S):
+            aside_s = ASIDE_S if key in self._slow or (prompt and not past) else ALONE_S
+            if self._clock() >= began + max(part_s, aside_s):
                 break
         self._ended = self._clock()
 
     def _next(self) -> str | None:
         if not self.waiting:
             return None
-        return next((key for key, queue in self._queues.items() if queue and self._left(key) > 0), None)
+        return next((key for key in chain(self._soon, self._queues) if self._queues[key] and self._left(key) > 0), None)
 
     def _came_now(self) -> Counter[str]:
         """How many messages of each key came in this second."""
@@ -135,15 +163,31 @@ class Turns:
         prompt, taken = [], Counter[str]()
         for message in messages:
             key = message.key
+            if key in self._first:
+                self._first.discard(key)
+                prompt.append(message)
+                continue
             if key not in self._queues and taken[key] < SHARE and came[key] <= A_SECOND:
                 taken[key] += 1
                 prompt.append(message)
                 continue
             queue = self._queues.setdefault(key, deque())
             queue.append(message)
-            self.waiting += 1
+            self._count(key, 1)
             if len(queue) > MOST:
                 queue.popleft()
-                self.waiting -= 1
+                self._count(key, -1)
                 self._dropped(key, 1)
+            elif len(queue) > MOST // 2 and key in self._past and key not in self._soon:
+                self._soon = {key: None} | self._soon  # before any of it is dropped
         return prompt
+
+    def _count(self, key: str, more: int) -> None:
+        self.waiting += more
+        if key in self._past:
+            self._old += more
+
+    def _caught_up(self, key: str) -> None:
+        self._past.discard(key)
+        self._soon.pop(key, None)
+        self._first.discard(key)

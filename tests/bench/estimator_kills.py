@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from tests.ward.killed import Kill, killed
+from tests.ward.killed import HEARD_S, Kill, killed
 
 GOAL_S = 2.0
 _COMMAND = "from estimator import cli, config; cli.build('estimator'); from estimator.service import serve"
@@ -38,13 +38,14 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--steady", type=int, default=20, help="devices in the bridge")
     parser.add_argument("--restless", type=int, default=2, help="devices that are rebooted and calibrated all the time")
+    parser.add_argument("--away", type=float, default=HEARD_S, help="seconds until it is started again")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     console = Console()
     kills: list[Kill] = []
     starts: dict[str, list[float]] = {what: [] for what in _STARTS}
     with tempfile.TemporaryDirectory() as folder:
-        for kill in killed(Path(folder), args.kills, args.steady, args.restless, args.seed):
+        for kill in killed(Path(folder), args.kills, args.steady, args.restless, args.seed, away_s=args.away):
             kills.append(kill)
             for fault in kill.faults:
                 console.print(f"kill {len(kills)}: {fault}", style="red")

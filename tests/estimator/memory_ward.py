@@ -1,6 +1,5 @@
 """A service over the bus in memory, fed with a simulated device; its rounds are made by the test itself."""
 
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -62,7 +61,7 @@ class Ward:
         """Until nothing waits any more, and nothing is waited for."""
         while self.service.step(0.0):
             pass
-        self.service._give_up(math.inf)
+        self.service._intake.give_up()
 
     def put(self, payload: bytes, **ids: str) -> None:
         MemoryBus(self.broker).publisher(keys.build(WARD, "raw", **ids), cache=0).put(payload)

@@ -1,7 +1,6 @@
 """A service by itself: messages are put before it in rounds, and what it publishes of rates is kept. No disk."""
 
 import contextlib
-import math
 import threading
 from collections.abc import Iterable, Iterator
 from types import TracebackType
@@ -137,7 +136,7 @@ class Served:
 
     def rest(self) -> list[CorrectedBatch]:
         """What waits for what does not come."""
-        self.service._give_up(math.inf)
+        self.service._intake.give_up()
         return self.published()
 
     def published(self) -> list[CorrectedBatch]:

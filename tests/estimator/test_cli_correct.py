@@ -204,6 +204,7 @@ def test_only_what_it_wrote_before_is_replaced(
         (["IN", "out.npz", "--range-dps", "nan"], 2, "--range-dps is nan"),
         (["IN", "out.npz", "--range-dps", "5"], 1, "more than twice the range given, 5 °/s"),
         (["IN", "out.npz", "--picture", "p.xyz"], 2, "--picture p.xyz"),
+        (["IN", "out.npz", "--picture", "out.npz/p.png"], 2, "out.npz is to be a file"),
     ],
 )
 def test_wrong_use_is_one_line(

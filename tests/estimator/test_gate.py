@@ -1,6 +1,5 @@
 """Who is let in: enrolled devices from their own bridges. Others are listed, some of them, and cost nothing more."""
 
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -256,7 +255,7 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     for payload in batches[10:]:
         raw.put(payload)
     service.step(0.0)
-    service._give_up(math.inf)
+    service._intake.give_up()
     service._every_second(time.monotonic())
     service._quiet.finish()
     said = client.statuses(0.05)["chest"]

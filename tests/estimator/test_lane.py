@@ -1,6 +1,5 @@
 """The fast lane says what the session's own way says, to the bit and in the same order, whatever comes."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -78,7 +77,7 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
             service.step(0.0)
         while service.step(0.0):  # a device that may be done with its calibration waits for the others
             pass
-        service._give_up(math.inf)
+        service._intake.give_up()
     said: dict[str, list[bytes]] = {}
     for where, payload in bus.said:
         said.setdefault(where, []).append(payload)

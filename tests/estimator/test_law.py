@@ -6,8 +6,8 @@ from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.outcome import Outcome
 from estimator.service.device import Device
+from estimator.service.intake import Intake
 from estimator.service.law import EVENT, Account, Conservation
-from estimator.service.shell import Service
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -89,13 +89,13 @@ def test_batches_that_never_reach_a_session_are_missed_by_the_ward(
 ) -> None:
     batches = once.batches()
     ward.send(batches[:50], info(1))
-    take = Service._take
+    take = Intake._take
 
-    def forgetful(self: Service, device: Device, batch: SampleBatch, now: float) -> None:
+    def forgetful(self: Intake, device: Device, batch: SampleBatch, now: float) -> None:
         if batch.sequence != 500:
             take(self, device, batch, now)
 
-    monkeypatch.setattr(Service, "_take", forgetful)
+    monkeypatch.setattr(Intake, "_take", forgetful)
     monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     ward.send(batches[50:60])
     ward.latest()

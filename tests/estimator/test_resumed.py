@@ -1,6 +1,7 @@
 """An estimator that is restarted hears again what it had heard: what was done of it is not done again, and all else is."""
 
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -41,8 +42,8 @@ def live(store: Store, batches: list[SampleBatch]) -> list[CorrectedBatch]:
     """The life of an estimator up to where it is killed."""
     with Served(store=store) as served:
         said = heard(served, batches)
-        device = served.service._devices[NAME]
-        served.service._record.checkpoint(device, served.now, force=True)
+        for device in served.service._devices.values():
+            served.service._record.checkpoint(device, served.now, force=True)
     return said
 
 
@@ -59,6 +60,59 @@ def test_what_was_done_before_a_restart_is_not_done_again(once: Stream) -> None:
         assert all(batch.quality is Quality.GOOD for batch in said)
         assert EVENT not in served.service.counts.as_dict()
         assert served.service._devices[NAME].session.life.state is State.TRACKING
+    store.close()
+
+
+def test_it_goes_on_at_once_and_one_device_after_the_other(once: Stream) -> None:
+    store, rebooted = Store(":memory:"), once.part(0, 300).batches(boot=BOOT + 1)
+    names = ["b", "a", "c"]
+    batches = [replace(batch, device=name) for batch in once.batches(boot=BOOT) for name in names]
+    live(store, batches)
+    again = [batches[0], *(replace(batch, device="new") for batch in rebooted), *batches[1:]]
+    with Served(store=store) as served:
+        for batch in again:
+            served.put(batch)
+        said = served.round()
+        assert [name for name, _ in groupby(batch.device for batch in said)] == ["new", *names, *names, "new"]
+        reached = {batch.device: batch.sequence + len(batch) for batch in said}
+        assert reached == dict.fromkeys(names, len(once)) | {"new": 300}, "nothing waits for what was done"
+    store.close()
+
+
+def test_while_it_catches_up_all_devices_are_known_and_its_own(once: Stream) -> None:
+    """Else another estimator that comes meanwhile took them, and what came was lost; and a command was refused."""
+    store, names = Store(":memory:"), ["b", "a", "c"]
+    batches = [replace(batch, device=name) for batch in once.batches(boot=BOOT) for name in names]
+    live(store, batches)
+    with Served(store=store) as served:
+        served.service._turns._clock = iter(
+            range(10**9)
+        ).__next__  # seconds: nothing that waits is done in a round but a part
+        for batch in batches:
+            served.put(batch)
+        said = served.round()
+        assert served.service._turns.waiting > 100
+        assert {batch.device for batch in said} == set(names)
+        assert set(served.service._devices) == set(served.service._peers.cluster.held) == set(names)
+        while served.service._turns.waiting:
+            said += served.round(4.0)  # of hundreds of devices the last waits as long
+            behind = [one for one in served.service._devices.values() if served.service._turns.waits(one.key)]
+            assert not [one.session.life.reason for one in behind if one.session.life.away]
+        reached = {batch.device: batch.sequence + len(batch) for batch in said}
+        assert reached == dict.fromkeys(names, len(once))
+    store.close()
+
+
+def test_the_first_of_a_later_boot_may_come_swapped(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    live(store, batches)
+    later_ns = batches[-1].receive_time_ns - batches[0].receive_time_ns + 1_000_000_000
+    after = [replace(b, receive_time_ns=b.receive_time_ns + later_ns) for b in once.part(0, 300).batches(boot=BOOT + 1)]
+    first, second, *others = after
+    with Served(store=store) as served:
+        heard(served, batches)
+        said = heard(served, [second, first, *others])
+        assert numbers(said) == [(BOOT + 1, number) for number in range(300)]
     store.close()
 
 
@@ -127,20 +181,24 @@ def message(sequence: int, *, boot: int = BOOT, time_ns: int = 10**18, device: s
 
 
 def test_what_is_let_by() -> None:
-    came, counts = list[int](), Tally()
+    came, counts, begun = list[int](), Tally(), list[tuple[str, bool]]()
     reached = {NAME: (BOOT, 1000, 10**18 + 6 * 10**9)}
 
     def left(*messages: Message, now: float = 0.0) -> list[int]:
-        resumed = Resumed(reached, came.append, counts, 0.0)
+        begun.clear()
+        resumed = Resumed(reached, came.append, counts, lambda key, goes_on: begun.append((key, goes_on)), 0.0)
         return [messages.index(m) for m in resumed.left(list(messages), now)]
 
     assert left(message(0), message(990), message(991), message(1001)) == [2, 3], "whole batches only"
     assert counts.as_dict() == {DONE: 20}
     assert came == [10, 10]
     assert left(message(1001), message(0)) == [0, 1], "what comes after the first that is new is new"
+    assert begun == [(message(0).key, True)]
     assert left(message(0, boot=8)) == [0]
+    assert begun == [(message(0).key, False)], "there is no telling how much of it there is"
     assert left(message(0, time_ns=10**18 + 10**9 + 1)) == [0], "it may not have reached everybody"
-    assert left(message(0, device="other")) == [0]
+    assert left(message(0, device="other"), message(10, device="other")) == [0, 1]
+    assert begun == [(message(0, device="other").key, False)]
     assert left(Message(message(0).key, b"\xff\xff"), Message("no/key", b"")) == [0, 1], "the door refuses them"
     assert left(message(0), now=LASTS_S) == [0]
 

@@ -36,6 +36,7 @@ SPEAKERS = (
     "estimator/service/lost.py",
     "estimator/service/presence.py",
     "estimator/service/orders.py",
+    "estimator/service/intake.py",
     "estimator/service/shell.py",
     "estimator/service/silent.py",
     "estimator/track/doubt.py",

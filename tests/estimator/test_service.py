@@ -185,8 +185,8 @@ def test_what_is_not_understood_is_refused_and_harms_nobody(ward: Ward, once: St
     ward.put(b"\x00\xff", bridge="bridge", device=NAME)
     ward.put(codec.encode_samples(batches[100]), bridge="bridge", device="other")
     ward.send(batches[100:])
-    assert ward.service._samples.refused.total() == 3
-    assert ward.service._samples.refused.as_dict()["non_finite"] == 1
+    assert ward.service._intake._samples.refused.total() == 3
+    assert ward.service._intake._samples.refused.as_dict()["non_finite"] == 1
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     assert set(ward.client.statuses(0.05)) == {NAME}
 

@@ -8,7 +8,7 @@ from bridge.bus.contract import Message
 from bridge.wire import codec
 from estimator.service import standby
 from estimator.service.standby import HELD_S, MOST, OVERLAP_S, Standby
-from tests.bridge.test_codec import plain
+from tests.bridge.codec.examples import plain
 
 KEY = "truerate/@v1/w/raw/b1/d1"
 LATER = OVERLAP_S + 0.1

@@ -76,6 +76,67 @@ def test_where_all_have_something_waiting_more_of_it_is_done_at_a_time() -> None
     assert [desk.numbers(key) for key in "abcd"] == [list(range(200 + rounds))] * 4
 
 
+def test_after_a_restart_one_device_after_the_other_is_brought_up_to_now_and_who_takes_long_comes_last() -> None:
+    desk, back = Desk(dict.fromkeys(["turned", *"abc"], 1e-4)), "abc"
+    for key in ("turned", *back):
+        desk.turns.behind(key, soon=key in back)
+    desk.turns.round([message for n in range(200) for key in ("turned", *back) for message in messages(key, n, n + 1)])
+    at = 200
+    while desk.turns.waiting:
+        began = desk.now
+        desk.turns.round([message for key in "abc" for message in messages(key, at, at + 1)])
+        at += 1
+        assert desk.now - began < rules.ALONE_S + (rules.SHARE + 3) * 1e-4, "who is up to now waits no longer than this"
+    assert at < 225
+    assert [desk.numbers(key) for key in back] == [list(range(at))] * 3
+    assert [message.key for message in desk.done[:4]] == ["turned", *back], (
+        "of each it is known at once that it is there"
+    )
+    begun = [desk.done.index(Message(key, b"1")) for key in (*back, "turned")]
+    done = [desk.done.index(Message(key, b"199")) for key in (*back, "turned")]
+    assert sorted([*begun, *done]) == [at for pair in zip(begun, done, strict=True) for at in pair], "at a stretch"
+    desk.turns.round(messages("a", at, at + 1))
+    assert desk.done[-1] == Message("a", b"%d" % at), "and afterwards they are like others"
+
+
+def test_however_much_of_the_past_waits_what_comes_now_is_taken_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "FULL", 100)
+    desk = Desk(dict.fromkeys("ab", 1e-3))
+    for key in "ab":
+        desk.turns.behind(key, soon=True)
+    desk.turns.round([message for n in range(200) for key in "ab" for message in messages(key, n, n + 1)])
+    assert desk.turns.waiting > 300
+    assert not desk.turns.full
+    assert desk.turns.withdraw("b") == messages("b", 1, 200)
+    desk.finish()
+    assert desk.numbers("a") == list(range(200))
+    desk.turns.round(messages("a", 200, 500))
+    assert desk.turns.full, "it is like any other then"
+
+
+def test_what_waits_already_when_it_is_said_to_be_of_the_past_keeps_its_order() -> None:
+    desk = Desk({"a": 1e-3})
+    desk.turns.round(messages("a", 0, 200))
+    desk.turns.behind("a", soon=True)
+    desk.turns.round(messages("a", 200, 210))
+    desk.finish()
+    assert desk.numbers("a") == list(range(210))
+
+
+def test_what_is_to_come_last_is_not_dropped_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "MOST", 400)
+    desk = Desk(dict.fromkeys(["turned", *"abc"], 1e-3))
+    for key in ("turned", *"abc"):
+        desk.turns.behind(key, soon=key != "turned")
+    desk.turns.round([message for n in range(300) for key in ("turned", *"abc") for message in messages(key, n, n + 1)])
+    at = 300
+    while desk.turns.waiting:
+        desk.turns.round(messages("turned", at, at + 2))
+        at += 2
+    assert desk.dropped == {}
+    assert desk.numbers("turned") == list(range(at))
+
+
 def test_where_rounds_take_long_what_waits_has_a_part_of_the_time() -> None:
     """An estimator that was back had its devices' last seconds set aside, and on a busy machine came to them seconds later."""
     desk = Desk({"calm": 1e-2, "back": 1e-3})

@@ -31,6 +31,8 @@ _RESTLESS_S = 1.5
 SURE_SIGMAS, UNSURE = 3.0, np.radians(0.2)
 #: who is back within so many seconds has missed nothing
 KEPT_S = 10.0
+#: until what had been said is heard
+HEARD_S = 0.3
 
 
 @dataclass(slots=True)
@@ -102,11 +104,11 @@ class Victim:
                     self.ward.ports[name].device.reboot()
             self.watcher.poll()
 
-    def kill(self, lasts_s: float) -> Kill:
-        """Listen for so long, kill the estimator, start it again, and hold what comes against what was."""
+    def kill(self, lasts_s: float, away_s: float) -> Kill:
+        """Listen for so long, kill the estimator, start it again after some time, and hold what comes against what was."""
         self.listen(time.monotonic() + lasts_s)
         self.ward.stop("estimator", signal.SIGKILL)
-        self.listen(time.monotonic() + 0.3)  # what had been said is heard
+        self.listen(time.monotonic() + away_s)
         before, missing = dict(self.ear.good), self.ear.missing
         inspection = inspect(self.store)
         faults = [] if inspection.sound else [f"the store: {inspection}"]
@@ -124,7 +126,7 @@ class Victim:
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
         # A bridge keeps fifteen seconds for who is away.
-        if self.ear.missing > missing and max(moments) < KEPT_S:
+        if self.ear.missing > missing and away_s + max(moments) < KEPT_S:
             faults.append(f"{self.ear.missing - missing} samples never came")
         return Kill(min(moments), max(moments), faults, moved)
 
@@ -182,12 +184,17 @@ def victim(folder: Path, steady: int, restless: int, speed: float = 1.0) -> Iter
             made.close()
 
 
-def killed(folder: Path, kills: int, steady: int, restless: int, seed: int, *, speed: float = 1.0) -> Iterator[Kill]:
-    """So many kills, one after the other; the last is followed by a look for calibrations that were lost."""
+def killed(
+    folder: Path, kills: int, steady: int, restless: int, seed: int, *, away_s: float = HEARD_S, speed: float = 1.0
+) -> Iterator[Kill]:
+    """So many kills, one after the other; the last is followed by a look for calibrations that were lost.
+
+    away_s: how long the estimator is away each time, at least as long as it takes to hear all that it said.
+    """
     chance = random.Random(seed)
     with victim(folder, steady, restless, speed) as made:
         for number in range(kills):
-            kill = made.kill(chance.uniform(0.0, 3.0))
+            kill = made.kill(chance.uniform(0.0, 3.0), away_s)
             if number == kills - 1:
                 made.listen(time.monotonic() + 1.0)
                 made.ward.stop("estimator", signal.SIGKILL)

@@ -218,6 +218,24 @@ def test_a_calibration_is_a_file_that_can_be_used(asking: Asking, tmp_path: Path
     assert loaded.matrix == pytest.approx(CALIBRATION.matrix)
 
 
+def test_a_page_as_it_comes_does_not_say_that_there_is_none_of_what_it_lists(asking: Asking) -> None:
+    none = re.compile(
+        r'<p class="dim" data-none="calibrations"( hidden)?>None is known.*?<table id="calibrations"( hidden)?>',
+        re.DOTALL,
+    )
+
+    def hidden() -> tuple[str | None, ...]:
+        found = none.search(asking.client.get("/devices/chest").text)
+        assert found is not None
+        return found.groups()
+
+    assert hidden() == (None, " hidden")
+    asking.talk(replace(CALIBRATION, device="chest", boot=5))
+    while not asking.client.get("/api/v1/devices/chest/calibrations").json()["calibrations"]:
+        time.sleep(0.02)
+    assert hidden() == (" hidden", None)
+
+
 def test_commands_of_programs(asking: Asking) -> None:
     client, place = asking.client, "/api/v1/devices/chest/note"
     done = client.post(place, headers=BEARER, json={"words": "sat up"})

@@ -9,6 +9,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
+_BEYOND = """
+import numpy as np
+from estimator.loops.rest import calm
+try:
+    calm(np.zeros((3, 1, 3)), 5, np.zeros(3), np.zeros(3), 0.0, 1.0)
+except IndexError as error:
+    print(error)
+"""
 
 
 def start(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -36,6 +44,8 @@ def test_what_is_compiled_is_kept_and_what_is_damaged_is_said_and_made_anew(tmp_
     assert "is damaged" in damaged.stderr
     mended = start(tmp_path, "-m", "estimator.loops")
     assert (mended.returncode, mended.stderr) == (0, "")
+    beyond = start(tmp_path, "-c", _BEYOND)  # what was kept fails as what is compiled does
+    assert (beyond.returncode, beyond.stdout) == (0, "index is out of bounds\n"), beyond.stderr
     (code,) = tmp_path.rglob("rest.calm*.nbc")
     code.write_bytes(code.read_bytes()[:4096] + bytes(4096) + code.read_bytes()[8192:])
     emptied = start(tmp_path, "-c", "from estimator.loops.compiled import ready; ready()")

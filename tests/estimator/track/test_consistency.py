@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
-from estimator.track.consistency import WINDOW, Consistency
+from estimator.track.consistency import WINDOW, Consistency, _most
 from estimator.track.evidence import Receipt
 
 Floats = NDArray[np.float64]
@@ -31,6 +32,11 @@ def test_good_innovations_seldom_enlarge() -> None:
     assert sum(c.inflation > 1 for c in found) <= 8
     assert np.mean([c.nis for c in found]) == pytest.approx(1.0, abs=0.02)
     assert np.mean([c.whiteness for c in found]) == pytest.approx(0.0, abs=0.05)
+
+
+def test_what_counts_as_too_large_is_what_chi_squared_is_above_once_in_a_thousand() -> None:
+    freedoms = np.arange(1, 3 * WINDOW + 1)
+    assert [_most(int(n)) for n in freedoms] == pytest.approx(chdtri(freedoms, 1e-3) / freedoms, rel=1e-12)
 
 
 def test_innovations_too_small_enlarge_nothing() -> None:

@@ -1,0 +1,95 @@
+"""Lines that are cut: who hears nothing of a device, or of the others, neither keeps it nor takes it."""
+
+from dataclasses import replace
+
+from bridge.sim.motion import Still
+from bridge.wire.messages import CorrectedBatch, SampleBatch
+from tests.estimator.served import numbers
+from tests.estimator.shared.conftest import FIRST, SECOND, Both, Cut
+from tests.estimator.stream import calibration
+
+
+def calibrated(both: Both) -> tuple[list[SampleBatch], int]:
+    """SECOND has calibrated the device: all batches, and how many of them were sent."""
+    batches = calibration(seed=1, after=[Still(60.0)]).batches()
+    worn = len(batches) - 800
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:worn])
+    assert both.has() == [SECOND]
+    return batches, worn
+
+
+def test_what_nobody_listened_to_is_said_again_where_it_was_not_said_by_who_had_the_device(both: Both) -> None:
+    batches, worn = calibrated(both)
+    lines = both.part()
+    both.send(batches[worn : worn + 600])
+    assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
+    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    both.send(batches[worn + 600 : worn + 700])  # SECOND says them; who has heard FIRST does not listen
+    for line in lines:
+        line.cut = False
+    both.send(batches[worn + 700 :])
+    both.pass_(4.0)
+    assert both.has() == [SECOND]
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+
+
+def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -> None:
+    """It took it while lines were bad; they carry what it says since, and nothing of what the bridge does."""
+    batches, worn = calibrated(both)
+    cluster = both.services[SECOND]._peers.cluster
+    cluster.knobs = replace(cluster.knobs, retry_s=30.0)  # as after the third time
+    lines = both.part()
+    both.send(batches[worn : worn + 600])
+    assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
+    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    for line in lines:
+        line.cut = False
+    for at in range(worn + 600, len(batches), 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [SECOND]
+    assert both.services[SECOND]._peers._moves[-1].reason == "shared out anew"
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+
+
+def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    batches = calibration(seed=1).batches()
+    both.send(batches[:40])
+    both.pass_(1.2)
+    assert both.has() == [SECOND]
+    epochs = {name: dict(service._peers.cluster.held) for name, service in both.services.items()}
+    both.broker.stop()
+    both.told()
+    both.pass_(10.0)
+    both.broker.start()
+    both.told()
+    both.send(batches[40:80])
+    both.pass_(4.0)
+    assert {name: service._peers.cluster.held for name, service in both.services.items()} == epochs
+
+
+def test_who_hears_nothing_at_all_takes_nobody_for_gone(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(9.0)  # neither has just come
+    both.send(batches[:40])
+    assert both.has() == [SECOND]
+    both.pass_(5.0, still=SECOND)
+    assert both.has() == [SECOND]
+    both.send(batches[40:400], still=SECOND)  # somebody is heard, and it is not SECOND
+    assert both.has() == [FIRST, SECOND]

@@ -1,0 +1,64 @@
+"""Turns and calibrations while devices move: none is lost, or it is said that it is."""
+
+from dataclasses import replace
+
+from bridge.sim.motion import Still
+from bridge.wire.messages import State
+from estimator.guide.reasons import Words, said
+from estimator.service.replicas import checkpoint_of
+from tests.estimator.shared.conftest import FIRST, SECOND, Both
+from tests.estimator.stream import NAME, calibration
+from tests.estimator.test_replicas import calibrated
+
+
+def test_turns_are_not_lost_when_an_estimator_comes(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.send(batches[: len(batches) // 3])
+    assert both.client.statuses(0.1)[NAME].axes_done
+    both.start(SECOND)
+    both.pass_(3.0)
+    assert both.has() == [FIRST]
+    both.send(batches[len(batches) // 3 :])
+    both.pass_(1.2)
+    assert both.has() == [SECOND]
+    status = both.client.statuses(0.1)[NAME]
+    assert status.state is State.TRACKING
+    assert "turns lost with an estimator" not in status.events
+    (made,) = both.stores[FIRST].calibrations(NAME)
+    assert status.calibration == made.id
+
+
+def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) * 2 // 3])
+    assert both.has() == [SECOND]
+    done = both.client.statuses(0.1)[NAME].axes_done
+    assert done
+    both.kill(SECOND)
+    both.send(batches[len(batches) * 2 // 3 : -60])
+    status = both.client.statuses(0.1)[NAME]
+    assert both.has() == [FIRST]
+    assert status.events["turns lost with an estimator"] == len(done)
+    axes = ", ".join("xyz"[axis] for axis in done)
+    assert said(status.reason)[-1] == Words("moved", {"axes": axes})
+
+
+def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_counts(both: Both) -> None:
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) // 2])
+    assert both.has() == [SECOND]
+    late = checkpoint_of(calibrated()[0], both.now_ns)
+    assert late is not None
+    assert late.calibration is not None
+    both.say_checkpoint(replace(late, epoch=7))
+    both.pass_(1.2)
+    assert both.client.statuses(0.1)[NAME].state is State.TRACKING
+    assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
+    assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.calibration.id]
