@@ -93,5 +93,6 @@ class Hand:
         return self._page.locator(chosen).get_attribute("data-step") or ""
 
     def reads(self) -> None:
-        """Take in what is new."""
+        """Take in what is new: nothing is painted before the page's styles are there, but to us all pictures would be visible."""
+        self._page.wait_for_load_state()
         self._page.wait_for_timeout(self._reads_ms)
