@@ -23,7 +23,7 @@ class Span(NamedTuple):
     m/s, push - shift / seconds in axes of the end.
     BY_BIAS (3, 3), BY_MATRIX (9, 3): phi per rad/s of bias, per relative change of the matrix, M = (1 + change) matrix.
     PUSH_BY_BIAS, PUSH_BY_MATRIX, PUSH_BY_ACCEL (3, 3), (9, 3), (3, 3): the same of push, the last per m/s² of accelerometer bias.
-    way: rad turned, there and back. unrest: m/s², how far C a strays from its mean, rms.
+    way: rad turned, there and back. unrest: m/s, how far the velocity strays from an even push, rms.
     """
 
     seconds: float

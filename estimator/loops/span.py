@@ -93,20 +93,18 @@ def summed(
                 by_bias[3 + r, c] += moved[r]
                 for k in range(3):
                     by_matrix[3 + r, 3 * c + k] += moved[r] * rate[i, k]
-    pushed = np.zeros(3)
-    strayed = 0.0
+    pushed, strayed, square, passed = np.zeros(3), np.zeros(3), 0.0, 0.0
     for i in range(n):
+        passed += dt[i]
         for r in range(3):
             rows[SHIFT, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
             pushed[r] += force[i, r] * dt[i]
+            stray = pushed[r] - rows[PUSH, r] * passed / scalars[0]
+            strayed[r] += stray
+            square += stray * stray
     for r in range(3):
-        mean = 0.0
-        for i in range(n):
-            mean += force[i, r]
-        mean /= n
-        for i in range(n):
-            strayed += (force[i, r] - mean) ** 2
-    scalars[2] = np.sqrt(strayed / n)
+        square -= strayed[r] ** 2 / n
+    scalars[2] = np.sqrt(max(0.0, square) / n)
     for r in range(3):
         for c in range(3):
             rows[r, c] = after[r, c]

@@ -6,7 +6,8 @@ velocity v (3) m/s, accelerometer bias (3) m/s², relative change of the gyro's 
     g' = C^T g,   v' = C^T (v + push - g T),   bias, accelerometer bias and matrix stay.
 
 Nothing measures gravity itself. But a wearer's velocity is bounded, so its mean over a span is measured as zero, give or take
-what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. The mean, for what
+what the unrest of the stretch allows; all else follows: a wrong bias tilts g, and a tilted g makes v run away. Unrest is how far
+the velocity strays within the span, not how hard it is pushed: what shakes goes nowhere, a slow swing does. The mean, for what
 goes to and fro within a second cancels in it, while v itself, looked at once a second, shows it as something slow. A walker's
 does not: it is the same for many seconds, and so many are believed no more than one (lasting.py). The gyro's scale and
 misalignment are part of the state, for 0.4 % of 100 °/s is more than any bias: a span speaks of the bias as far as they are
@@ -41,10 +42,10 @@ _GRAVITY_SEEN, _VELOCITY_SEEN = np.eye(SIZE)[GRAVITY], np.eye(SIZE)[VELOCITY]
 class GravityKnobs:
     """How far gravity is believed. m/s², m/s."""
 
-    #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s² of unrest adds to it, s, and the most: a
-    #: limb that is shaken harder gets no further, a walker goes so fast
-    speed: float = 0.1
-    speed_per_unrest: float = 0.2
+    #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s of unrest adds to it, and the most: a limb
+    #: that is shaken harder gets no further, a walker goes so fast
+    speed: float = 0.05
+    speed_per_unrest: float = 2.0
     fastest: float = 0.7
     #: and of a wearer whose velocity lasts
     lasting: LastingKnobs = field(default_factory=LastingKnobs)
@@ -53,7 +54,7 @@ class GravityKnobs:
     #: a velocity this unlikely (NIS, 3 degrees of freedom) is believed less
     doubt: float = 12.0
     #: of the gyro, per rad turned within a span: non-linearity, sensitivity to acceleration
-    way_share: float = 1e-3
+    way_share: float = 1.4e-3
     #: of the accelerometer, m/s² per root Hz, and the walk of its bias, m/s² per root s
     accel_noise: float = 0.03
     accel_bias: float = 0.05
@@ -61,8 +62,8 @@ class GravityKnobs:
     #: and what turning it changes in its error, m/s² per rad and at the most: scale, misalignment and curvature read otherwise
     #: in each pose
     accel_pose: float = 0.05
-    #: m/s², how far the strength of gravity and of its reading may differ
-    strength: float = 0.03
+    #: m/s², how far the strength of gravity at the begin may be off: from then on it is what it is known to be
+    strength: float = 0.005
     #: greatest error of gravity's first direction, m/s²
     first: float = 4.0
 

@@ -30,7 +30,7 @@ class LastingKnobs:
     #: c of who moves about in one place, and how far R grows for each 1 of c above it, at the most so many times
     bounded: float = 0.1
     growth: float = 200.0
-    most: float = 80.0
+    most: float = 160.0
     #: what one second counts for at the most: a fall is no walk
     one: float = 2.0
 

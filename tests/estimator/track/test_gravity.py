@@ -90,6 +90,23 @@ def test_what_goes_to_and_fro_within_a_second_is_no_velocity_and_what_goes_on_is
         np.testing.assert_allclose(seen.H @ bias.x - seen.z, [0.0, 0.0, mean], atol=1e-3)
 
 
+def test_who_is_pushed_as_hard_but_shakes_faster_is_believed_to_go_nowhere() -> None:
+    gravity, _ = resting()
+    time, hard = (np.arange(N) + 0.5) / N, 3.0
+
+    def var(per_second: int) -> float:
+        pushed = G * UP + hard * np.outer(np.sin(2 * np.pi * per_second * time), [1.0, 0.0, 0.0])
+        span = sum_up(np.full(N, 1 / N), np.zeros((N, 3)), pushed, np.eye(3), np.zeros(3), np.zeros(3))
+        assert span.unrest == pytest.approx(hard / (2 * np.pi * per_second) / np.sqrt(2), rel=0.01)
+        return float(gravity.evidence(span, resting=False).R[0, 0])
+
+    knobs = gravity.knobs
+    assert var(1) == pytest.approx(
+        min(knobs.fastest, knobs.speed + knobs.speed_per_unrest * hard / (2 * np.pi) / np.sqrt(2)) ** 2, rel=0.02
+    )
+    assert var(8) < var(1) / 10
+
+
 def test_turning_does_not_make_the_accelerometer_worse_than_it_may_be() -> None:
     gravity, bias = resting()
     spin = np.tile([0.0, 0.0, 2.0], (N, 1))
