@@ -44,7 +44,7 @@ class GravityKnobs:
 
     #: m/s, mean speed over a span of a wearer that shows no unrest, what each m/s of unrest adds to it, and the most: a limb
     #: that is shaken harder gets no further, a walker goes so fast
-    speed: float = 0.05
+    speed: float = 0.07
     speed_per_unrest: float = 2.0
     fastest: float = 0.7
     #: and of a wearer whose velocity lasts
