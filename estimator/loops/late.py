@@ -12,6 +12,17 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 
+@compiled("f8[:, ::1](i8, f8[:, :])")
+def begun(n: int, walked: Floats) -> Floats:
+    """Rows of what was measured while the bias, the first of n states, walked by a variance walked (3, 3), diagonal."""
+    rows = np.zeros((n + 5, 3))
+    for i in range(3):
+        rows[i, i] = walked[i, i] / 2
+        rows[n + i, i] = walked[i, i] / 3
+        rows[n + 4, i] = walked[i, i] / 6
+    return rows
+
+
 @compiled("void(f8[:, :], f8[:, :], f8[:, :])")
 def went_on(late: Floats, F: Floats, Q: Floats) -> None:
     """The state went on by F, with Q (n, n) added; the bias is the first of it."""

@@ -29,7 +29,7 @@ def summed(
     The matrix is (1 + change) calibrated, of nine numbers and (3, 3). SCALARS: seconds, way, unrest.
     """
     n = len(dt)
-    rate, force, carried = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+    rate, force, carried, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty((9, n)), np.empty((9, n))
     before, after = np.eye(3), np.eye(3)
     rows, matrix = np.zeros((ROWS, 3)), calibrated.copy()
     scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)
@@ -48,8 +48,14 @@ def summed(
         speed = np.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2 + rate[i, 2] ** 2)
         scalars[0] += h
         scalars[1] += speed * h
-        sine = np.sin(speed * h / 2) / speed if speed > 0.0 else h / 2
-        w, x, y, z = np.cos(speed * h / 2), sine * rate[i, 0], sine * rate[i, 1], sine * rate[i, 2]
+        half = speed * h / 2
+        if half < 0.05:  # the series are exact, and quicker
+            q = half * half
+            w = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
+            sine = 0.5 * h * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040))))
+        else:
+            w, sine = np.cos(half), np.sin(half) / speed
+        x, y, z = sine * rate[i, 0], sine * rate[i, 1], sine * rate[i, 2]
         qw, qx, qy, qz = (
             qw * w - qx * x - qy * y - qz * z,
             qw * x + qx * w + qy * z - qz * y,
@@ -77,22 +83,34 @@ def summed(
                 mid = 0.5 * (before[r, c] + after[r, c])
                 force[i, r] += mid * (accel[i, c] - accel_bias[c])
                 before[r, c] = after[r, c]
-                carried[i, r, c] = mid * h
-                by_bias[r, c] += mid * h
-                for k in range(3):
-                    by_matrix[r, 3 * c + k] += mid * h * rate[i, k]
+                carried[3 * r + c, i] = mid * h
     # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
     ahead = rows[PUSH]
     for i in range(n - 1, -1, -1):
         for r in range(3):
             ahead[r] += force[i, r] * dt[i]
         for c in range(3):
-            x, y, z = carried[i, 0, c], carried[i, 1, c], carried[i, 2, c]
-            moved = ahead[2] * y - ahead[1] * z, ahead[0] * z - ahead[2] * x, ahead[1] * x - ahead[0] * y
-            for r in range(3):
-                by_bias[3 + r, c] += moved[r]
-                for k in range(3):
-                    by_matrix[3 + r, 3 * c + k] += moved[r] * rate[i, k]
+            x, y, z = carried[c, i], carried[3 + c, i], carried[6 + c, i]
+            moved[c, i] = ahead[2] * y - ahead[1] * z
+            moved[3 + c, i] = ahead[0] * z - ahead[2] * x
+            moved[6 + c, i] = ahead[1] * x - ahead[0] * y
+    for r in range(3):
+        for c in range(3):
+            # One sum after the other would wait for each addition.
+            turn = turn_x = turn_y = turn_z = push = push_x = push_y = push_z = 0.0
+            for i in range(n):
+                one, other, x, y, z = carried[3 * r + c, i], moved[3 * r + c, i], rate[i, 0], rate[i, 1], rate[i, 2]
+                turn += one
+                turn_x += one * x
+                turn_y += one * y
+                turn_z += one * z
+                push += other
+                push_x += other * x
+                push_y += other * y
+                push_z += other * z
+            by_bias[r, c], by_bias[3 + r, c] = turn, push
+            by_matrix[r, 3 * c], by_matrix[r, 3 * c + 1], by_matrix[r, 3 * c + 2] = turn_x, turn_y, turn_z
+            by_matrix[3 + r, 3 * c], by_matrix[3 + r, 3 * c + 1], by_matrix[3 + r, 3 * c + 2] = push_x, push_y, push_z
     pushed, strayed, square, passed = np.zeros(3), np.zeros(3), 0.0, 0.0
     for i in range(n):
         passed += dt[i]

@@ -1,4 +1,4 @@
-"""The loop behind BiasFilter.weigh: a measurement against what is believed."""
+"""The loops behind BiasFilter.weigh and its filter: a measurement against what is believed, and what an inverse is for."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,3 +76,29 @@ def weighed(z: Floats, H: Floats, R: Floats, x: Floats, P: Floats, late: Floats)
             all_of_it += 0.0 * P[k, j]
         nis += 0.0 * all_of_it
     return rows, nis + 0.0 / determinant + 0.0 * determinant
+
+
+@compiled("f8[:, ::1](f8[:, :])")
+def inverse(S: Floats) -> Floats:
+    """Of a symmetric matrix of one, two or three rows, by its adjugate."""
+    found = np.empty((len(S), len(S)))
+    if len(S) == 1:
+        found[0, 0] = 1.0 / S[0, 0]
+    elif len(S) == 2:
+        a, b, d = S[0, 0], S[0, 1], S[1, 1]
+        determinant = a * d - b * b
+        found[0, 0], found[1, 1] = d / determinant, a / determinant
+        found[0, 1] = found[1, 0] = -b / determinant
+    else:
+        a, b, c, d, e, f = S[0, 0], S[0, 1], S[0, 2], S[1, 1], S[1, 2], S[2, 2]
+        x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
+        determinant = a * x + b * y + c * z
+        found[0, 0], found[1, 1], found[2, 2] = (
+            x / determinant,
+            (a * f - c * c) / determinant,
+            (a * d - b * b) / determinant,
+        )
+        found[0, 1] = found[1, 0] = y / determinant
+        found[0, 2] = found[2, 0] = z / determinant
+        found[1, 2] = found[2, 1] = (b * c - a * e) / determinant
+    return found

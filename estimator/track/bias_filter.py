@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.loops.gravity import wandered
-from estimator.loops.weigh import weighed
+from estimator.loops.weigh import inverse, weighed
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.kalman import KalmanFilter
 from estimator.track.since import NOW, Since
@@ -25,7 +25,9 @@ Floats = NDArray[np.float64]
 BIAS, SLOPE = slice(0, 3), slice(3, 6)
 #: states of the filter itself
 OWN = 6
-_NOTHING = np.zeros(3)
+_NOTHING, _NO_WALK = np.zeros(3), np.zeros((3, 3))
+#: a gain, what it was taken in by, and the moment it was measured if that was late: see Since.taken
+_Taken = tuple[Floats, Floats, Since | None]
 #: K, a slope changes by steps of temperature this long: in a second's own, squared and added up, next to nothing is left of
 #: what it changes over hours, and a thermometer's noise would add up too
 _BEND_K = 1.0
@@ -116,7 +118,9 @@ class BiasFilter:
         self.widened: Floats | None = None
         self.time, self.temperature_c, self._powered = state.time, state.temperature_c, state.powered
         self._bent_c = state.bent_c
-        self._stepped = Since(n, np.zeros((3, 3)))  # the walk since what was measured in the last step
+        #: variance (3, 3) of the walk in the last step, and what was taken in since: most steps nothing is taken of later
+        self._walked, self._taken = _NO_WALK, list[_Taken]()
+        self._stepped: Since | None = None  # the walk since what was measured in the last step, once somebody asked
         self._since.clear()
 
     def restart(self, state: BiasState) -> None:
@@ -171,7 +175,8 @@ class BiasFilter:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
         wandered(rows, warmer, self.walked(dt, known=known), bend, over)
         self._step(rows, moved=carried is not None)
-        self._stepped = Since(n, rows[n + 1 : n + 4, BIAS])
+        self._walked, self._stepped = rows[n + 1 : n + 4, BIAS], None
+        self._taken.clear()
         if self.bent is not None:
             self._kf.x[:OWN] += self.bent
         self.time, self.widened = time, None
@@ -184,10 +189,11 @@ class BiasFilter:
     def _step(self, rows: Floats, *, moved: bool) -> None:
         n = rows.shape[1]
         F, Q = rows[1 : n + 1], rows[n + 1 :]
-        self._kf.predict(F=F, Q=Q)
+        self._kf.Q = Q  # handed over filterpy would look whether it is a number
+        self._kf.predict(F=F)
         if moved:
             self._kf.x = rows[0]
-        for since in self._followed():
+        for since in self._since:
             since.step(F, Q)
 
     def expect(self, law: TemperatureLaw) -> None:
@@ -199,7 +205,7 @@ class BiasFilter:
             P = self._kf.P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-            for since in self._followed():
+            for since in {self._latest(), *self._since}:
                 since.cross[SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
@@ -257,12 +263,17 @@ class BiasFilter:
 
     def since(self) -> Since:
         """The moment of what was measured in the last step, for what is to be taken later."""
-        self._since = self._followed()
-        return self._stepped
+        latest = self._latest()
+        if latest not in self._since:
+            self._since = [*self._since, latest]
+        return latest
 
-    def _followed(self) -> list[Since]:
-        """All that something may be taken by later."""
-        return self._since if self._stepped in self._since else [*self._since, self._stepped]
+    def _latest(self) -> Since:
+        if self._stepped is None:
+            self._stepped = Since(len(self._kf.x), self._walked)
+            for taken in self._taken:
+                self._stepped.taken(*taken)
+        return self._stepped
 
     def remembers(self, evidence: Evidence) -> bool:
         """Whether the state goes on from when this was measured: it was not begun anew since."""
@@ -306,15 +317,22 @@ class BiasFilter:
     def _take_in(self, evidence: Evidence, R: Floats) -> None:
         kf, H, late = self._kf, evidence.H, evidence.since
         if late is None:
-            kf.update(evidence.z, R=R, H=H)
+            kf.R = R  # as Q
+            kf.update(evidence.z, H=H)
         else:
             H, noise, kf.M = late.sight(H)
-            kf.update_correlated(evidence.z, R=R + noise, H=H)
+            kf.R = R + noise
+            kf.update_correlated(evidence.z, H=H)
             kf.P = (kf.P + kf.P.T) / 2
             self._since = [since for since in self._since if since is not late]
-        for since in self._followed():
+        taken = kf.K, H, late
+        if self._stepped is None:
+            self._taken.append(taken)
+        elif self._stepped is not late and self._stepped not in self._since:
+            self._stepped.taken(*taken)
+        for since in self._since:
             if since is not late:
-                since.taken(kf.K, H, late)
+                since.taken(*taken)
 
 
 @cache
@@ -324,15 +342,4 @@ def _stays(n: int) -> Floats:
 
 
 def _inverse(S: Floats) -> Floats:
-    """Of a small symmetric matrix; most are of one to three rows."""
-    if len(S) == 1:
-        return np.asarray(1.0 / S)
-    if len(S) == 2:
-        (a, b), (_, d) = S.tolist()
-        return np.asarray(np.array([[d, -b], [-b, a]]) / (a * d - b * b), np.float64)
-    if len(S) > 3:
-        return np.asarray(np.linalg.inv(S), np.float64)
-    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
-    x, y, z = d * f - e * e, c * e - b * f, b * e - c * d
-    across = np.array([[x, y, z], [y, a * f - c * c, b * c - a * e], [z, b * c - a * e, a * d - b * b]])
-    return np.asarray(across / (a * x + b * y + c * z), np.float64)
+    return inverse(S) if len(S) <= 3 else np.asarray(np.linalg.inv(S), np.float64)

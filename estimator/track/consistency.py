@@ -36,8 +36,10 @@ class Consistency:
             self._inflation = None
             self._nis.append(min(receipt.nis, _CAP * n))
             self._freedoms.append(n)
-            each = zip(receipt.innovation.tolist(), receipt.innovation_cov.diagonal().tolist(), strict=True)
-            self._signs.append(sum(off / sqrt(var) for off, var in each) / n)
+            total = 0.0
+            for off, var in zip(receipt.innovation.tolist(), receipt.innovation_cov.diagonal().tolist(), strict=True):
+                total += off / sqrt(var)
+            self._signs.append(total / n)
 
     def forget(self) -> None:
         """Begin anew: what was noted has been explained."""

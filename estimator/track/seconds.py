@@ -98,6 +98,7 @@ class Seconds:
             while coming:
                 self._take(coming.popleft()[0], noise_std, whole, still=False)
             self._take(window, noise_std, whole, still=False)
+            return whole
         while coming and not (coming[0][1] and now - coming[0][0].end_time < settle_s):
             judged, still = coming.popleft()
             self._take(judged, noise_std, whole, still=still)
@@ -119,11 +120,15 @@ class Seconds:
 
     def _close(self, noise_std: Floats) -> Second:
         windows = self._windows
-        still, aided = all(still for _, still in windows), all(window.aided for window, _ in windows)
+        parts, still, aided = list[Floats](), True, True
+        for window, so_still in windows:
+            parts.append(window.rows)
+            still &= so_still
+            aided &= window.aided
         before, self._last, self._windows = self._last, windows[-1][0], []
-        samples = np.concatenate([window.rows for window, _ in windows])
-        time, gyro, accel = samples[:, TIME], samples[:, GYRO], samples[:, ACCEL] if aided else None
-        first = float(time[0] - np.median(np.diff(time))) if before is None else before.end_time
+        samples = np.concatenate(parts)
+        gyro, accel = samples[:, GYRO], samples[:, ACCEL] if aided else None
+        first = float(samples[0, TIME] - np.median(np.diff(samples[:, TIME]))) if before is None else before.end_time
         dt, rows, clips = loop.measured(samples, first, _COARSEST, COARSE_STEP, self._step)
         least_std, longest, strength = rows[loop.SCALARS].tolist()
         if still and not self._all_noisy:

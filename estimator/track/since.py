@@ -9,7 +9,7 @@ and no more.
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.loops.late import knew_more, sight, went_on
+from estimator.loops.late import begun, knew_more, sight, went_on
 
 Floats = NDArray[np.float64]
 
@@ -25,10 +25,7 @@ class Since:
 
         To be made as the step ends, before anything of it is taken in.
         """
-        self.rows = np.zeros((n + 5, 3))
-        self.rows[:3] = walked / 2
-        self.rows[n : n + 3] = walked / 3
-        self.rows[n + 4] = walked.diagonal() / 6
+        self.rows = begun(n, walked)
 
     @property
     def cross(self) -> Floats:

@@ -263,7 +263,7 @@ class Tracker:
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
-        if any(r.accepted and r.reason != UNPROVEN for r in receipts):
+        if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
                 begin = self._evidence_time if self._gap is None else self._gap[0]
                 self._gap = begin, second.end

@@ -174,7 +174,7 @@ class Zaru:
             self._waiting.clear()  # the accelerometer came or went
             bias.forget()
         evidence = self._questioned(evidence)
-        late = evidence._replace(since=bias.since())
+        late = Evidence(*evidence[:-1], bias.since())
         self._waiting.append((late, second.start, second.end))
         weighed = bias.weigh(_mean(evidence, self._waiting) if len(self._waiting) > 1 else evidence)
         if weighed.accepted:
@@ -197,8 +197,10 @@ class Zaru:
         return evidence._replace(R=evidence.R + self.knobs.edge**2 * np.eye(len(evidence.R)))
 
     def _questioned(self, evidence: Evidence) -> Evidence:
+        if not self._in_question:
+            return evidence
         common = np.zeros(len(evidence.z)) if evidence.common_var is None else evidence.common_var
-        return evidence._replace(common_var=np.maximum(common, self._in_question)) if self._in_question else evidence
+        return evidence._replace(common_var=np.maximum(common, self._in_question))
 
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
@@ -213,9 +215,10 @@ class Zaru:
         Else the latest always does: it may be the last of its rest.
         """
         own, seen = evidence.R.diagonal().tolist(), weighed.innovation_cov.diagonal().tolist()
-        most = float(max(own))
-        if max(var - R / len(self._waiting) for var, R in zip(seen, own, strict=True)) > most:
-            return 1
+        most, waiting = float(max(own)), len(self._waiting)
+        for var, R in zip(seen, own, strict=True):
+            if var - R / waiting > most:
+                return 1
         return min(self.knobs.longest_wait_s, max(2.0, most / self.knobs.certain**2))
 
     def _believed(self, refused: Receipt, evidence: Evidence, bias: BiasFilter, reason: str) -> Receipt:

@@ -57,6 +57,15 @@ def test_attitude_and_push_are_those_of_the_true_motion() -> None:
     assert span.unrest == pytest.approx(summed(1040.0).unrest, rel=0.05)
 
 
+@pytest.mark.parametrize("turn", [1e-9, 1e-3, 0.0999, 0.1001, 0.5, 3.0])
+def test_a_single_turn_is_exact_whether_small_or_large(turn: float) -> None:
+    axis = np.array([0.6, -0.48, 0.64])
+    span = sum_up(np.array([0.5]), turn / 0.5 * axis[None], np.zeros((1, 3)), np.eye(3), np.zeros(3), np.zeros(3))
+    expected = Rotation.from_rotvec(turn * axis).as_matrix()
+    np.testing.assert_allclose(span.rows[loop.END] - np.eye(3), expected - np.eye(3), rtol=1e-12, atol=1e-15)
+    assert span.way == pytest.approx(turn)
+
+
 def test_at_rest_nothing_turns_and_the_push_is_gravity() -> None:
     n = 104
     dt, up = np.full(n, 1 / n), np.array([0.0, 9.80665, 0.0])
