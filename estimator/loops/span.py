@@ -30,60 +30,57 @@ def summed(
     """
     n = len(dt)
     rate, force, carried, moved = np.empty((n, 3)), np.empty((n, 3)), np.empty((9, n)), np.empty((9, n))
-    before, after = np.eye(3), np.eye(3)
     rows, matrix = np.zeros((ROWS, 3)), calibrated.copy()
     scalars, by_bias, by_matrix = rows[SCALARS], np.zeros((6, 3)), rows[15:33].reshape(6, 9)
     for r in range(3):
         for c in range(3):
             for k in range(3):
                 matrix[r, c] += change[3 * r + k] * calibrated[k, c]
+    seconds = way = 0.0
+    # Numbers by themselves stay in registers: the attitude as a quaternion, and as rows of x, y and z, before and after a sample.
     qw, qx, qy, qz = 1.0, 0.0, 0.0, 0.0
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for i in range(n):
         h = dt[i]
-        for r in range(3):
-            rate[i, r] = 0.0
-            for c in range(3):
-                rate[i, r] += matrix[r, c] * (gyro[i, c] - bias[c])
-        # The next attitude, by the quaternion of the step.
-        speed = np.sqrt(rate[i, 0] ** 2 + rate[i, 1] ** 2 + rate[i, 2] ** 2)
-        scalars[0] += h
-        scalars[1] += speed * h
-        half = speed * h / 2
+        x, y, z = gyro[i, 0] - bias[0], gyro[i, 1] - bias[1], gyro[i, 2] - bias[2]
+        u = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
+        v = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
+        w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
+        rate[i, 0], rate[i, 1], rate[i, 2] = u, v, w
+        speed = np.sqrt(u * u + v * v + w * w)
+        seconds += h
+        way += speed * h
+        half = 0.5 * speed * h
         if half < 0.05:  # the series are exact, and quicker
             q = half * half
-            w = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
+            cosine = 1 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320))))
             sine = 0.5 * h * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040))))
         else:
-            w, sine = np.cos(half), np.sin(half) / speed
-        x, y, z = sine * rate[i, 0], sine * rate[i, 1], sine * rate[i, 2]
+            cosine, sine = np.cos(half), np.sin(half) / speed
+        x, y, z = sine * u, sine * v, sine * w
         qw, qx, qy, qz = (
-            qw * w - qx * x - qy * y - qz * z,
-            qw * x + qx * w + qy * z - qz * y,
-            qw * y - qx * z + qy * w + qz * x,
-            qw * z + qx * y - qy * x + qz * w,
+            qw * cosine - qx * x - qy * y - qz * z,
+            qw * x + qx * cosine + qy * z - qz * y,
+            qw * y - qx * z + qy * cosine + qz * x,
+            qw * z + qx * y - qy * x + qz * cosine,
         )
-        after[0, 0], after[0, 1], after[0, 2] = (
-            qw * qw + qx * qx - qy * qy - qz * qz,
-            2 * (qx * qy - qw * qz),
-            2 * (qx * qz + qw * qy),
-        )
-        after[1, 0], after[1, 1], after[1, 2] = (
-            2 * (qx * qy + qw * qz),
-            qw * qw - qx * qx + qy * qy - qz * qz,
-            2 * (qy * qz - qw * qx),
-        )
-        after[2, 0], after[2, 1], after[2, 2] = (
-            2 * (qx * qz - qw * qy),
-            2 * (qy * qz + qw * qx),
-            qw * qw - qx * qx - qy * qy + qz * qz,
-        )
-        for r in range(3):
-            force[i, r] = 0.0
-            for c in range(3):
-                mid = 0.5 * (before[r, c] + after[r, c])
-                force[i, r] += mid * (accel[i, c] - accel_bias[c])
-                before[r, c] = after[r, c]
-                carried[3 * r + c, i] = mid * h
+        ax, ay, az = accel[i, 0] - accel_bias[0], accel[i, 1] - accel_bias[1], accel[i, 2] - accel_bias[2]
+        now_x = qw * qw + qx * qx - qy * qy - qz * qz, 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
+        now_y = 2 * (qx * qy + qw * qz), qw * qw - qx * qx + qy * qy - qz * qz, 2 * (qy * qz - qw * qx)
+        now_z = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), qw * qw - qx * qx - qy * qy + qz * qz
+        xx, xy, xz = 0.5 * (xx + now_x[0]), 0.5 * (xy + now_x[1]), 0.5 * (xz + now_x[2])
+        yx, yy, yz = 0.5 * (yx + now_y[0]), 0.5 * (yy + now_y[1]), 0.5 * (yz + now_y[2])
+        zx, zy, zz = 0.5 * (zx + now_z[0]), 0.5 * (zy + now_z[1]), 0.5 * (zz + now_z[2])
+        force[i, 0] = xx * ax + xy * ay + xz * az
+        force[i, 1] = yx * ax + yy * ay + yz * az
+        force[i, 2] = zx * ax + zy * ay + zz * az
+        carried[0, i], carried[1, i], carried[2, i] = xx * h, xy * h, xz * h
+        carried[3, i], carried[4, i], carried[5, i] = yx * h, yy * h, yz * h
+        carried[6, i], carried[7, i], carried[8, i] = zx * h, zy * h, zz * h
+        xx, xy, xz = now_x
+        yx, yy, yz = now_y
+        zx, zy, zz = now_z
+    scalars[0], scalars[1] = seconds, way
     # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
     ahead = rows[PUSH]
     for i in range(n - 1, -1, -1):
@@ -111,13 +108,14 @@ def summed(
             by_bias[r, c], by_bias[3 + r, c] = turn, push
             by_matrix[r, 3 * c], by_matrix[r, 3 * c + 1], by_matrix[r, 3 * c + 2] = turn_x, turn_y, turn_z
             by_matrix[3 + r, 3 * c], by_matrix[3 + r, 3 * c + 1], by_matrix[3 + r, 3 * c + 2] = push_x, push_y, push_z
-    pushed, strayed, square, passed = np.zeros(3), np.zeros(3), 0.0, 0.0
+    rows[0], rows[1], rows[2] = (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+    evenly, pushed, strayed, square, passed = rows[PUSH] / seconds, np.zeros(3), np.zeros(3), 0.0, 0.0
     for i in range(n):
         passed += dt[i]
         for r in range(3):
             rows[SHIFT, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
             pushed[r] += force[i, r] * dt[i]
-            stray = pushed[r] - rows[PUSH, r] * passed / scalars[0]
+            stray = pushed[r] - evenly[r] * passed
             strayed[r] += stray
             square += stray * stray
     for r in range(3):
@@ -125,8 +123,7 @@ def summed(
     scalars[2] = np.sqrt(max(0.0, square) / n)
     for r in range(3):
         for c in range(3):
-            rows[r, c] = after[r, c]
-            rows[DRIFT, r] += after[c, r] * (rows[PUSH, c] - rows[SHIFT, c] / scalars[0])
+            rows[DRIFT, r] += rows[c, r] * (rows[PUSH, c] - rows[SHIFT, c] / seconds)
             rows[12 + r, c] = -by_bias[r, c]
             for k in range(3):
                 rows[6 + r, c] -= by_bias[r, k] * matrix[k, c]

@@ -38,7 +38,7 @@ GOAL_S = 0.020
 class Line:
     """A subscription on which messages arrive at their times, and a publisher that notes when something was said."""
 
-    missed, closed, overflowed, waiting = 0, False, 0, 0
+    missed, closed, overflowed, waiting, caught_up = 0, False, 0, 0, True
 
     def __init__(self) -> None:
         self._coming: deque[tuple[float, list[Message]]] = deque()
@@ -82,6 +82,9 @@ class Line:
 
     def publisher(self, key: str, *, cache: int = 0) -> "_Noting":
         return _Noting(self, self.said.setdefault(key, []))
+
+    def wake(self) -> None:
+        pass
 
     def close(self) -> None:
         pass
