@@ -21,6 +21,8 @@ from estimator.track.gravity import SIZE
 from estimator.track.tracker import Tracker, TrackKnobs
 from tests.bench.side_by_side import arithmetic
 
+Floats = NDArray[np.float64]
+
 DEVICES, SECONDS, RATE_HZ, BATCH, BLOCK = 100, 120.0, 104.0, 10, 52
 _GOAL_US, _GOAL_BYTES = 1.0, 500_000
 
@@ -33,22 +35,26 @@ class One:
         self.stillness = Stillness()
         self.tracker = Tracker(TrackKnobs(history=history), 0.0, model, np.full(3, np.radians(5.0)))
 
-    def feed(self, time: NDArray[np.float64], gyro: NDArray[np.float64], accel: NDArray[np.float64] | None) -> None:
-        """Take a batch."""
-        for window in self.stillness.feed(time, gyro, accel):
+    def take(self, rows: Floats) -> None:
+        """Take rows of samples (n, 7), as a session's blocks are."""
+        for window in self.stillness.take(rows):
             self.tracker.window(window, self.stillness.noise_std)
+
+
+def rows_of(day: Day, *, aided: bool) -> Floats:
+    """(n, 7) of all its samples, as a session has them."""
+    accel = day.accel if aided else np.full_like(day.accel, np.nan)
+    return np.column_stack([day.time_s, day.gyro, accel])
 
 
 def run(days: list[Day], make: Callable[[], One], *, aided: bool) -> tuple[float, list[One]]:
     """CPU seconds for all samples of all devices, half second by half second, all devices back to back; and the devices."""
     devices = [make() for _ in range(DEVICES)]
-    columns = [(d.time_s, d.gyro.astype(float), d.accel.astype(float) if aided else None) for d in days]
+    lives = [rows_of(day, aided=aided) for day in days]
     begun = process_time()
     for start in range(0, len(days[0].time_s), BLOCK):  # a session learns from half seconds
-        here = slice(start, start + BLOCK)
         for i, device in enumerate(devices):
-            time, gyro, accel = columns[i % len(columns)]
-            device.feed(time[here], gyro[here], None if accel is None else accel[here])
+            device.take(lives[i % len(lives)][start : start + BLOCK])
     return process_time() - begun, devices
 
 
@@ -70,7 +76,7 @@ def resting(days: list[Day]) -> float:
     rests = 0
     for day in days:
         one = One()
-        for window in one.stillness.feed(day.time_s, day.gyro.astype(float), day.accel.astype(float)):
+        for window in one.stillness.take(rows_of(day, aided=True)):
             receipts = one.tracker.window(window, one.stillness.noise_std)
             rests += len({receipt.time for receipt in receipts if receipt.kind.startswith("zaru level")})
     return rests / (SECONDS * len(days))
@@ -142,13 +148,12 @@ def main() -> int:
         f"with nothing judged; {least + both:.2f} in all, {100 * share:.0f} % of these seconds being rest"
     )
     console.print(f"whole sessions, with accelerometer: {1e6 * sessions(days) / samples:.2f} µs a sample")
+    rows = rows_of(simulate_day(0, 0.5, RATE_HZ), aided=True)
     tracemalloc.start()
-    day = simulate_day(0, 0.5, RATE_HZ)
     before, _ = tracemalloc.get_traced_memory()
-    one, end = One(), len(day.time_s)
-    for start in range(0, end, BATCH):
-        here = slice(start, start + BATCH)
-        one.feed(day.time_s[here], day.gyro[here].astype(float), day.accel[here].astype(float))
+    one = One()
+    for start in range(0, len(rows), BATCH):
+        one.take(rows[start : start + BATCH])
     after, _ = tracemalloc.get_traced_memory()
     console.print(f"memory after half an hour: {(after - before) / 1e6:.2f} MB a device (goal {_GOAL_BYTES / 1e6:g})")
     return 0

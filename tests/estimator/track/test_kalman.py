@@ -1,7 +1,12 @@
-"""What filterpy has not imported yet it imports when it is used: nobody else may notice. In a process of its own."""
+"""What filterpy has not imported yet it imports when it is used: nobody else may notice, in a process of its own. What it keeps."""
 
 import subprocess
 import sys
+
+import numpy as np
+import pytest
+
+from estimator.track.kalman import KalmanFilter
 
 CODE = """
 import sys
@@ -27,3 +32,13 @@ assert np.isclose(multivariate_gaussian(0.5, 0.0, 1.0), norm.pdf(0.5))
 def test_what_is_imported_late_is_the_same() -> None:
     done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("measured", [np.array([[2.0]]), 2.0, [2.0], [[2.0]]])
+def test_the_last_measurement_is_kept_as_it_was(measured: object) -> None:
+    kf = KalmanFilter(dim_x=1, dim_z=1)
+    kf.H = np.eye(1)
+    kf.update(measured)
+    if isinstance(measured, np.ndarray):
+        measured[:] = 3.0
+    assert np.array(kf.z).item() == 2.0
