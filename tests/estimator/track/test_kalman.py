@@ -1,4 +1,4 @@
-"""What filterpy has not imported yet it imports when it is used: nobody else may notice, in a process of its own. What it keeps."""
+"""filterpy as we have it: what it has not imported yet it imports when it is used, and nobody notices; what it keeps."""
 
 import subprocess
 import sys
