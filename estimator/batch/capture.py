@@ -1,12 +1,16 @@
 """What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.block import ACCEL, GYRO, TIME
 from estimator.gyro import mean_var, rounding_var
+from estimator.held import CLIPPED, WIDTH
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
@@ -110,29 +114,61 @@ class Capture:
     movements: tuple[Movement, ...] = ()
 
 
+class _Piece(NamedTuple):
+    """What a History keeps of a window: its rows (n, 8), and whether there was an accelerometer all the time."""
+
+    begin: float
+    end: float
+    rows: Floats
+    aided: bool
+
+
 class History:
     """The latest samples of a stream, at least `keep_s` seconds of them, found again by device time."""
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        self._parts: list[Samples] = []
+        self._pieces: deque[_Piece] = deque()
 
     def add(self, samples: Samples) -> None:
         """Take the next samples."""
-        self._parts.append(samples)
-        oldest_needed = samples.time[-1] - self._keep_s
-        while self._parts[0].time[-1] < oldest_needed:
-            self._parts.pop(0)
+        rows = np.full((len(samples), WIDTH), np.nan)
+        rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
+        if samples.accel is not None:
+            rows[:, ACCEL] = samples.accel
+        self._keep(_Piece(rows.item(0, TIME), rows.item(-1, TIME), rows, samples.accel is not None))
+
+    def take(self, window: Window) -> None:
+        """Take those of the next window."""
+        self._keep(_Piece(window.start_time, window.end_time, window.rows, window.aided))
+
+    def _keep(self, piece: _Piece) -> None:
+        pieces, oldest_needed = self._pieces, piece.end - self._keep_s
+        pieces.append(piece)
+        while pieces[0].end < oldest_needed:
+            pieces.popleft()
 
     def between(self, start: float, end: float) -> Samples:
         """The samples with start <= time <= end that are still held; none when none is."""
-        parts = [part.between(start, end) for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
-        if not parts:
+        pieces = [piece for piece in self._pieces if piece.end >= start and piece.begin <= end]
+        if not pieces:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
-        accels = [part.accel for part in parts if part.accel is not None]
+        rows = np.concatenate([_between(piece.rows, start, end) for piece in pieces])
         return Samples(
-            np.concatenate([part.time for part in parts]),
-            np.concatenate([part.gyro for part in parts]),
-            np.concatenate(accels) if len(accels) == len(parts) else None,
-            np.concatenate([part.clipped for part in parts]),
+            rows[:, TIME].copy(),
+            rows[:, GYRO].copy(),
+            rows[:, ACCEL].copy() if all(piece.aided for piece in pieces) else None,
+            rows[:, CLIPPED] != 0,
         )
+
+    @property
+    def largest(self) -> float:
+        """The largest reading that is still held, rad/s; 0 when none is."""
+        return max(
+            (float(np.maximum.reduce(np.abs(piece.rows[:, GYRO]), axis=None)) for piece in self._pieces), default=0.0
+        )
+
+
+def _between(rows: Floats, start: float, end: float) -> Floats:
+    time = rows[:, TIME]
+    return rows[np.searchsorted(time, start) : np.searchsorted(time, end, side="right")]
