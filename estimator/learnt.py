@@ -8,7 +8,7 @@ from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Run, sample_time_ns, temperature_at
+from estimator.block import Part, sample_time_ns, temperature_at, unfit
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
 from estimator.gyro import reading_std
@@ -109,12 +109,12 @@ class Learnt:
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
-    def learn(self, run: Run, course: Course, outcome: Outcome) -> bool:
+    def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
         tracker = self.tracker
         before = tracker.time, self._belief
         tracked = tracker.time
-        for window in self._stillness.take(run.rows, run.unfit):
+        for window in self._stillness.take([part.rows for part in parts], unfit(parts)):
             self.now = window.end_time
             batch, index = self._last = course.where(window.end - 1)
             if (celsius := temperature_at(batch, index)) is not None:

@@ -280,10 +280,10 @@ class DeviceSession:
     def _learn(self, outcome: Outcome) -> None:
         if not self._lesson:
             return
-        run, self._lesson = joined(self._lesson), []
+        parts, self._lesson = self._lesson, []
         if self.windowed is not None:
-            outcome.seconds += self.windowed.add(run, self._lesson_applied)
-        if self.learnt.learn(run, self._course, outcome):  # where nothing is learnt batches stay whole
+            outcome.seconds += self.windowed.add(joined(parts), self._lesson_applied)
+        if self.learnt.learn(parts, self._course, outcome):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
