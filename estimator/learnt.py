@@ -253,7 +253,7 @@ class Learnt:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
-        sure = track.sure and bool((std < self._knobs.track.bias_std).all())
+        sure = track.sure and all(axis < self._knobs.track.bias_std for axis in std.tolist())
         best = choose(self._belief, bias, std, noise_std, sure=sure)
         doubtful = self._life.away or track.doubt.stands or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
