@@ -111,39 +111,37 @@ class Learnt:
 
     def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
-        tracker = self.tracker
-        before = tracker.time, self._belief
-        tracked = tracker.time
-        for window in self._stillness.take([part.rows for part in parts], unfit(parts)):
-            self.now = window.end_time
+        tracker, stillness, begin, belief = self.tracker, self._stillness, self.tracker.time, self._belief
+        tracked = begin
+        for window in stillness.take([part.rows for part in parts], unfit(parts)):
+            self.now = now = window.end_time
             batch, index = self._last = course.where(window.end - 1)
             if (celsius := temperature_at(batch, index)) is not None:
-                tracker.thermometer.read(self.now, celsius)
-            self._window(window, outcome)
-            if self.now >= self._cancelled_until:
+                tracker.thermometer.read(now, celsius)
+            if self._life.state is State.WARMING:
+                self._warming(window, outcome)
+            else:
+                receipts = tracker.window(window, stillness.noise_std)
+                if tracker.time != tracked:
+                    self._second(receipts, outcome)
+                if (under_way := self.under_way) is not None:
+                    for progress in under_way.window(window):
+                        self._progress(progress, under_way, outcome)
+            if now >= self._cancelled_until:
                 self._as_it_is(outcome)
             earlier, tracked = tracked, tracker.time
-            self._past.note(self.now, batch, index, tracked)
+            self._past.note(now, batch, index, tracked)
             if tracked != earlier and (improved := tracker.improved()) is not None:
-                belief = self._belief
-                outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
-        return (tracked, self._belief) != before
+                used = self._belief
+                outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+        return tracked != begin or self._belief is not belief
 
-    def _window(self, window: Window, outcome: Outcome) -> None:
+    def _warming(self, window: Window, outcome: Outcome) -> None:
         if self.under_way is not None:
             self.under_way.add(window)
-        if self._life.state is State.WARMING:
-            if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
-                self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
-            self.tracker.skip(window)
-            return
-        tracked = self.tracker.time
-        receipts = self.tracker.window(window, self._stillness.noise_std)
-        if self.tracker.time != tracked:
-            self._second(receipts, outcome)
-        if self.under_way is not None:
-            for progress in self.under_way.window(window):
-                self._progress(progress, self.under_way, outcome)
+        if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
+            self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+        self.tracker.skip(window)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
         """What the tracker makes of a second, or of some."""

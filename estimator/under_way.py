@@ -31,11 +31,12 @@ class UnderWay:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self.turned)
 
     def add(self, window: Window) -> None:
-        """Take the samples of the next window."""
+        """Take the samples of the next window, and nothing more."""
         self._capture.take(window)
 
     def window(self, window: Window) -> list[Progress]:
-        """Judge what that window completes."""
+        """Take the samples of the next window, and judge what it completes."""
+        self._capture.take(window)
         return self._capture.window(window)
 
     def took(self, turn: TurnCapture) -> str:
