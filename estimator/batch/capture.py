@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,21 +113,13 @@ class Capture:
     movements: tuple[Movement, ...] = ()
 
 
-class _Piece(NamedTuple):
-    """What a History keeps of a window: its rows (n, 8), and whether there was an accelerometer all the time."""
-
-    begin: float
-    end: float
-    rows: Floats
-    aided: bool
-
-
 class History:
     """The latest samples of a stream, at least `keep_s` seconds of them, found again by device time."""
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        self._pieces: deque[_Piece] = deque()
+        #: rows (n, 8) of windows: beside them nothing is made of a window that mostly is not asked for
+        self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:
         """Take the next samples."""
@@ -136,39 +127,36 @@ class History:
         rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
         if samples.accel is not None:
             rows[:, ACCEL] = samples.accel
-        self._keep(_Piece(rows.item(0, TIME), rows.item(-1, TIME), rows, samples.accel is not None))
+        self.take(rows)
 
-    def take(self, window: Window) -> None:
-        """Take those of the next window."""
-        self._keep(_Piece(window.start_time, window.end_time, window.rows, window.aided))
-
-    def _keep(self, piece: _Piece) -> None:
-        pieces, oldest_needed = self._pieces, piece.end - self._keep_s
-        pieces.append(piece)
-        while pieces[0].end < oldest_needed:
-            pieces.popleft()
+    def take(self, rows: Floats) -> None:
+        """Take the rows of the next window."""
+        held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
+        held.append(rows)
+        while held[0].item(-1, TIME) < oldest_needed:
+            held.popleft()
 
     def between(self, start: float, end: float) -> Samples:
         """The samples with start <= time <= end that are still held; none when none is."""
-        pieces = [piece for piece in self._pieces if piece.end >= start and piece.begin <= end]
-        if not pieces:
+        held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
+        if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
-        rows = np.concatenate([_between(piece.rows, start, end) for piece in pieces])
-        return Samples(
-            rows[:, TIME].copy(),
-            rows[:, GYRO].copy(),
-            rows[:, ACCEL].copy() if all(piece.aided for piece in pieces) else None,
-            rows[:, CLIPPED] != 0,
-        )
+        rows = np.concatenate([_between(rows, start, end) for rows in held])
+        aided = all(_aided(rows) for rows in held)
+        accel = rows[:, ACCEL].copy() if aided else None
+        return Samples(rows[:, TIME].copy(), rows[:, GYRO].copy(), accel, rows[:, CLIPPED] != 0)
 
     @property
     def largest(self) -> float:
         """The largest reading that is still held, rad/s; 0 when none is."""
-        return max(
-            (float(np.maximum.reduce(np.abs(piece.rows[:, GYRO]), axis=None)) for piece in self._pieces), default=0.0
-        )
+        return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)
 
 
 def _between(rows: Floats, start: float, end: float) -> Floats:
     time = rows[:, TIME]
     return rows[np.searchsorted(time, start) : np.searchsorted(time, end, side="right")]
+
+
+def _aided(rows: Floats) -> bool:
+    """Whether there was an accelerometer all the time: see Window."""
+    return not np.isnan(rows[:, ACCEL.start].sum())

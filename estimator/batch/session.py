@@ -101,7 +101,7 @@ class CalibrationSession:
 
     def take(self, window: Window) -> None:
         """Take those of a window."""
-        self._history.take(window)
+        self._history.take(window.rows)
 
     def window(self, window: Window) -> list[Progress]:
         """Judge what the next window completes."""

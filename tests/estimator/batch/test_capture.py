@@ -28,7 +28,7 @@ def same(a: Samples, b: Samples) -> None:
 def test_windows_are_kept_as_their_samples_are(*, aided: bool) -> None:
     found, one, other, whole = windows(OF, aided=aided), History(20.0), History(20.0), History()
     for i, window in enumerate(found):
-        one.take(window)
+        one.take(window.rows)
         other.add(Samples.of([window]))
         if i % 40 == 39:
             for start, end in ((-np.inf, np.inf), (window.end_time - 7.03, window.start_time), (-2.0, -1.0)):
@@ -43,9 +43,22 @@ def test_a_stretch_without_an_accelerometer_in_a_part_of_it_has_none() -> None:
     with_it, without = windows(OF, aided=True), windows(OF, aided=False)
     history = History()
     for window in (*with_it[:20], *without[20:40]):
-        history.take(window)
+        history.take(window.rows)
     assert history.between(with_it[0].start_time, with_it[19].end_time).accel is not None
     assert history.between(with_it[0].start_time, with_it[20].start_time).accel is None
+
+
+def test_whether_there_was_an_accelerometer_is_seen_in_the_rows_as_a_window_says_it() -> None:
+    rng, accel, told = np.random.default_rng(5), OF.accel.astype(float), set()
+    for axis, value in ((0, np.nan), (1, np.nan), (0, np.inf), (0, -np.inf)):
+        accel[rng.integers(0, len(OF), 60), axis] = value
+    with np.errstate(invalid="ignore"):
+        for window in Stillness().feed(OF.time, OF.gyro, accel):
+            history = History()
+            history.take(window.rows)
+            told.add(window.aided)
+            assert (history.between(-np.inf, np.inf).accel is not None) == window.aided
+    assert told == {True, False}
 
 
 def test_the_largest_reading_is_known_whichever_way_it_went() -> None:
@@ -53,5 +66,5 @@ def test_the_largest_reading_is_known_whichever_way_it_went() -> None:
     assert history.largest == 0.0
     window.rows[3, 2] = -70.0
     for one in (window, *more):
-        history.take(one)
+        history.take(one.rows)
     assert history.largest == 70.0
