@@ -60,11 +60,10 @@ class Part(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Samples of some parts, rows (n, 7): flags (n,), and which of them are unfit (n,), None where none is."""
+    """Samples of some parts, rows (n, 7), and their flags (n,)."""
 
     rows: Floats
     flags: NDArray[np.uint32]
-    unfit: NDArray[np.bool_] | None
     parts: list[Part]
 
     @property
@@ -126,9 +125,16 @@ class Block:
 
 def joined(parts: list[Part]) -> Run:
     """Parts as one."""
-    rows = np.concatenate([part.rows for part in parts])
-    flags, unfit = np.zeros(len(rows), np.uint32), None
-    if any(part.flags is not None for part in parts):
-        flags = np.concatenate([np.zeros(len(p.rows), np.uint32) if p.flags is None else p.flags for p in parts])
-        unfit = (flags & UNFIT) != 0
-    return Run(rows, flags, unfit, parts)
+    return Run(np.concatenate([part.rows for part in parts]), _flags(parts), parts)
+
+
+def unfit(parts: list[Part]) -> NDArray[np.bool_] | None:
+    """Which of the samples of parts are unfit (n,); None where none of them has any flags."""
+    for part in parts:
+        if part.flags is not None:
+            return np.asarray((_flags(parts) & UNFIT) != 0)
+    return None
+
+
+def _flags(parts: list[Part]) -> NDArray[np.uint32]:
+    return np.concatenate([np.zeros(len(p.rows), np.uint32) if p.flags is None else p.flags for p in parts])

@@ -47,6 +47,8 @@ def mean_var(std: Floats, step: Floats, n: float) -> Floats:
 
 def reading_std(std: Floats) -> Floats:
     """(3,) standard deviation of a reading, from the one shown at rest: a coarse gyro may show none, and rounds."""
+    if all(axis > 1e-9 for axis in std.tolist()):
+        return std
     return np.where(std > 1e-9, std, COARSE_STEP / np.sqrt(12))
 
 

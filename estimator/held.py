@@ -1,15 +1,15 @@
 """Samples that wait to be judged, kept as they come in: put in once, read and mended where they lie."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-
-from estimator.block import TIME
 
 Floats = NDArray[np.float64]
 
 #: behind the columns of a block: 1 where a reading was clipped
 CLIPPED = 7
-_WIDTH = 8
+WIDTH = 8
 #: samples at least that there is room for
 _ROOM = 256
 
@@ -24,21 +24,15 @@ class Held:
     def __len__(self) -> int:
         return self._end - self._begin
 
-    def put(self, rows: Floats, clipped: NDArray[np.bool_] | None) -> None:
-        """Take samples as a block has them (n, 7), and which of them were clipped (n,)."""
-        end = self._end + len(rows)
-        if end > len(self._rows):
-            self._room(max(_ROOM, 2 * (len(self) + len(rows))))
-            end = self._end + len(rows)
-        put = self._rows[self._end : end]
-        put[:, :CLIPPED] = rows
-        put[:, CLIPPED] = 0.0 if clipped is None else clipped
-        self._end = end
-
-    @property
-    def span(self) -> float:
-        """Seconds from the first to the last."""
-        return self._rows.item(self._end - 1, TIME) - self._rows.item(self._begin, TIME) if len(self) else 0.0
+    def put(self, parts: Sequence[Floats], clipped: NDArray[np.bool_] | None) -> None:
+        """Take samples as the parts of a block have them, (n, 7) each, and which of all of them were clipped (n,)."""
+        n = sum(map(len, parts))
+        if self._end + n > len(self._rows):
+            self._room(max(_ROOM, 2 * (len(self) + n)))
+        begin, self._end = self._end, self._end + n
+        np.concatenate(parts, out=self._rows[begin : self._end, :CLIPPED])
+        if clipped is not None:
+            self._rows[begin : self._end, CLIPPED] = clipped
 
     @property
     def waiting(self) -> Floats:
@@ -50,7 +44,7 @@ class Held:
         self._begin += n
 
     def _room(self, size: int) -> None:
-        rows, n = np.empty((size, _WIDTH)), len(self)
+        rows, n = np.zeros((size, WIDTH)), len(self)  # nothing is clipped
         if n:
             rows[:n] = self.waiting
         self._rows, self._begin, self._end = rows, 0, n

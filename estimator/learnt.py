@@ -8,7 +8,7 @@ from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Run, sample_time_ns, temperature_at
+from estimator.block import Part, sample_time_ns, temperature_at, unfit
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
 from estimator.gyro import reading_std
@@ -109,41 +109,39 @@ class Learnt:
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
-    def learn(self, run: Run, course: Course, outcome: Outcome) -> bool:
+    def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
-        tracker = self.tracker
-        before = tracker.time, self._belief
-        tracked = tracker.time
-        for window in self._stillness.take(run.rows, run.unfit):
-            self.now = window.end_time
+        tracker, stillness, begin, belief = self.tracker, self._stillness, self.tracker.time, self._belief
+        tracked = begin
+        for window in stillness.take([part.rows for part in parts], unfit(parts)):
+            self.now = now = window.end_time
             batch, index = self._last = course.where(window.end - 1)
             if (celsius := temperature_at(batch, index)) is not None:
-                tracker.thermometer.read(self.now, celsius)
-            self._window(window, outcome)
-            if self.now >= self._cancelled_until:
+                tracker.thermometer.read(now, celsius)
+            if self._life.state is State.WARMING:
+                self._warming(window, outcome)
+            else:
+                receipts = tracker.window(window, stillness.noise_std)
+                if tracker.time != tracked:
+                    self._second(receipts, outcome)
+                if (under_way := self.under_way) is not None:
+                    for progress in under_way.window(window):
+                        self._progress(progress, under_way, outcome)
+            if now >= self._cancelled_until:
                 self._as_it_is(outcome)
             earlier, tracked = tracked, tracker.time
-            self._past.note(self.now, batch, index, tracked)
+            self._past.note(now, batch, index, tracked)
             if tracked != earlier and (improved := tracker.improved()) is not None:
-                belief = self._belief
-                outcome.revision = self._past.revision(batch, belief.calibration, belief.model.matrix, *improved)
-        return (tracked, self._belief) != before
+                used = self._belief
+                outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+        return tracked != begin or self._belief is not belief
 
-    def _window(self, window: Window, outcome: Outcome) -> None:
+    def _warming(self, window: Window, outcome: Outcome) -> None:
         if self.under_way is not None:
             self.under_way.add(window)
-        if self._life.state is State.WARMING:
-            if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
-                self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
-            self.tracker.skip(window)
-            return
-        tracked = self.tracker.time
-        receipts = self.tracker.window(window, self._stillness.noise_std)
-        if self.tracker.time != tracked:
-            self._second(receipts, outcome)
-        if self.under_way is not None:
-            for progress in self.under_way.window(window):
-                self._progress(progress, self.under_way, outcome)
+        if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
+            self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
+        self.tracker.skip(window)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
         """What the tracker makes of a second, or of some."""
@@ -253,7 +251,7 @@ class Learnt:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
-        sure = track.sure and bool((std < self._knobs.track.bias_std).all())
+        sure = track.sure and all(axis < self._knobs.track.bias_std for axis in std.tolist())
         best = choose(self._belief, bias, std, noise_std, sure=sure)
         doubtful = self._life.away or track.doubt.stands or not sure
         return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best

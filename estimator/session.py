@@ -5,6 +5,8 @@ is handed in. What a half second of device time teaches (`block`) is used from t
 same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -280,10 +282,10 @@ class DeviceSession:
     def _learn(self, outcome: Outcome) -> None:
         if not self._lesson:
             return
-        run, self._lesson = joined(self._lesson), []
+        parts, self._lesson = self._lesson, []
         if self.windowed is not None:
-            outcome.seconds += self.windowed.add(run, self._lesson_applied)
-        if self.learnt.learn(run, self._course, outcome):  # where nothing is learnt batches stay whole
+            outcome.seconds += self.windowed.add(joined(parts), self._lesson_applied)
+        if self.learnt.learn(parts, self._course, outcome):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
@@ -331,9 +333,19 @@ class DeviceSession:
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
-    def status(self, time_ns: int) -> Status:
-        """All of it, for the bus."""
+    def status(
+        self,
+        time_ns: int,
+        *,
+        bridge: str = "",
+        refused_bridges: tuple[str, ...] = (),
+        epoch: int = 0,
+        more: Iterable[tuple[str, int]] = (),
+    ) -> Status:
+        """All of it, for the bus, with what is known of it outside the core; more: events that are counted there."""
         known, learnt, reason = self._ready, self.learnt, self.life.reason
+        events = self.sequence.events.as_dict() | self.tracker.events
+        events.update(more)
         return Status(
             device=self.device,
             boot=self.boot or 0,
@@ -354,7 +366,10 @@ class DeviceSession:
             samples_in=self.sequence.samples_in,
             samples_out=self.sequence.samples_out,
             dropped=self.sequence.dropped.as_dict(),
-            events={**self.sequence.events.as_dict(), **self.tracker.events},
+            events=events,
+            bridge=bridge,
+            refused_bridges=refused_bridges,
+            epoch=epoch,
         )
 
     def count_event(self, name: str) -> int:

@@ -4,8 +4,9 @@ Limits follow the device: a large turn-on bias is no movement, so rates are comp
 never with zero. A reading alone far from both its neighbours, a spike, is no movement of anything; it is replaced by their mean.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from math import radians
 from typing import NamedTuple
 
@@ -142,31 +143,32 @@ class Stillness:
         rows[:, TIME], rows[:, GYRO] = time, gyro
         if accel is not None:
             rows[:, ACCEL] = accel
-        return self.take(rows, clipped)
+        return self.take([rows], clipped)
 
-    def take(self, rows: Floats, clipped: Flags | None = None) -> Iterator[Window]:
-        """The same of rows (n, 7), as a block has them."""
+    def take(self, parts: Sequence[Floats], clipped: Flags | None = None) -> Iterator[Window]:
+        """The same of rows (n, 7), as the parts of a block have them."""
         held = self._held
-        held.put(rows, clipped)
-        if held.span < self.knobs.window_s:
-            return
+        held.put(parts, clipped)
         waiting = held.waiting
         found = judged(waiting, self._state, self._recent, self._numbers)
         if not len(found):
             return
-        heads, begin = found[:, :7].tolist(), 0
+        heads, begin, count = found[:, :7].tolist(), 0, self._count
         held.drop(int(heads[-1][2]))
-        for head, summed, noise in zip(heads, found[:, 7:19].reshape(-1, 4, 3), found[:, 19:], strict=True):
-            begun, ended, end, spikes, still, aided, told = head
-            here = waiting[begin : int(end)]
-            start, self._count, begin = self._count, self._count + len(here), int(end)
+        self._count += int(heads[-1][2])
+        for i, (head, summed) in enumerate(zip(heads, found[:, 7:19].reshape(-1, 4, 3), strict=True)):
+            begun, ended, last, spikes, still, aided, told = head
             if told:
-                self.noise_std, self.noise_known = noise, True
-            yield Window(start, self._count, begun, ended, here, summed, int(spikes), bool(still), bool(aided))
+                self.noise_std, self.noise_known = found[i, 19:], True
+            end = int(last)
+            rows = waiting[begin:end]
+            yield Window(count + begin, count + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
+            begin = end
 
 
+@cache
 def _numbers(knobs: StillnessKnobs) -> tuple[float, ...]:
-    """The knobs, in the order in which the loop takes them apart."""
+    """The knobs, in the order in which the loop takes them apart; the very same of all devices that have the same."""
     spike = knobs.spike
     numbers = (
         *(knobs.window_s, knobs.min_samples, knobs.noise_factor, knobs.std_floor, knobs.accel_std),

@@ -1,6 +1,6 @@
 """A calibration under way: who asked for it, which turns are taken, and what is still to be done, in words."""
 
-from estimator.batch.capture import Samples, TurnCapture
+from estimator.batch.capture import TurnCapture
 from estimator.batch.session import CalibrationSession, Progress
 from estimator.gyro import AXES
 from estimator.stillness import Window
@@ -31,11 +31,12 @@ class UnderWay:
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self.turned)
 
     def add(self, window: Window) -> None:
-        """Take the samples of the next window."""
-        self._capture.add(Samples.of([window]))
+        """Take the samples of the next window, and nothing more."""
+        self._capture.take(window)
 
     def window(self, window: Window) -> list[Progress]:
-        """Judge what that window completes."""
+        """Take the samples of the next window, and judge what it completes."""
+        self._capture.take(window)
         return self._capture.window(window)
 
     def took(self, turn: TurnCapture) -> str:

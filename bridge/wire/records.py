@@ -92,32 +92,25 @@ def decode_info(key: str, payload: bytes) -> DeviceInfo:
 
 def encode_status(status: Status) -> bytes:
     """The payload of status/<device>."""
-    return pb.Status(
-        version=VERSION,
-        device=status.device,
-        boot=status.boot,
-        time_ns=status.time_ns,
-        state=status.state,  # type: ignore[arg-type] # an int, whatever the stub says
-        quality=status.quality,  # type: ignore[arg-type] # an int, whatever the stub says
-        reason=clean(status.reason, MAX_SENTENCE),
-        progress=status.progress,
-        axes_done=status.axes_done,
-        bias=status.bias,
-        bias_std=status.bias_std,
-        scale=status.scale,
-        calibration=clean(status.calibration, checks.MAX_NAME),
-        calibrated_time_ns=status.calibrated_time_ns,
-        evidence_age_s=status.evidence_age_s,
-        temperature_c=status.temperature_c,
-        rate_hz=status.rate_hz,
-        samples_in=status.samples_in,
-        samples_out=status.samples_out,
-        dropped=_clean_counts(status.dropped),
-        events=_clean_counts(status.events),
-        bridge=status.bridge,
-        refused_bridges=status.refused_bridges,
-        epoch=status.epoch,
-    ).SerializeToString()
+    said = pb.Status()  # field by field: in half the time, and it is said of each device once a second
+    said.version = VERSION
+    said.device, said.boot, said.time_ns = status.device, status.boot, status.time_ns
+    said.state = status.state  # type: ignore[assignment] # an int, whatever the stub says
+    said.quality = status.quality  # type: ignore[assignment] # an int, whatever the stub says
+    said.reason, said.progress = clean(status.reason, MAX_SENTENCE), status.progress
+    said.axes_done.extend(status.axes_done)
+    said.bias.extend(status.bias)
+    said.bias_std.extend(status.bias_std)
+    said.scale.extend(status.scale)
+    said.calibration = clean(status.calibration, checks.MAX_NAME)
+    said.calibrated_time_ns = status.calibrated_time_ns
+    said.evidence_age_s, said.temperature_c, said.rate_hz = status.evidence_age_s, status.temperature_c, status.rate_hz
+    said.samples_in, said.samples_out = status.samples_in, status.samples_out
+    said.dropped.update(_clean_counts(status.dropped))
+    said.events.update(_clean_counts(status.events))
+    said.bridge, said.epoch = status.bridge, status.epoch
+    said.refused_bridges.extend(status.refused_bridges)
+    return said.SerializeToString()
 
 
 def decode_status(key: str, payload: bytes) -> Status:

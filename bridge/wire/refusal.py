@@ -70,6 +70,8 @@ class Tally:
         """A copy of all counts above zero."""
         return {label: n for label, n in self._counts.items() if n}
 
-    def total(self) -> int:
-        """All counts together."""
-        return self._counts.total()
+    def total(self, begin: str = "") -> int:
+        """All counts together, of labels that begin so."""
+        if not begin:
+            return sum(self._counts.values())
+        return sum([n for label, n in self._counts.items() if label.startswith(begin)])

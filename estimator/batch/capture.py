@@ -1,12 +1,15 @@
 """What a calibration session yields: rests, and turns with the rest around them. Device time throughout."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.block import ACCEL, GYRO, TIME
 from estimator.gyro import mean_var, rounding_var
+from estimator.held import CLIPPED, WIDTH
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
@@ -115,24 +118,45 @@ class History:
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        self._parts: list[Samples] = []
+        #: rows (n, 8) of windows: beside them nothing is made of a window that mostly is not asked for
+        self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:
         """Take the next samples."""
-        self._parts.append(samples)
-        oldest_needed = samples.time[-1] - self._keep_s
-        while self._parts[0].time[-1] < oldest_needed:
-            self._parts.pop(0)
+        rows = np.full((len(samples), WIDTH), np.nan)
+        rows[:, TIME], rows[:, GYRO], rows[:, CLIPPED] = samples.time, samples.gyro, samples.clipped
+        if samples.accel is not None:
+            rows[:, ACCEL] = samples.accel
+        self.take(rows)
+
+    def take(self, rows: Floats) -> None:
+        """Take the rows of the next window."""
+        held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
+        held.append(rows)
+        while held[0].item(-1, TIME) < oldest_needed:
+            held.popleft()
 
     def between(self, start: float, end: float) -> Samples:
         """The samples with start <= time <= end that are still held; none when none is."""
-        parts = [part.between(start, end) for part in self._parts if part.time[-1] >= start and part.time[0] <= end]
-        if not parts:
+        held = [rows for rows in self._held if rows.item(-1, TIME) >= start and rows.item(0, TIME) <= end]
+        if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
-        accels = [part.accel for part in parts if part.accel is not None]
-        return Samples(
-            np.concatenate([part.time for part in parts]),
-            np.concatenate([part.gyro for part in parts]),
-            np.concatenate(accels) if len(accels) == len(parts) else None,
-            np.concatenate([part.clipped for part in parts]),
-        )
+        rows = np.concatenate([_between(rows, start, end) for rows in held])
+        aided = all(_aided(rows) for rows in held)
+        accel = rows[:, ACCEL].copy() if aided else None
+        return Samples(rows[:, TIME].copy(), rows[:, GYRO].copy(), accel, rows[:, CLIPPED] != 0)
+
+    @property
+    def largest(self) -> float:
+        """The largest reading that is still held, rad/s; 0 when none is."""
+        return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)
+
+
+def _between(rows: Floats, start: float, end: float) -> Floats:
+    time = rows[:, TIME]
+    return rows[np.searchsorted(time, start) : np.searchsorted(time, end, side="right")]
+
+
+def _aided(rows: Floats) -> bool:
+    """Whether there was an accelerometer all the time: see Window."""
+    return not np.isnan(rows[:, ACCEL.start].sum())

@@ -88,7 +88,6 @@ class CalibrationSession:
         self._rests: list[Rest] = []
         self._rested = self._moved_about = False
         self._too_small: set[int] = set()
-        self._largest = 0.0
         self.last_reason = ""
 
     @property
@@ -99,7 +98,10 @@ class CalibrationSession:
     def add(self, samples: Samples) -> None:
         """Take samples; call `window` for every window they close, in order, after adding them."""
         self._history.add(samples)
-        self._largest = max(self._largest, float(np.maximum.reduce(np.abs(samples.gyro), axis=None)))
+
+    def take(self, window: Window) -> None:
+        """Take those of a window."""
+        self._history.take(window.rows)
 
     def window(self, window: Window) -> list[Progress]:
         """Judge what the next window completes."""
@@ -148,8 +150,8 @@ class CalibrationSession:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
         names = ", ".join(AXES[axis] for axis in missing)
-        if self._largest > ABSURD:
-            because = f": readings of {self._largest:.0f} rad/s are probably degrees per second, given as rad/s"
+        if (largest := self._history.largest) > ABSURD:
+            because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
         elif not self._rested:
             because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
         elif not self._moved_about:

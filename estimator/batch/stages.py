@@ -58,8 +58,9 @@ class Stages:
     def window(self, window: Window) -> Settled | None:
         """Take the next window."""
         if not window.still:
-            # After a hole in the stream the rest ended where it was last seen.
-            self._end_rest(min(window.start_time - self.knobs.edge_s, self._still_until))
+            if self._still_since is not None:
+                # After a hole in the stream the rest ended where it was last seen.
+                self._end_rest(self._still_since, min(window.start_time - self.knobs.edge_s, self._still_until))
             return None
         if self._still_since is None:
             # The first still window after a movement may begin with its end.
@@ -73,10 +74,10 @@ class Stages:
         self._settled = rest is not None
         return None if rest is None else Settled(self._before, rest, self._pause_s)
 
-    def _end_rest(self, end: float) -> None:
+    def _end_rest(self, since: float, end: float) -> None:
         self._pause_s = max(self._pause_s, self.still_s)
-        if self._still_since is not None and self._settled:
-            self._before, self._pause_s = self._measure(self._still_since, end), 0.0
+        if self._settled:
+            self._before, self._pause_s = self._measure(since, end), 0.0
         self._still_since, self._settled, self.still_s = None, False, 0.0
 
     def _measure(self, start: float, end: float) -> Rest | None:

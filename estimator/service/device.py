@@ -195,13 +195,13 @@ class Device:
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
-        said = self.session.status(time_ns)
-        if self.overloaded_s:
-            said = replace(said, events=said.events | {OVERLOADED: self.overloaded_s})
-        if self.unkept:
-            said = replace(said, events=said.events | {UNKEPT: 1})
+        more = [(OVERLOADED, self.overloaded_s)] if self.overloaded_s else []
+        more += [(UNKEPT, 1)] if self.unkept else []
         refused = self.source.refused(time.monotonic())
-        return published.status(said, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch)
+        said = self.session.status(
+            time_ns, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch, more=more
+        )
+        return published.status(said)
 
     @property
     def told(self) -> int:

@@ -1,14 +1,12 @@
 """The conservation law: every sample that came in went out, or was dropped and counted with a reason. Pure."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 EVENT = "conservation law broken"
 
 
-@dataclass(frozen=True, slots=True)
-class Account:
+class Account(NamedTuple):
     """Samples of one device: taken in, corrected, dropped; of those corrected how many were published or still wait.
 
     `refused` were another bridge's and never let in; `held` wait for their turn before they are.
@@ -31,15 +29,10 @@ class Account:
         """Samples that were corrected and never published; negative where they were published and counted as dropped."""
         return self.out - self.said
 
-    def __add__(self, other: Self) -> "Account":
-        return Account(
-            self.came + other.came,
-            self.out + other.out,
-            self.dropped + other.dropped,
-            self.said + other.said,
-            self.refused + other.refused,
-            self.held + other.held,
-        )
+
+def together(accounts: Iterable[Account]) -> Account:
+    """What several devices come to."""
+    return Account(*map(sum, zip(*accounts, strict=True)))
 
 
 class Conservation:
@@ -54,7 +47,7 @@ class Conservation:
 
     def leave(self, name: str) -> None:
         """A device goes, as it was at the last look; under its name another may come."""
-        self._gone += self._last.pop(name, Account())
+        self._gone = together([self._gone, self._last.pop(name, Account())])
         self._told.pop(name, None)
 
     def check(self, accounts: Mapping[str, Account], decoded: int, turned_away: int) -> dict[str, str]:
@@ -66,19 +59,15 @@ class Conservation:
         for name in self._last.keys() - accounts.keys():
             self.leave(name)
         self._last = dict(accounts)
-        self.total = sum(accounts.values(), self._gone)
-        wrong = {name: _judged(account) for name, account in accounts.items()}
-        wrong[""] = (decoded - self.total.came - self.total.refused - self.total.held - turned_away, 0)
-        fresh = {name: found for name, found in wrong.items() if found != self._told.get(name, (0, 0))}
+        self.total = together([*accounts.values(), self._gone])
+        wrong = [(name, (account.unaccounted, account.unsaid)) for name, account in accounts.items()]
+        wrong.append(("", (decoded - self.total.came - self.total.refused - self.total.held - turned_away, 0)))
+        fresh = {name: found for name, found in wrong if found != self._told.get(name, (0, 0))}
         self._told |= fresh
         said = {name: _words(found) for name, found in fresh.items() if any(found)}
         for name in said:
             self.violations[name] = self.violations.get(name, 0) + 1
         return said
-
-
-def _judged(account: Account) -> tuple[int, int]:
-    return account.unaccounted, account.unsaid
 
 
 def _words(found: tuple[int, int]) -> str:

@@ -27,6 +27,8 @@ class Lost:
         silent_s = now - device.heard - waited_s
         if self._turns.waits(device.key) and silent_s < (PAST_S if self._turns.of_the_past(device.key) else ASIDE_S):
             silent_s = 0.0
+        if silent_s <= min(self._silence_s, SETTLED_S):
+            return
         which = device.name, device.session.boot or 0, device.source.owner
         if silent_s > self._silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
             self._lose(device, now)

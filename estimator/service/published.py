@@ -4,7 +4,6 @@ from dataclasses import replace
 from heapq import nlargest
 from itertools import pairwise
 from math import isnan
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,10 @@ _OTHERS = "others"
 _AT_REST = np.zeros((1, 3), np.float32)
 
 
-def status(said: Status, **more: Any) -> Status:
-    """The status with every number in the wire's range; what is not a number becomes the worst there is.
-
-    more: fields that the session does not know of.
-    """
+def status(said: Status) -> Status:
+    """The status with every number in the wire's range; what is not a number becomes the worst there is."""
+    if _status_fits(said):
+        return said
     return replace(
         said,
         bias=tuple([_within(b, -MAX_RATE, MAX_RATE, 0.0) for b in said.bias]),
@@ -36,7 +34,23 @@ def status(said: Status, **more: Any) -> Status:
         rate_hz=_within(said.rate_hz, 0.0, MAX_HZ, 0.0),
         dropped=_counts(said.dropped),
         events=_counts(said.events),
-        **more,
+    )
+
+
+def _status_fits(said: Status) -> bool:
+    """Whether every number of it is in the wire's range already."""
+    numbers = (
+        0.0 <= said.progress <= 1.0
+        and 0.0 <= said.evidence_age_s <= MAX_AGE_S
+        and (isnan(said.temperature_c) or abs(said.temperature_c) <= MAX_CELSIUS)
+        and 0.0 <= said.rate_hz <= MAX_HZ
+    )
+    vectors = (said.bias, -MAX_RATE, MAX_RATE), (said.bias_std, 0.0, MAX_STD), (said.scale, -MAX_SCALE, MAX_SCALE)
+    return (
+        numbers
+        and all(low <= value <= high for values, low, high in vectors for value in values)
+        and all(len(counts) <= checks.MAX_COUNTS for counts in (said.dropped, said.events))
+        and all(n <= MAX_COUNT for counts in (said.dropped, said.events) for n in counts.values())
     )
 
 

@@ -121,10 +121,11 @@ def _load_rest() -> None:
 def collect_seldom() -> None:
     """Python's search for cycles goes through all objects of a ward, half a second for a thousand devices, and finds none.
 
-    What there is by now is left out of it for ever; of what comes only the young is searched, and all of it once in hours.
+    What there is by now is left out of it for ever. What comes mostly lives for a second: it is searched when so much has come
+    that stayed, or each search would go through all of what lives now; and all there is once in hours.
     """
     gc.freeze()
-    gc.set_threshold(2_000, 10, 10_000)
+    gc.set_threshold(50_000, 0, 1_000)
 
 
 def look_round(

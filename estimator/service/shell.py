@@ -286,7 +286,10 @@ class Service:
 
     def _learn(self, device: Device) -> None:
         if device.session.to_learn:
-            self._guarded(device, lambda: self._tell(device, device.session.learn()))
+            self._guarded(device, self._learnt, device)
+
+    def _learnt(self, device: Device) -> None:
+        self._tell(device, device.session.learn())
 
     # ---- what goes out --------------------------------------------------------------------------------------------
 
@@ -345,7 +348,7 @@ class Service:
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:
-            self._guarded(device, lambda: self._looked_after(device, time.monotonic()))
+            self._guarded(device, self._looked_after, device, time.monotonic())
 
     def _looked_after(self, device: Device, now: float) -> None:
         self._load.tell(device, now)

@@ -1,7 +1,6 @@
 """Devices that were taken over and send nothing: it goes on being said of them that they are lost, and what is known of them."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
@@ -44,7 +43,7 @@ class Silent:
     def say(self, now_ns: int) -> None:
         """Publish what is known of each."""
         for device, (session, known, epoch) in self._sessions.items():
-            status = replace(published.status(session.status(now_ns)), bridge=known.bridge, epoch=epoch)
+            status = published.status(session.status(now_ns, bridge=known.bridge, epoch=epoch))
             self._publishers[device].put(codec.encode_status(status))
 
     def drop(self, device: str) -> None:

@@ -67,6 +67,5 @@ class Stock:
 
 def _account(device: Device) -> Account:
     sequence = device.session.sequence
-    refused = sum(n for label, n in sequence.events.as_dict().items() if label.startswith(ELSEWHERE))
-    held = device.overtaken.samples
-    return Account(sequence.samples_in, sequence.samples_out, sequence.dropped.total(), device.told, refused, held)
+    dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
+    return Account(sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.overtaken.samples)

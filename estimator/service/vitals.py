@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from bridge.bus.routers import Routers
 from bridge.health import Asked, Family, certificate
@@ -17,8 +18,7 @@ from estimator.ward_view import NEVER_S
 STUCK_S = 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceVitals:
+class DeviceVitals(NamedTuple):
     """One device: its status, mean NIS per degree of freedom, seconds from a sample's receipt to its publication."""
 
     status: Status

@@ -38,7 +38,7 @@ _PARTS = {
     "estimator.service.lane:Lane._send": "corrected",
     "estimator.service.published:Encoder.enclose": "encoded",
     "estimator.service.shell:Service._learn": "learnt: around it",
-    "estimator.session:joined": "learnt: blocks joined",
+    "estimator.held:Held.put": "learnt: blocks joined",
     "estimator.learnt:Learnt.learn": "learnt: of each window",
     "estimator.stillness:Stillness.take": "learnt: stillness",
     "estimator.track.tracker:Tracker.window": "learnt: tracker",

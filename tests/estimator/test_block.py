@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.wire.messages import Quality
-from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns
+from bridge.wire.messages import Quality, SampleFlag
+from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns, unfit
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
@@ -50,6 +50,20 @@ def test_what_waits_is_taken_once_and_what_has_no_accelerometer_reads_nan() -> N
     block.add(rows_of(batches[3], 0, 5), None, batches[3], 0)
     assert joined(block.take()).sequences.tolist() == [*range(3, 10), *range(30, 35)]
     np.testing.assert_array_equal(run.time, calibration(seed=1).time[:40])
+
+
+def test_what_is_unfit_is_told_of_all_samples_where_any_have_flags() -> None:
+    batches, block = calibration(seed=1).batches()[:3], Block()
+    flags = np.zeros(10, np.uint32)
+    flags[2], flags[4], flags[7] = SampleFlag.CLIPPED, SampleFlag.TEMPERATURE_STEP, SampleFlag.STUCK
+    for batch, marks in zip(batches, (None, flags, None), strict=True):
+        block.add(rows_of(batch, 0, 10), marks, batch, 0)
+    parts = block.take()
+    told = unfit(parts)
+    assert told is not None
+    assert (len(told), np.flatnonzero(told).tolist()) == (30, [12, 17])
+    assert joined(parts).flags.tolist() == [0] * 10 + flags.tolist() + [0] * 10
+    assert unfit([parts[0], parts[2]]) is None
 
 
 def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:

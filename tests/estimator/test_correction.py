@@ -48,6 +48,21 @@ def chosen(
     return choose(belief, bias, np.full(3, 1e-4), noise_std, sure=True)
 
 
+def test_two_are_the_same_where_every_number_is() -> None:
+    one = chosen(CALIBRATION)
+    assert one.same(chosen(CALIBRATION, bias=BIAS.copy()))
+    others = [
+        replace(one, quality=Quality.DEGRADED),
+        replace(one, calibration="c2"),
+        replace(one, bias_std=np.nextafter(one.bias_std, 1.0)),
+        *(
+            replace(one, model=replace(one.model, **{name: np.nextafter(getattr(one.model, name), 1.0)}))
+            for name in ("matrix", "bias", "scale_std", "cross_std", "noise_std")
+        ),
+    ]
+    assert not any(one.same(other) or other.same(one) for other in others)
+
+
 def test_the_datasheet_when_nothing_is_known() -> None:
     best = chosen(None, bias=None)
     assert (best.quality, best.calibration) == (Quality.NONE, "")

@@ -43,3 +43,5 @@ def test_the_variance_of_a_mean_of_rounded_readings_is_honest(noise: float) -> N
 def test_a_reading_without_noise_is_still_rounded() -> None:
     rounding = COARSE_STEP / 12**0.5
     np.testing.assert_allclose(reading_std(np.array([0.0, 0.002, 1e-17])), [rounding, 0.002, rounding])
+    np.testing.assert_allclose(reading_std(np.array([0.002, np.nan, 0.003])), [0.002, rounding, 0.003])
+    np.testing.assert_array_equal(reading_std(np.array([0.002, 0.001, 0.003])), [0.002, 0.001, 0.003])

@@ -7,7 +7,7 @@ from bridge.wire.refusal import Tally
 from estimator.outcome import Outcome
 from estimator.service.device import Device
 from estimator.service.intake import Intake
-from estimator.service.law import EVENT, Account, Conservation
+from estimator.service.law import EVENT, Account, Conservation, together
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -18,7 +18,7 @@ GOOD = Account(came=100, out=90, dropped=10, said=90)
 def test_it_holds() -> None:
     law = Conservation()
     assert law.check({"a": GOOD, "b": GOOD}, decoded=200, turned_away=0) == {}
-    assert law.total == GOOD + GOOD
+    assert law.total == Account(came=200, out=180, dropped=20, said=180)
     assert law.check({}, 200, 0) == {}, "of devices that are forgotten, too"
     assert law.check({"c": GOOD}, 300, 0) == {}
 
@@ -37,9 +37,16 @@ def test_what_breaks_it_is_told_when_it_is_new(account: Account, words: str) -> 
     (said,) = law.check({"a": account}, 100, 0).values()
     assert words in said
     assert law.check({"a": account}, 100, 0) == {}
-    worse = account + Account(came=9, out=4, said=4)
+    worse = together([account, Account(came=9, out=4, said=4)])
     assert list(law.check({"a": worse}, 109, 0)) == ["a"]
     assert law.violations == {"a": 2}
+
+
+def test_counts_are_added_up_by_how_their_labels_begin() -> None:
+    counts = Tally()
+    for label, n in (("also from a", 3), ("also from b", 4), ("gaps", 5)):
+        counts.add(label, n)
+    assert [counts.total(begin) for begin in ("", "also from ", "none")] == [12, 7, 0]
 
 
 @pytest.mark.parametrize(("decoded", "turned_away", "broken"), [(100, 0, False), (101, 0, True), (99, 0, True),
