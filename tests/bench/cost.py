@@ -37,7 +37,7 @@ class One:
 
     def take(self, rows: Floats) -> None:
         """Take rows of samples (n, 7), as a session's blocks are."""
-        for window in self.stillness.take(rows):
+        for window in self.stillness.take([rows]):
             self.tracker.window(window, self.stillness.noise_std)
 
 
@@ -76,7 +76,7 @@ def resting(days: list[Day]) -> float:
     rests = 0
     for day in days:
         one = One()
-        for window in one.stillness.take(rows_of(day, aided=True)):
+        for window in one.stillness.take([rows_of(day, aided=True)]):
             receipts = one.tracker.window(window, one.stillness.noise_std)
             rests += len({receipt.time for receipt in receipts if receipt.kind.startswith("zaru level")})
     return rests / (SECONDS * len(days))
