@@ -3,8 +3,7 @@
 from collections import deque
 from functools import cache
 from math import erfc, exp, isfinite, lgamma, log, pi, sqrt
-
-import numpy as np
+from operator import mul
 
 from estimator.track.evidence import Receipt
 
@@ -27,7 +26,9 @@ class Consistency:
         self._nis: deque[float] = deque(maxlen=WINDOW)
         self._freedoms: deque[int] = deque(maxlen=WINDOW)
         self._signs: deque[float] = deque(maxlen=WINDOW)
-        self._inflation: float | None = 1.0  # None when there is news
+        #: None when there is news
+        self._inflation: float | None = 1.0
+        self._mean = float("nan")
 
     def take(self, receipt: Receipt) -> None:
         """Note a receipt of a rest."""
@@ -46,20 +47,23 @@ class Consistency:
         self._nis.clear()
         self._freedoms.clear()
         self._signs.clear()
-        self._inflation = 1.0
+        self._inflation, self._mean = 1.0, float("nan")
 
     @property
     def nis(self) -> float:
         """Mean NIS per degree of freedom; 1 when all is well, NaN before there is any."""
-        return sum(self._nis) / sum(self._freedoms) if self._nis else float("nan")
+        if self._inflation is None:
+            self._inflation = self._inflated()
+        return self._mean
 
     @property
     def whiteness(self) -> float:
         """Correlation of neighbouring innovations, -1 to 1; about 0 when all is well, NaN before there are ten."""
         if len(self._signs) < 10:
             return float("nan")
-        signs = np.array(self._signs)
-        return float(signs[1:] @ signs[:-1] / (signs @ signs)) if signs.any() else 0.0
+        signs = tuple(self._signs)
+        alike, all_of_it = sum(map(mul, signs[1:], signs)), sum(map(mul, signs, signs))
+        return alike / all_of_it if all_of_it > 0.0 else 0.0
 
     @property
     def inflation(self) -> float:
@@ -69,12 +73,13 @@ class Consistency:
         return self._inflation
 
     def _inflated(self) -> float:
-        nis = self.nis
-        large = nis if nis > _most(sum(self._freedoms)) else 1.0
+        freedom = sum(self._freedoms)
+        self._mean = nis = sum(self._nis) / freedom
+        large = nis if nis > _most(freedom) else 1.0
         alike = self.whiteness
         # Neighbours that agree by more than chance: so many fewer of them are news.
-        clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / np.sqrt(len(self._signs)) else 1.0
-        return float(np.sqrt(max(1.0, large) * clinging))
+        clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / sqrt(len(self._signs)) else 1.0
+        return sqrt(max(1.0, large) * clinging)
 
 
 @cache
