@@ -72,6 +72,28 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     )
 
 
+def samples_of(payload: bytes, bridge: str) -> SampleBatch:
+    """The same of a payload without flags that is known to be fit."""
+    raw = columns.SampleBatch.FromString(payload)
+    ticks = np.frombuffer(raw.ticks, _UINT64)
+    n = len(ticks)
+    return SampleBatch(
+        raw.device,
+        raw.boot,
+        raw.sequence,
+        raw.receive_time_ns,
+        raw.start_time_ns,
+        raw.tick_period_s,
+        raw.clock_rate,
+        ticks,
+        np.frombuffer(raw.gyro, _FLOAT).reshape(n, 3),
+        np.frombuffer(raw.accel, _FLOAT).reshape(n, 3) if raw.accel else None,
+        np.frombuffer(raw.temperature_c, _FLOAT) if raw.temperature_c else None,
+        np.zeros(n, np.uint32),
+        bridge,
+    )
+
+
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """The payload of corrected/<device>."""
     return Stencil(batch, batch.epoch).encode(batch)
@@ -95,7 +117,8 @@ class Stencil:
             calibration=clean(first.calibration, checks.MAX_NAME),
             epoch=epoch,
         )
-        self._begin, self._end = begin.SerializeToString(), end.SerializeToString()
+        #: what stands before and behind the samples
+        self.begin, self.end = begin.SerializeToString(), end.SerializeToString()
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
@@ -112,7 +135,7 @@ class Stencil:
 
     def enclose(self, samples: bytes) -> bytes:
         """The payload of a batch whose fields from sequence to flags are encoded already."""
-        return self._begin + samples + self._end
+        return self.begin + samples + self.end
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:

@@ -17,7 +17,8 @@ from estimator.correction import Correction
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
-_AT_REST = np.zeros((1, 3), np.float32)
+_NO_RATE = np.zeros((1, 3), np.float32)
+_AT_REST = SampleBatch("", 0, 0, 1, 1, 1.0, 1.0, np.zeros(1, np.uint64), _NO_RATE, None, None, np.zeros(1, np.uint32))
 
 
 def status(said: Status, **more: Any) -> Status:
@@ -71,12 +72,14 @@ class Encoder:
         fit = corrected(batch)
         return self._anew(fit, batch.bias).encode(fit)
 
-    def enclose(self, batch: SampleBatch, correction: Correction, samples: bytes) -> bytes:
-        """The same of a part of a batch whose samples are corrected and encoded already, without flags; see Stencil."""
+    def stencil(self, device: str, boot: int, correction: Correction) -> Stencil:
+        """What encloses samples of this boot that are corrected so, and encoded already, without flags."""
         stencil, bias = self._stencil, correction.told.bias
         if stencil is None or bias is not self._bias:
-            stencil = self._anew(corrected(correction.told_of(batch, 0, 1, _AT_REST)), bias)
-        return stencil.enclose(samples)
+            stencil = self._anew(
+                corrected(correction.told_of(replace(_AT_REST, device=device, boot=boot), 0, 1, _NO_RATE)), bias
+            )
+        return stencil
 
     def _anew(self, fit: CorrectedBatch, bias: NDArray[np.float32]) -> Stencil:
         self._stencil, self._bias = Stencil(fit, self._epoch), bias
