@@ -23,9 +23,10 @@ class Ahead:
         #: publishes what is corrected
         self.put: Callable[[bytes], None] = _nowhere
 
-    def release(self) -> list[bytes]:
+    def release(self) -> tuple[bytes, ...]:
         """All that is held, once."""
-        held, self.held = self.held, []
+        held = tuple(self.held)  # which Python's search for cycles soon passes over, as no list
+        self.held.clear()
         return held
 
 

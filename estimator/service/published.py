@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
-from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.correction import Correction
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
-_NO_RATE = np.zeros((1, 3), np.float32)
-_AT_REST = SampleBatch("", 0, 0, 1, 1, 1.0, 1.0, np.zeros(1, np.uint64), _NO_RATE, None, None, np.zeros(1, np.uint32))
+#: ticks, rate and flags where only what batches have in common is said
+_ANY = np.zeros(1, np.uint64), np.zeros((1, 3), np.float32), np.zeros(1, np.uint32)
 
 
 def status(said: Status, **more: Any) -> Status:
@@ -76,9 +76,8 @@ class Encoder:
         """What encloses samples of this boot that are corrected so, and encoded already, without flags."""
         stencil, bias = self._stencil, correction.told.bias
         if stencil is None or bias is not self._bias:
-            stencil = self._anew(
-                corrected(correction.told_of(replace(_AT_REST, device=device, boot=boot), 0, 1, _NO_RATE)), bias
-            )
+            how = {"quality": correction.quality, "calibration": correction.calibration, **correction.told._asdict()}
+            stencil = self._anew(corrected(CorrectedBatch(device, boot, 0, 0, 1.0, 1.0, *_ANY, **how)), bias)
         return stencil
 
     def _anew(self, fit: CorrectedBatch, bias: NDArray[np.float32]) -> Stencil:

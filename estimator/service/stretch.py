@@ -15,7 +15,7 @@ class Sent:
 
     def __init__(self, boot: int, sequence: int, payloads: Sequence[bytes], n: Sequence[int], bridge: str) -> None:
         self.boot, self.sequence = boot, sequence
-        self._payloads, self._ends, self._bridge = payloads, list(accumulate(n)), bridge
+        self._payloads, self._ends, self._bridge = tuple(payloads), tuple(accumulate(n)), bridge
         self._read: tuple[int, SampleBatch] | None = None  # the last that was asked for
 
     def where(self, index: int) -> tuple[SampleBatch, int]:

@@ -133,7 +133,7 @@ def test_what_goes_on_is_corrected_ahead_of_its_session_and_alike(
 ) -> None:
     messages, held, release = together(lives), [0], Ahead.release
 
-    def counted(self: Ahead) -> list[bytes]:
+    def counted(self: Ahead) -> tuple[bytes, ...]:
         held[0] += len(self.held)
         return release(self)
 
