@@ -72,28 +72,6 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
     )
 
 
-def samples_of(payload: bytes, bridge: str) -> SampleBatch:
-    """The same of a payload without flags that is known to be fit."""
-    raw = columns.SampleBatch.FromString(payload)
-    ticks = np.frombuffer(raw.ticks, _UINT64)
-    n = len(ticks)
-    return SampleBatch(
-        raw.device,
-        raw.boot,
-        raw.sequence,
-        raw.receive_time_ns,
-        raw.start_time_ns,
-        raw.tick_period_s,
-        raw.clock_rate,
-        ticks,
-        np.frombuffer(raw.gyro, _FLOAT).reshape(n, 3),
-        np.frombuffer(raw.accel, _FLOAT).reshape(n, 3) if raw.accel else None,
-        np.frombuffer(raw.temperature_c, _FLOAT) if raw.temperature_c else None,
-        np.zeros(n, np.uint32),
-        bridge,
-    )
-
-
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """The payload of corrected/<device>."""
     return Stencil(batch, batch.epoch).encode(batch)

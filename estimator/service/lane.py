@@ -88,7 +88,7 @@ class Lane:
                 self._send(whole, going.pop(message.key, []))
                 self._slow(message)
                 continue
-            come = whole.come(number, number + 1, sender.bridge)
+            come = whole.come(number, number + 1, sender)
             n, going_on, before = len(come.rows), going.setdefault(message.key, []), counted(device)
             came += n
             try:
@@ -170,7 +170,7 @@ class Lane:
         begin = 0
         for device, payloads in zip(devices, held, strict=True):
             sender, end = self._devices[device.ahead.place][1], begin + len(payloads)
-            come = whole.come(begin, end, sender.bridge)
+            come = whole.come(begin, end, sender)
             n, before, begin = len(come.rows), counted(device), end
             try:
                 _took(device, come, device.heard)

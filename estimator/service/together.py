@@ -23,7 +23,7 @@ from estimator.loops.messages import (
     corrected,
     unpacked,
 )
-from estimator.service.senders import Senders
+from estimator.service.senders import Sender, Senders
 from estimator.service.stretch import Sent
 
 Floats = NDArray[np.float64]
@@ -76,6 +76,7 @@ class Round:
         self._payloads, self._senders, self._places = payloads, senders, np.array(places, np.int64)
         self._packed = np.frombuffer(bytearray().join(payloads), np.uint8)
         self._sizes = np.fromiter(map(len, payloads), np.int64, m)
+        self._begins = np.cumsum(self._sizes) - self._sizes
         self._whole, self._real = np.empty((m, 11), np.uint64), np.empty((m, 4))
         self._rows = np.empty((len(self._packed) // _LEAST_OF_SAMPLE, 7))
         unpacked(
@@ -109,21 +110,15 @@ class Round:
         """Whether a message is from a sender, and all of it as it should be; else it must go its own way."""
         return bool(self._whole.item(number, COUNT))
 
-    def come(self, begin: int, end: int, bridge: str) -> Come:
+    def come(self, begin: int, end: int, sender: Sender) -> Come:
         """Messages of one sender, fit and without a hole; nothing of the round is kept with them."""
-        here = self._whole[begin:end]
-        boot, sequence, first, n = (
-            here.item(0, BOOT),
-            here.item(0, SEQUENCE),
-            here.item(0, FIRST),
-            here[:, COUNT].tolist(),
-        )
-        samples, received_ns = sum(n), here[:, RECEIVED].tolist()
+        whole, real = self._whole[begin:end].copy(), self._real[begin:end].copy()
+        first, n, received_ns = whole.item(0, FIRST), sum(whole[:, COUNT].tolist()), whole[:, RECEIVED].tolist()
         return Come(
-            Sent(boot, sequence, self._payloads[begin:end], n, bridge),
-            self._rows[first : first + samples].copy(),
-            sequence + samples,
-            self._real.item(end - 1, LAST_S),
+            Sent(self._payloads[begin:end], whole, real, self._begins.item(begin), sender[:2]),
+            self._rows[first : first + n].copy(),
+            whole.item(0, SEQUENCE) + n,
+            real.item(-1, LAST_S),
             min(received_ns),
             received_ns[-1],
             begin,

@@ -18,7 +18,6 @@ from estimator.course import PLAIN_S, Point
 from estimator.gyro import GyroModel
 from estimator.service.published import Encoder
 from estimator.service.senders import Sender, Senders
-from estimator.service.stretch import Sent
 from estimator.service.together import Come, Round
 
 KEY = keys.build("w", "raw", bridge="b", device="d")
@@ -56,7 +55,7 @@ def round_of(payloads: list[bytes]) -> Round:
 
 
 def each(whole: Round, payloads: list[bytes]) -> list[Come | None]:
-    return [whole.come(n, n + 1, "b") if whole.fit(n) else None for n in range(len(payloads))]
+    return [whole.come(n, n + 1, SENDER) if whole.fit(n) else None for n in range(len(payloads))]
 
 
 def came_of(payloads: list[bytes]) -> list[Come | None]:
@@ -334,9 +333,13 @@ def test_there_is_no_room_for_all_that_could_be_said_of_a_correction() -> None:
 @pytest.mark.parametrize("sizes", [[1], [3, 1, 10], [10] * 5])
 def test_a_sample_of_a_stretch_is_found_in_the_batch_it_was_sent_with(sizes: list[int]) -> None:
     rng = np.random.default_rng(13)
-    batches = [batch_of(rng, n) for n in sizes]
-    sent = Sent(1, 7, [codec.encode_samples(batch) for batch in batches], sizes, "b")
+    first, *batches = [batch_of(rng, n) for n in (2, *sizes)]
+    payloads = [codec.encode_samples(first), *map(codec.encode_samples, batches)]
+    sent = round_of(payloads).come(1, len(payloads), SENDER).sent
+    assert (sent.boot, sent.sequence) == (batches[0].boot, batches[0].sequence)
     places = [(batch, i) for batch in batches for i in range(len(batch))]
     for index in [*range(len(places)), *reversed(range(len(places)))]:
         found, place = sent.where(index)
-        assert (found.sequence, found.bridge, place) == (places[index][0].sequence, "b", places[index][1])
+        batch, expected = places[index]
+        assert (found.sequence, found.bridge, place) == (batch.sequence, "b", expected)
+        np.testing.assert_array_equal(found.gyro, batch.gyro)
