@@ -1,7 +1,7 @@
 """Samples that wait until their half second of device time is over: they teach something together, however they came."""
 
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,22 +41,51 @@ def rows_of(batch: SampleBatch, first: int, last: int) -> Floats:
     return rows
 
 
+class Stretch(Protocol):
+    """Batches of one boot that follow each other without a hole, and the number of their first sample."""
+
+    @property
+    def boot(self) -> int:
+        """Whose they are."""
+
+    @property
+    def sequence(self) -> int:
+        """The number of the first sample."""
+
+    def where(self, index: int) -> tuple[SampleBatch, int]:
+        """The batch and the place in it of a sample of them."""
+
+
 class Part(NamedTuple):
-    """Samples of a batch from first on: rows (n, 7), and how many of the boot there were with them.
+    """Samples of a batch, or a stretch, from first on: rows (n, 7), and how many of the boot there were with them.
 
     flags: (n,), or None where none of them has any.
     """
 
     rows: Floats
     flags: NDArray[np.uint32] | None
-    batch: SampleBatch
+    of: SampleBatch | Stretch
     first: int
     came: int
 
     @property
-    def last(self) -> int:
-        """The end of them in their batch."""
-        return self.first + len(self.rows)
+    def sequence(self) -> int:
+        """The number of its first sample."""
+        return self.of.sequence + self.first
+
+    def where(self, index: int) -> tuple[SampleBatch, int]:
+        """The batch and the place in it of one of its samples."""
+        return where(self.of, self.first + index)
+
+    @property
+    def last(self) -> tuple[SampleBatch, int]:
+        """The same of its last one."""
+        return self.where(len(self.rows) - 1)
+
+
+def where(of: SampleBatch | Stretch, index: int) -> tuple[SampleBatch, int]:
+    """The batch and the place in it of a sample of either."""
+    return (of, index) if isinstance(of, SampleBatch) else of.where(index)
 
 
 class Run(NamedTuple):
@@ -79,20 +108,20 @@ class Run(NamedTuple):
     @property
     def boot(self) -> int:
         """Whose samples they are."""
-        return self.parts[-1].batch.boot
+        return self.parts[-1].of.boot
 
     @property
-    def last(self) -> Part:
-        """The part with the last of them."""
-        return self.parts[-1]
+    def last(self) -> tuple[SampleBatch, int]:
+        """The batch and the place in it of the last of them."""
+        return self.parts[-1].last
 
     @property
     def sequences(self) -> NDArray[np.int64]:
         """(n,) their sequence numbers."""
-        first, end = self.parts[0].batch.sequence + self.parts[0].first, self.last.batch.sequence + self.last.last
+        first, end = self.parts[0].sequence, self.parts[-1].sequence + len(self.parts[-1].rows)
         if end - first == len(self.rows):
             return np.arange(first, end)
-        return np.concatenate([np.arange(part.first, part.last) + part.batch.sequence for part in self.parts])
+        return np.concatenate([np.arange(len(part.rows)) + part.sequence for part in self.parts])
 
 
 class Block:
@@ -103,10 +132,10 @@ class Block:
         self._waiting: list[Part] = []
         self._known: deque[Part] = deque()
 
-    def add(self, rows: Floats, flags: NDArray[np.uint32] | None, batch: SampleBatch, first: int) -> None:
-        """Let samples of a batch from first on wait: rows (n, 7), flags (n,) or None where none of them has any."""
+    def add(self, rows: Floats, flags: NDArray[np.uint32] | None, of: SampleBatch | Stretch, first: int) -> None:
+        """Let samples of a batch, or a stretch, from first on wait: rows (n, 7), flags (n,) or None where none has any."""
         self._count += len(rows)
-        part = Part(rows, flags, batch, first, self._count)
+        part = Part(rows, flags, of, first, self._count)
         self._waiting.append(part)
         self._known.append(part)
 
@@ -120,7 +149,7 @@ class Block:
         known = self._known
         while (part := known[0]).came <= index:
             known.popleft()
-        return part.batch, part.first + len(part.rows) - (part.came - index)
+        return part.where(len(part.rows) - (part.came - index))
 
 
 def joined(parts: list[Part]) -> Run:

@@ -1,12 +1,13 @@
 """The samples of one boot as they go on in device time, cut into half seconds; those of the one that is not over wait here."""
 
 from bisect import bisect_left
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import SampleBatch
-from estimator.block import BLOCK_S, TIME, Block, Part
+from estimator.block import BLOCK_S, TIME, Block, Part, Stretch
 
 Floats = NDArray[np.float64]
 
@@ -14,6 +15,14 @@ Floats = NDArray[np.float64]
 CLOCK_LOST_S = 1.0
 #: device time up to which samples may end after the one before and be looked at no further
 PLAIN_S = 60.0
+
+
+class Point(NamedTuple):
+    """Where a course is, s: device time of its latest sample, how far it is ahead of the device's clock, when its block ends."""
+
+    latest: float
+    shift: float
+    until: float
 
 
 class Course:
@@ -35,6 +44,11 @@ class Course:
     def seconds(self) -> float:
         """From the first sample to the last."""
         return 0.0 if self._first is None else self.latest - self._first
+
+    @property
+    def point(self) -> Point:
+        """From where on samples go on, of a course that has begun."""
+        return Point(self.latest, self._shift, (self._number + 1) * BLOCK_S)
 
     def goes_on(self, first_s: float, last_s: float) -> bool:
         """Whether samples from first_s to last_s of the device's clock come after all others, and not long after."""
@@ -58,10 +72,10 @@ class Course:
         if self._shift:
             rows[:, TIME] += self._shift
 
-    def keep(self, rows: Floats, batch: SampleBatch) -> None:
-        """Let a batch without flags wait that ends no block: its rows (n, 7), time by the device's clock."""
+    def keep(self, rows: Floats, stretch: Stretch) -> None:
+        """Let batches without flags wait that end no block: their rows (n, 7), time by the device's clock."""
         self.set_right(rows)
-        self._block.add(rows, None, batch, 0)
+        self._block.add(rows, None, stretch, 0)
         self.latest = rows.item(-1, TIME)
 
     def edges(self, rows: Floats) -> list[int]:
@@ -79,10 +93,10 @@ class Course:
             begin = bisect_left(taken, (number + 1) * BLOCK_S, begin + 1)
         return edges
 
-    def hold(self, rows: Floats, flags: NDArray[np.uint32] | None, batch: SampleBatch, first: int) -> None:
-        """Let samples of a batch from first on wait: rows (n, 7), flags (n,), if there are any."""
+    def hold(self, rows: Floats, flags: NDArray[np.uint32] | None, of: SampleBatch | Stretch, first: int) -> None:
+        """Let samples of a batch, or a stretch, from first on wait: rows (n, 7), flags (n,), if there are any."""
         if len(rows):
-            self._block.add(rows, flags, batch, first)
+            self._block.add(rows, flags, of, first)
 
     def take(self) -> list[Part]:
         """All that wait, once."""

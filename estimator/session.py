@@ -14,9 +14,9 @@ from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import TIME, Part, joined, rows_of, temperature_at
+from estimator.block import TIME, Part, Stretch, joined, rows_of, temperature_at, where
 from estimator.correction import Correction, Cut
-from estimator.course import Course
+from estimator.course import Course, Point
 from estimator.finite import runs
 from estimator.gyro import AXES
 from estimator.learnt import Learnt
@@ -177,27 +177,30 @@ class DeviceSession:
             and not self.life.away
         )
 
+    @property
+    def point(self) -> Point:
+        """From where on samples go on."""
+        return self._course.point
+
     def ends_block(self, last_s: float) -> bool:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""
         return self._course.ends_block(last_s)
 
-    def keep(self, batch: SampleBatch, rows: Floats) -> None:
-        """Take a plain batch, without flags, that ends no block, and its rows (n, 7), time by the device's clock.
+    def keep(self, stretch: Stretch, rows: Floats, received_ns: int) -> None:
+        """Take plain batches, without flags, that end no block, and their rows (n, 7), time by the device's clock.
 
-        It is to be corrected by `applied`, which is all that `handle` would do.
+        They are to be corrected by `applied`, which is all that `handle` would do. received_ns: when the last of them was.
         """
-        self._went_on(batch, len(rows))
-        self._course.keep(rows, batch)
+        self.sequence.went_on(len(rows))
+        self.last_heard_ns = received_ns
+        self._course.keep(rows, stretch)
 
-    def end_block(self, batch: SampleBatch, rows: Floats) -> tuple[Outcome, list[Cut]]:
-        """Take one that ends a block, as `take` would; what of it is to be corrected by what, besides the outcome."""
+    def end_block(self, stretch: Stretch, rows: Floats, received_ns: int) -> tuple[Outcome, list[Cut]]:
+        """Take some that end a block, as `take` would; what of them is to be corrected by what, besides the outcome."""
         outcome = Outcome()
-        self._went_on(batch, len(rows))
-        return outcome, self._take(batch, rows, None, 0, 0.0, outcome)
-
-    def _went_on(self, batch: SampleBatch, n: int) -> None:
-        self.sequence.went_on(n)
-        self.last_heard_ns = batch.receive_time_ns
+        self.sequence.went_on(len(rows))
+        self.last_heard_ns = received_ns
+        return outcome, self._take(stretch, rows, None, 0, 0.0, outcome)
 
     def handle(self, batch: SampleBatch) -> Outcome:
         """Take a batch and learn from it."""
@@ -239,14 +242,14 @@ class DeviceSession:
 
     def _take(
         self,
-        batch: SampleBatch,
+        of: SampleBatch | Stretch,
         rows: Floats,
         flags: NDArray[np.uint32] | None,
         first: int,
         away_s: float,
         outcome: Outcome,
     ) -> list[Cut]:
-        """Samples of a batch from first on: rows (n, 7), time by the device's clock; flags (n,), if there are any."""
+        """Samples of a batch, or a stretch, from first on: rows (n, 7), time by the device's clock; flags (n,), if any."""
         course, last = self._course, first + len(rows)
         if course.went_back(rows.item(0, TIME), away_s):
             self.sequence.events.add("device clock went back")
@@ -254,17 +257,17 @@ class DeviceSession:
         latest = course.latest
         cuts, start, held = list[Cut](), 0, 0
         for edge in course.edges(rows):
-            course.hold(rows[held:edge], None if flags is None else flags[held:edge], batch, first + held)
+            course.hold(rows[held:edge], None if flags is None else flags[held:edge], of, first + held)
             held, before = edge, self._applied
             now, heard = rows.item(edge, TIME), rows.item(edge - 1, TIME) if edge else latest
             if now - heard > SILENCE_S:
-                self._end_block(outcome, (now, temperature_at(batch, first + edge)))
+                self._end_block(outcome, (now, temperature_at(*where(of, first + edge))))
             else:
                 self._end_block(outcome)
             if edge > start and self._applied is not before and not self._applied.same(before):
                 cuts.append(Cut(before, first + start, first + edge))
                 start = edge
-        course.hold(rows[held:], None if flags is None else flags[held:], batch, first + held)
+        course.hold(rows[held:], None if flags is None else flags[held:], of, first + held)
         return [*cuts, Cut(self._applied, first + start, last)]
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:

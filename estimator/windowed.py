@@ -85,7 +85,7 @@ def windows(seconds: Sequence[Second]) -> list[WindowBatch]:
         run, applied = second[-1].run, second[-1].applied
         found.append(
             WindowBatch(
-                run.last.batch.device,
+                run.last[0].device,
                 run.boot,
                 1 / WINDOWS_HZ,
                 sequences[a:b],
@@ -128,8 +128,8 @@ def _values(halves: Sequence[Half], lengths: Wholes) -> tuple[Floats, Floats]:
 def _times_ns(seconds: Sequence[Second], time: Floats, of_second: Wholes) -> Wholes:
     """Host time of samples taken at this device time, each by its second's last batch."""
     lasts = [second[-1].run.last for second in seconds]
-    end_ns = np.array([sample_time_ns(last.batch, last.last - 1) for last in lasts])
+    end_ns = np.array([sample_time_ns(*last) for last in lasts])
     end_s = np.array([second[-1].run.time[-1] for second in seconds])
-    rate = np.array([last.batch.clock_rate for last in lasts]) * 1e9
+    rate = np.array([batch.clock_rate for batch, _ in lasts]) * 1e9
     since = np.rint((time - end_s[of_second]) * rate[of_second]).astype(np.int64)
     return np.asarray(end_ns[of_second] + since, np.int64)

@@ -95,7 +95,8 @@ class Stencil:
             calibration=clean(first.calibration, checks.MAX_NAME),
             epoch=epoch,
         )
-        self._begin, self._end = begin.SerializeToString(), end.SerializeToString()
+        #: what stands before and behind the samples
+        self.begin, self.end = begin.SerializeToString(), end.SerializeToString()
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""
@@ -112,7 +113,7 @@ class Stencil:
 
     def enclose(self, samples: bytes) -> bytes:
         """The payload of a batch whose fields from sequence to flags are encoded already."""
-        return self._begin + samples + self._end
+        return self.begin + samples + self.end
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:

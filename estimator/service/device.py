@@ -8,11 +8,13 @@ from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
+from bridge.wire.batches import Stencil
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.correction import Correction
 from estimator.overtaken import Overtaken
 from estimator.service import published
+from estimator.service.ahead import Ahead
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
@@ -46,10 +48,12 @@ class Device:
         self.name = name
         #: of our turn at it; in all that is said of it
         self.epoch = epoch
-        self.source = Source(silence_s)
+        self._source = Source(silence_s)
         #: what it is heard under
         self.key = ""
-        self.heard = now
+        #: what its session has not taken in, and who lets it
+        self.ahead = Ahead(now)
+        self.take_in: Callable[[Device], None] = _nobody
         #: the boot of samples that were refused as old, and when they came
         self.outdated = 0, float("-inf")
         #: when it is to be kept how far it is: soon, or who is killed again and again had ever more to do again, but not at first
@@ -68,20 +72,50 @@ class Device:
         self.left_out = False
         #: whether the store does not work now
         self.unkept = False
-        #: corrected samples that were published
-        self.said = 0
         #: the status that was published last
         self.latest: Status | None = None
+        self._said = 0
         self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
-        self.session = DeviceSession(name, knobs, began)
+        self._session = DeviceSession(name, knobs, began)
         self.overtaken = Overtaken()
         self._waiting: list[CorrectedBatch] = []
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
-        self._put_corrected: Callable[[bytes], None] = _nowhere
         self._encoder = published.Encoder(epoch)
+
+    @property
+    def session(self) -> DeviceSession:
+        """Who looks at it, and may change it, finds taken in all that was corrected ahead of it."""
+        self._look()
+        return self._session
+
+    @property
+    def source(self) -> Source:
+        """Whom it is heard from; as its session."""
+        self._look()
+        return self._source
+
+    def _look(self) -> None:
+        self.ahead.sure = False
+        if self.ahead.held:
+            self.take_in(self)
+
+    def leave_place(self, place: int) -> None:
+        """It is no more at this place among the senders."""
+        self._look()
+        if self.ahead.place == place:
+            self.ahead.place, self.ahead.correction = -1, None
+
+    @property
+    def heard(self) -> float:
+        """When it gave its last sign of life."""
+        return self.ahead.heard
+
+    @heard.setter
+    def heard(self, now: float) -> None:
+        self.ahead.heard = now
 
     @property
     def announced(self) -> bool:
@@ -101,8 +135,8 @@ class Device:
                 return
             batches, self._waiting = self._waiting, []
         for batch in batches:
-            self._put_corrected(self._encoder.encode(batch))
-            self._published(len(batch))
+            self.ahead.put(self._encoder.encode(batch))
+            self.published(len(batch))
 
     def drop_waiting(self) -> None:
         """Another boot begins before it was clear that there is a device: what was not published is old."""
@@ -124,15 +158,25 @@ class Device:
         if wanted != (self.session.windowed is not None):
             self.session.windowed = Windowed() if wanted else None
 
-    def say_rates(self, batch: SampleBatch, correction: Correction, samples: bytes, n: int) -> None:
-        """Publish n samples of a batch without flags that are corrected and encoded already; see Encoder."""
-        self._put_corrected(self._encoder.enclose(batch, correction, samples))
-        self._published(n)
+    def say_rates(self, boot: int, correction: Correction, samples: bytes, n: int) -> None:
+        """Publish n samples of a boot without flags that are corrected and encoded already; see Encoder."""
+        self.ahead.put(self.stencil(boot, correction).enclose(samples))
+        self.published(n)
 
-    def _published(self, n: int) -> None:
-        self.said += n
+    def stencil(self, boot: int, correction: Correction) -> Stencil:
+        """What encloses samples of a boot that are corrected so."""
+        return self._encoder.stencil(self.name, boot, correction)
+
+    def published(self, n: int) -> None:
+        """So many corrected samples were."""
+        self._said += n
         if self._delay_s is None:
-            self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
+            self.delayed(self._session.last_heard_ns)
+
+    def delayed(self, received_ns: int) -> None:
+        """What was received then is published now; see delay."""
+        if self._delay_s is None:
+            self._delay_s = (time.time_ns() - received_ns) / 1e9
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
@@ -150,7 +194,7 @@ class Device:
     def hold(self, calibration: str, payload: bytes) -> None:
         """Until an encoded calibration of this id is kept, rates that it corrected wait: nobody could ever look it up."""
         self._unsaid[calibration] = payload
-        self._put_corrected = self._held.append
+        self.ahead.put = self._held.append
 
     def let_go(self, calibration: str) -> bool:
         """Publish it, and what waited for it; whether it waited itself."""
@@ -162,7 +206,7 @@ class Device:
             held, self._held = self._held, []
             if self._announced():
                 for waited in held:
-                    self._put_corrected(waited)
+                    self.ahead.put(waited)
         return True
 
     def _say_unsaid(self) -> None:
@@ -206,10 +250,12 @@ class Device:
     @property
     def told(self) -> int:
         """Corrected samples that were published, or are kept until it is clear that there is a device."""
-        return self.said + sum(map(len, self._waiting)) if self._waiting else self.said
+        self._look()
+        return self._said + sum(map(len, self._waiting)) if self._waiting else self._said
 
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
+        self._look()  # what comes next is looked at
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
@@ -217,7 +263,7 @@ class Device:
         """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
         self.overtaken = Overtaken(self.session.sequence.next)
         sequence = self.session.sequence.anew(lost, uncounted)
-        self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
+        self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; its rates, and what they name, may still be asked for."""
@@ -229,6 +275,7 @@ class Device:
 
     def close(self) -> None:
         """Take its publishers back."""
+        self._look()
         self._say_unsaid()
         for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
             publisher.close()
@@ -238,7 +285,7 @@ class Device:
         if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
         put = self._publisher("corrected").put
-        self._put_corrected = self._held.append if self._unsaid else put
+        self.ahead.put = self._held.append if self._unsaid else put
         return True
 
     def _put(self, what: str, payload: bytes) -> None:
@@ -252,5 +299,5 @@ class Device:
         return publisher
 
 
-def _nowhere(payload: bytes) -> None:
-    raise RuntimeError(f"{len(payload)} bytes of a device that is not announced")
+def _nobody(device: "Device") -> None:
+    raise RuntimeError(f"{device.name}: corrected ahead of its session by nobody")

@@ -58,6 +58,10 @@ class Intake:
         """Messages of samples."""
         self._lane.take(messages)
 
+    def settle(self) -> None:
+        """Before all devices are looked at; see Lane."""
+        self._lane.settle()
+
     def hear(self, message: Message) -> None:
         """What a bridge says of a device."""
         if (info := self._infos.take(message)) is None:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from bridge.wire import checks
 from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
-from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleBatch, SampleFlag, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.correction import Correction
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
-_AT_REST = np.zeros((1, 3), np.float32)
+#: ticks, rate and flags where only what batches have in common is said
+_ANY = np.zeros(1, np.uint64), np.zeros((1, 3), np.float32), np.zeros(1, np.uint32)
 
 
 def status(said: Status) -> Status:
@@ -85,12 +86,13 @@ class Encoder:
         fit = corrected(batch)
         return self._anew(fit, batch.bias).encode(fit)
 
-    def enclose(self, batch: SampleBatch, correction: Correction, samples: bytes) -> bytes:
-        """The same of a part of a batch whose samples are corrected and encoded already, without flags; see Stencil."""
+    def stencil(self, device: str, boot: int, correction: Correction) -> Stencil:
+        """What encloses samples of this boot that are corrected so, and encoded already, without flags."""
         stencil, bias = self._stencil, correction.told.bias
         if stencil is None or bias is not self._bias:
-            stencil = self._anew(corrected(correction.told_of(batch, 0, 1, _AT_REST)), bias)
-        return stencil.enclose(samples)
+            how = {"quality": correction.quality, "calibration": correction.calibration, **correction.told._asdict()}
+            stencil = self._anew(corrected(CorrectedBatch(device, boot, 0, 0, 1.0, 1.0, *_ANY, **how)), bias)
+        return stencil
 
     def _anew(self, fit: CorrectedBatch, bias: NDArray[np.float32]) -> Stencil:
         self._stencil, self._bias = Stencil(fit, self._epoch), bias

@@ -194,6 +194,7 @@ class Service:
                 device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
+            self._intake.settle()
             self._every_second(now)
         self._peers.say(self._devices, now)
         self._quiet.work()

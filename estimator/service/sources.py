@@ -42,7 +42,9 @@ class Ruling(Enum):
     REPEAT = auto()
 
 
-class _Mark(NamedTuple):
+class Mark(NamedTuple):
+    """The end of what was taken last: number and device time, s, when it was received, and heard."""
+
     sequence: int
     device_s: float
     receive_ns: int
@@ -57,7 +59,7 @@ class Source:
         self._owned_s = silence_s + OWNED_S
         self._heard_s = float("-inf")
         self._others: dict[str, float] = {}  # bridges that are refused, and when each was heard last
-        self._latest: tuple[SampleBatch, float] | None = None
+        self._latest: Mark | None = None
         self._booted_ns = 0  # when the first batch of the boot that is taken was received
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
         self._refused_next = 0, 0  # boot and number that the next of them has to have, or a later one
@@ -87,10 +89,10 @@ class Source:
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
         )
 
-    def went_on(self, batch: SampleBatch, heard_s: float) -> None:
-        """A batch of the owner's came that only goes on."""
-        self._heard_s, self._refused, self._latest = heard_s, 0, (batch, heard_s)
-        self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
+    def went_on(self, latest: Mark, earliest_ns: int) -> None:
+        """Batches of the owner's came that only go on, the first of them received then."""
+        self._heard_s, self._refused, self._latest = latest.heard_s, 0, latest
+        self._booted_ns = min(self._booted_ns, earliest_ns)  # its host's clock may be set back
 
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
@@ -111,7 +113,7 @@ class Source:
 
     def _took(self, batch: SampleBatch, heard_s: float) -> None:
         self._refused = 0
-        self._latest = batch, heard_s
+        self._latest = _marked(batch, heard_s)
         self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
     def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
@@ -127,9 +129,9 @@ class Source:
     def _leaps(self, batch: SampleBatch, heard_s: float, *, anew: bool) -> bool:
         begin_s = int(batch.ticks[0]) * batch.tick_period_s
         end_s = int(batch.ticks[-1]) * batch.tick_period_s
-        mark = _Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
+        mark = Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
         if self._latest is not None and not anew:
-            mark = _marked(*self._latest)
+            mark = self._latest
         # A host's clock may be set back between two batches; ours cannot.
         passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
         device_s = passed_s / min(1.0, batch.clock_rate)
@@ -147,7 +149,7 @@ class Source:
 
         A boot that was never heard may be older: there is no recording of it that we know of, and a host's clock may be set back.
         """
-        latest_ns = self._latest[0].receive_time_ns if self._latest is not None else 0
+        latest_ns = self._latest.receive_ns if self._latest is not None else 0
         return sequence.is_new_boot(batch.boot) or batch.receive_time_ns > latest_ns
 
     def _persists(self, batch: SampleBatch, heard_s: float) -> bool:
@@ -161,9 +163,9 @@ class Source:
         return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
 
 
-def _marked(batch: SampleBatch, heard_s: float) -> _Mark:
+def _marked(batch: SampleBatch, heard_s: float) -> Mark:
     end_s = int(batch.ticks[-1]) * batch.tick_period_s
-    return _Mark(batch.sequence + len(batch.ticks), end_s, batch.receive_time_ns, heard_s)
+    return Mark(batch.sequence + len(batch.ticks), end_s, batch.receive_time_ns, heard_s)
 
 
 def _publishable(batch: SampleBatch) -> bool:

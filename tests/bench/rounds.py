@@ -33,10 +33,12 @@ _WARM_S = 15.0
 _ROUNDS = "drain, gate, turns"
 _PARTS = {
     "estimator.service.lane:Lane.take": "lane",
-    "estimator.service.lane:read": "lane: read and checked",
+    "estimator.service.together:Round.__init__": "lane: read and checked",
+    "estimator.service.lane:Lane._take_in": "lane: taken in",
     "estimator.session:DeviceSession.end_block": "a block's end",
     "estimator.service.lane:Lane._send": "corrected",
-    "estimator.service.published:Encoder.enclose": "encoded",
+    "estimator.service.together:Round.corrected_ahead": "corrected",
+    "estimator.service.published:Encoder.stencil": "encoded",
     "estimator.service.shell:Service._learn": "learnt: around it",
     "estimator.held:Held.put": "learnt: blocks joined",
     "estimator.learnt:Learnt.learn": "learnt: of each window",

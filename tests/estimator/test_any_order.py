@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
+from estimator.block import Stretch
 from estimator.service.turns import SHARE
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasState
@@ -95,10 +96,10 @@ def test_no_order_and_no_repeat_within_the_window_changes_a_bit(effort: Effort, 
     expected: dict[tuple[int, int, bool], tuple[bytes, ...]] = {}
     keep = DeviceSession.keep
 
-    def counted(self: DeviceSession, batch: SampleBatch, taken: NDArray[np.float64]) -> None:
+    def counted(self: DeviceSession, stretch: Stretch, taken: NDArray[np.float64], received_ns: int) -> None:
         nonlocal fast
         fast += 1
-        keep(self, batch, taken)
+        keep(self, stretch, taken, received_ns)
 
     while left:
         with Served() as served, pytest.MonkeyPatch.context() as patch:

@@ -10,6 +10,7 @@ from estimator.sequence import Sequence
 from estimator.service.device import Device
 from estimator.service.law import EVENT
 from estimator.service.record import Record
+from estimator.service.senders import Senders
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
@@ -31,13 +32,17 @@ PLACES: list[tuple[type[Any], str]] = [
     (DeviceSession, "learn"),
     (DeviceSession, "_learn"),
     (Device, "say_rates"),
+    (Device, "stencil"),
+    (Device, "published"),
+    (Senders, "stands"),
 ]
 
 
+@pytest.mark.parametrize("rounds", [1, 80], ids=["in one round", "in many"])
 @pytest.mark.parametrize("at", [0, 3], ids=["at once", "later"])
 @pytest.mark.parametrize(("owner", "name"), PLACES, ids=[f"{o.__name__}.{n}" for o, n in PLACES])
 def test_a_fault_anywhere_leaves_no_sample_uncounted(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, owner: type[Any], name: str, at: int
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, owner: type[Any], name: str, at: int, rounds: int
 ) -> None:
     batches = once.batches()
     ward.send(batches[:40], info(1))
@@ -52,7 +57,9 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
     with monkeypatch.context() as patch:
         patch.setattr(owner, name, failing)
         # Some overtaken, so that others wait when it fails.
-        ward.send([batches[i + (1, -1, 0, 0)[i % 4]] for i in range(40, 120)])
+        overtaken = [batches[i + (1, -1, 0, 0)[i % 4]] for i in range(40, 80)] + batches[80:120]
+        for begin in range(0, 80, 80 // rounds):
+            ward.send(overtaken[begin : begin + 80 // rounds])
         ward.send([b for boot in (2, 3, 4, 5) for b in once.part(0, 30).batches(boot=boot)])
     assert calls[0] > at, "it was put to the test"
     (other,) = once.part(0, 10).batches([])
@@ -90,3 +97,31 @@ def test_what_a_block_leads_to_cannot_be_told_after_samples_of_the_same_round(
     assert mine.events["session failed"] == 1
     assert mine.samples_in == len(once) == mine.samples_out + sum(mine.dropped.values())
     assert mine.samples_out == ward.service._devices[NAME].told
+
+
+@pytest.mark.parametrize("at", range(6))
+def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_out(
+    ward: Ward, once: Stream, at: int
+) -> None:
+    batches = once.batches()[:80]
+    for batch in batches[:40]:
+        ward.send([batch], info(1))
+    device = ward.service._devices[NAME]
+    put, calls = device.ahead.put, [0]
+
+    def failing(payload: bytes) -> None:
+        calls[0] += 1
+        if calls[0] - 1 == at:
+            raise FloatingPointError("singular")
+        put(payload)
+
+    device.ahead.put = failing
+    for batch in batches[40:]:
+        ward.send([batch])
+    mine = ward.latest()
+    assert mine.events["session failed"] == 1
+    assert EVENT not in mine.events
+    assert mine.dropped == {"session failed": mine.samples_in - mine.samples_out}
+    assert 0 < mine.dropped["session failed"] <= 10
+    assert mine.samples_in == 800
+    assert mine.samples_out == device.told == sum(len(batch) for batch in ward.subscriber)

@@ -13,7 +13,9 @@ from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
+from estimator.block import Stretch
 from estimator.config import Estimator
+from estimator.service.ahead import Ahead
 from estimator.service.device import Device
 from estimator.service.shell import Service
 from estimator.service.store import Store
@@ -64,9 +66,9 @@ def served(folder: Path, rounds: list[list[Message]]) -> tuple[dict[str, list[by
     fast = Counter[str]()
     keep = DeviceSession.keep
 
-    def counted(self: DeviceSession, batch: SampleBatch, taken: NDArray[np.float64]) -> None:
-        fast["kept"] += 1
-        keep(self, batch, taken)
+    def counted(self: DeviceSession, stretch: Stretch, taken: NDArray[np.float64], received_ns: int) -> None:
+        fast["kept"] += round(len(taken) / 10)
+        keep(self, stretch, taken, received_ns)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DeviceSession, "keep", counted)
@@ -126,7 +128,22 @@ def test_a_calibrated_ward_is_corrected_alike(tmp_path: Path, lives: dict[str, l
     assert both(tmp_path, rounds_of(messages, 1)) > 0.7 * len(messages)
 
 
-def test_whatever_comes_is_treated_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]]) -> None:
+def test_what_goes_on_is_corrected_ahead_of_its_session_and_alike(
+    tmp_path: Path, lives: dict[str, list[SampleBatch]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages, held, release = together(lives), [0], Ahead.release
+
+    def counted(self: Ahead) -> tuple[bytes, ...]:
+        held[0] += len(self.held)
+        return release(self)
+
+    monkeypatch.setattr(Ahead, "release", counted)
+    assert both(tmp_path, rounds_of(messages, 4, 4)) > 0.7 * len(messages)
+    assert 0.6 * len(messages) < held[0] <= len(messages)
+
+
+@pytest.mark.parametrize("longest", [4, 12])
+def test_whatever_comes_is_treated_alike(tmp_path: Path, lives: dict[str, list[SampleBatch]], longest: int) -> None:
     rng = np.random.default_rng(5)
     messages: list[Message] = []
     for message in together(lives):
@@ -148,7 +165,7 @@ def test_whatever_comes_is_treated_alike(tmp_path: Path, lives: dict[str, list[S
         messages += [Message(message.key, payload) for payload in payloads]
         if odd > 0.99:
             messages.append(Message(key(batch.device, "other"), message.payload))
-    assert both(tmp_path, rounds_of(messages, 2, 12)) > 100
+    assert both(tmp_path, rounds_of(messages, 2, longest)) > 100
 
 
 @pytest.mark.parametrize("samples", [1, 10], ids=["within", "between"])
@@ -166,9 +183,10 @@ def test_a_leap_of_the_devices_clock_is_treated_alike(
     assert (counts["refused leap"], counts["range"]) == (1, len(batches[150]))
 
 
+@pytest.mark.parametrize("longest", [2, 60])
 @pytest.mark.parametrize("most", [2000.0, 900.0])
 def test_large_rates_are_clipped_alike(
-    tmp_path: Path, lives: dict[str, list[SampleBatch]], monkeypatch: pytest.MonkeyPatch, most: float
+    tmp_path: Path, lives: dict[str, list[SampleBatch]], monkeypatch: pytest.MonkeyPatch, most: float, longest: int
 ) -> None:
     for where in ("together", "published"):
         monkeypatch.setattr(f"estimator.service.{where}.MAX_CORRECTED", most)
@@ -176,7 +194,7 @@ def test_large_rates_are_clipped_alike(
         Message(key("one"), codec.encode_samples(replace(b, gyro=np.full_like(b.gyro, 999.0)) if i % 7 == 0 else b))
         for i, b in enumerate(lives["one"])
     ]
-    assert both(tmp_path, rounds_of(large, 3)) > 200
+    assert both(tmp_path, rounds_of(large, 3, longest)) > 200
 
 
 def test_what_changes_is_said_after_the_samples_that_led_to_it(
