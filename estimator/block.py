@@ -55,6 +55,9 @@ class Stretch(Protocol):
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of them."""
 
+    def temperature(self, index: int) -> float | None:
+        """°C at a sample of them; None where there is none."""
+
 
 class Part(NamedTuple):
     """Samples of a batch, or a stretch, from first on: rows (n, 7), and how many of the boot there were with them.
@@ -86,6 +89,11 @@ class Part(NamedTuple):
 def where(of: SampleBatch | Stretch, index: int) -> tuple[SampleBatch, int]:
     """The batch and the place in it of a sample of either."""
     return (of, index) if isinstance(of, SampleBatch) else of.where(index)
+
+
+def celsius_at(of: SampleBatch | Stretch, index: int) -> float | None:
+    """`temperature_at` of a sample of either, for which no batch is made."""
+    return temperature_at(of, index) if isinstance(of, SampleBatch) else of.temperature(index)
 
 
 class Run(NamedTuple):
@@ -144,12 +152,12 @@ class Block:
         waiting, self._waiting = self._waiting, []
         return waiting
 
-    def where(self, index: int) -> tuple[SampleBatch, int]:
-        """The batch and the place in it of a sample of the boot; those before it are forgotten."""
+    def place(self, index: int) -> tuple[SampleBatch | Stretch, int]:
+        """The batch or stretch, and the place in it, of a sample of the boot; those before it are forgotten."""
         known = self._known
         while (part := known[0]).came <= index:
             known.popleft()
-        return part.where(len(part.rows) - (part.came - index))
+        return part.of, part.first + len(part.rows) - (part.came - index)
 
 
 def joined(parts: list[Part]) -> Run:

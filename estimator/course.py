@@ -102,6 +102,6 @@ class Course:
         """All that wait, once."""
         return self._block.take()
 
-    def where(self, index: int) -> tuple[SampleBatch, int]:
-        """The batch and the place in it of a sample of the boot; those before it are forgotten."""
-        return self._block.where(index)
+    def place(self, index: int) -> tuple[SampleBatch | Stretch, int]:
+        """The batch or stretch, and the place in it, of a sample of the boot; those before it are forgotten."""
+        return self._block.place(index)

@@ -8,7 +8,7 @@ from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Part, sample_time_ns, temperature_at, unfit
+from estimator.block import Part, Stretch, celsius_at, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
 from estimator.gyro import reading_std
@@ -56,7 +56,7 @@ class Learnt:
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
         self._cancelled, self._cancelled_until = "", float("inf")
-        self._last: tuple[SampleBatch, int] | None = None  # and where its last sample is
+        self._last: tuple[SampleBatch | Stretch, int] | None = None  # and where its last sample is
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -115,8 +115,8 @@ class Learnt:
         tracked = begin
         for window in stillness.take([part.rows for part in parts], unfit(parts)):
             self.now = now = window.end_time
-            batch, index = self._last = course.where(window.end - 1)
-            if (celsius := temperature_at(batch, index)) is not None:
+            of, index = self._last = course.place(window.end - 1)
+            if (celsius := celsius_at(of, index)) is not None:
                 tracker.thermometer.read(now, celsius)
             if self._life.state is State.WARMING:
                 self._warming(window, outcome)
@@ -130,9 +130,9 @@ class Learnt:
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
             earlier, tracked = tracked, tracker.time
-            self._past.note(now, batch, index, tracked)
+            self._past.note(now, of, index, tracked)
             if tracked != earlier and (improved := tracker.improved()) is not None:
-                used = self._belief
+                used, (batch, _) = self._belief, where(of, index)
                 outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
         return tracked != begin or self._belief is not belief
 
@@ -180,7 +180,7 @@ class Learnt:
                 self._finish(result, rest, under_way, outcome)
 
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
-        now_ns = 0 if self._last is None else sample_time_ns(*self._last)
+        now_ns = 0 if self._last is None else sample_time_ns(*where(*self._last))
         outcome.calibration = self._as_message(result, under_way.who, now_ns)
         if result.verdict is not Verdict.ACCEPTED:
             under_way.repeat(result.repeat)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, SampleBatch
-from estimator.block import sample_time_ns
+from estimator.block import Stretch, sample_time_ns, where
 from estimator.track.smoother import Smoothed
 
 #: seconds whose samples are remembered; windows that may wait until the tracker has judged them
@@ -17,17 +17,17 @@ class Past:
     """Of one boot: device time, sequence number and host time of samples."""
 
     def __init__(self) -> None:
-        self._windows: deque[tuple[float, SampleBatch, int]] = deque(maxlen=_WINDOWS)
+        self._windows: deque[tuple[float, SampleBatch | Stretch, int]] = deque(maxlen=_WINDOWS)
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
-    def note(self, now: float, batch: SampleBatch, index: int, tracked: float) -> None:
-        """A window ended at device time `now` with this sample of a batch; the tracker is at device time `tracked`."""
+    def note(self, now: float, of: SampleBatch | Stretch, index: int, tracked: float) -> None:
+        """A window ended at device time `now` with this sample of a batch or stretch; the tracker is at device time `tracked`."""
         waiting = self._windows
-        waiting.append((now, batch, index))
+        waiting.append((now, of, index))
         while waiting and waiting[0][0] <= tracked:
             end, last, at = waiting.popleft()
             if end == tracked:
-                self._seconds.append((end, last.sequence + at, sample_time_ns(last, at)))
+                self._seconds.append((end, last.sequence + at, sample_time_ns(*where(last, at))))
 
     @property
     def reached(self) -> tuple[int, int] | None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bridge.wire.messages import Quality, SampleFlag
-from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns, unfit
+from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns, unfit, where
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
@@ -72,6 +72,7 @@ def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:
     for batch in batches:
         block.add(rows_of(batch, 3, len(batch)), None, batch, 3)
     for index in (0, 6, 7, 27):
-        batch, i = block.where(index)
-        assert (batch.sequence, i) == (10 * (index // 7), 3 + index % 7)
+        of, i = block.place(index)
+        assert (of.sequence, i) == (10 * (index // 7), 3 + index % 7)
+    batch, i = where(of, i)
     assert sample_time_ns(batch, i) == batch.start_time_ns + round((batch.ticks[i] - batch.ticks[0]) * 1e3)

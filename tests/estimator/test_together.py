@@ -13,6 +13,7 @@ from bridge.wire import columns_pb2 as columns
 from bridge.wire.batches import MAX_SEQUENCE, Stencil
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import Quality, SampleBatch
+from estimator.block import temperature_at
 from estimator.correction import Correction
 from estimator.course import PLAIN_S, Point
 from estimator.gyro import GyroModel
@@ -331,9 +332,10 @@ def test_there_is_no_room_for_all_that_could_be_said_of_a_correction() -> None:
 
 
 @pytest.mark.parametrize("sizes", [[1], [3, 1, 10], [10] * 5])
-def test_a_sample_of_a_stretch_is_found_in_the_batch_it_was_sent_with(sizes: list[int]) -> None:
+@pytest.mark.parametrize("warm", [True, False])
+def test_a_sample_of_a_stretch_is_found_in_the_batch_it_was_sent_with(sizes: list[int], *, warm: bool) -> None:
     rng = np.random.default_rng(13)
-    first, *batches = [batch_of(rng, n) for n in (2, *sizes)]
+    first, *batches = [batch_of(rng, n, celsius=warm) for n in (2, *sizes)]
     payloads = [codec.encode_samples(first), *map(codec.encode_samples, batches)]
     sent = round_of(payloads).come(1, len(payloads), SENDER).sent
     assert (sent.boot, sent.sequence) == (batches[0].boot, batches[0].sequence)
@@ -342,4 +344,5 @@ def test_a_sample_of_a_stretch_is_found_in_the_batch_it_was_sent_with(sizes: lis
         found, place = sent.where(index)
         batch, expected = places[index]
         assert (found.sequence, found.bridge, place) == (batch.sequence, "b", expected)
+        assert sent.temperature(index) == temperature_at(batch, expected)
         np.testing.assert_array_equal(found.gyro, batch.gyro)
