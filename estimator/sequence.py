@@ -73,12 +73,13 @@ class Sequence:
     def anew(self, lost: int, uncounted: int) -> "Sequence":
         """The same counts and past boots, ready to begin.
 
-        `lost` samples taken from it last came to nothing; `uncounted` ones came and did not even get here.
+        `lost` samples taken from it last came to nothing, or fewer than none, as so many more were published; `uncounted` ones
+        came and did not even get here.
         """
         fresh = Sequence()
         fresh.samples_in, fresh.samples_out = self.samples_in + uncounted, self.samples_out - lost
         fresh.dropped, fresh.events, fresh._past = self.dropped, self.events, self._past
-        if lost or uncounted:
+        if lost + uncounted:
             fresh.dropped.add("session failed", lost + uncounted)
         return fresh
 

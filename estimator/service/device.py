@@ -259,9 +259,9 @@ class Device:
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
-    def restart(self, lost: int, uncounted: int) -> None:
-        """A session without a boot: the next batch begins it. The counts stay; for the rest see Sequence.anew."""
-        self.overtaken = Overtaken(self.session.sequence.next)
+    def restart(self, lost: int, uncounted: int, follows: int = 0) -> None:
+        """A session without a boot: the next batch, with this number or a later one, begins it. See Sequence.anew."""
+        self.overtaken = Overtaken(max(follows, self.session.sequence.next or 0))
         sequence = self.session.sequence.anew(lost, uncounted)
         self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
 

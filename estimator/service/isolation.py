@@ -34,10 +34,13 @@ class Isolation:
             return False
         return True
 
-    def failed(self, device: Device, error: Exception, before: Before, *, came: int = 0, owed: int = 0) -> None:
+    def failed(
+        self, device: Device, error: Exception, before: Before, *, came: int = 0, owed: int = 0, follows: int = 0
+    ) -> None:
         """Work of a device has: its session begins anew. The service of all others must not end with it.
 
         came: samples that the work was to take in. owed: samples that count as corrected before it, and only it could publish.
+        follows: the number that comes after those, if it is known. What was published before it was taken in is not lost.
         """
         if isinstance(error, BusError):
             raise error  # the bus itself is gone: for all
@@ -45,7 +48,7 @@ class Isolation:
         sequence = device.session.sequence
         uncounted = held + came - (sequence.samples_in - samples_in)
         unsaid = owed + sequence.samples_out - samples_out - (device.told - told)
-        device.restart(lost=max(0, unsaid), uncounted=max(0, uncounted))
+        device.restart(lost=unsaid, uncounted=max(0, uncounted), follows=follows)
         self._counts.add("sessions failed")
         if device.session.count_event(FAILED) == 1:
             words = "%s: its session failed and begins anew (more of this device are only counted)"

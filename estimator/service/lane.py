@@ -83,18 +83,23 @@ class Lane:
         self._take_in(*{device for device, _ in admitted if device is not None and device.ahead.held})
         going, came = dict[str, list[_Part]](), 0
         for number, (device, sender) in zip(others, admitted, strict=True):
-            message = messages[number]
-            if device is None or not whole.fit(number) or not _plain(device, sender.bridge, whole.span(number)):
+            message, plain = messages[number], False
+            if device is not None and whole.fit(number):
+                before = counted(device)
+                try:
+                    if plain := _plain(device, sender.bridge, whole.span(number)):
+                        come = whole.come(number, number + 1, sender)
+                        self._go_on(device, come, now, whole, going.setdefault(message.key, []))
+                except Exception as error:  # noqa: BLE001 - whatever it is, it stays with its device
+                    self._guarded.failed(
+                        device, error, before, came=whole.samples([number]), follows=whole.following(number)
+                    )
+                    plain = True
+            if plain:
+                came += whole.samples([number])
+            else:
                 self._send(whole, going.pop(message.key, []))
                 self._slow(message)
-                continue
-            come = whole.come(number, number + 1, sender)
-            n, going_on, before = len(come.rows), going.setdefault(message.key, []), counted(device)
-            came += n
-            try:
-                self._go_on(device, come, now, whole, going_on)
-            except Exception as error:  # noqa: BLE001 - whatever it is, it stays with its device
-                self._guarded.failed(device, error, before, came=n)
         self._count(came)
         self._send(whole, [part for held in going.values() for part in held])
         for key, parts in going.items():
@@ -113,15 +118,16 @@ class Lane:
         which, aheads, back = whole.ahead, self._aheads, list[int]()
         for number, said in zip(which.tolist(), whole.corrected_ahead(which), strict=True):
             ahead = aheads[places[number]]
-            if not said or not (ahead.sure or self._sure(places[number], whole, number)):
-                ahead.sure = False
-                back.append(number)
-                continue
             try:
+                if not said or not (ahead.sure or self._sure(places[number], whole, number)):
+                    ahead.sure = False
+                    back.append(number)
+                    continue
                 ahead.put(said)
-            except Exception as error:  # noqa: BLE001 - as below
+            except Exception as error:  # noqa: BLE001 - as above
                 device, _ = self._devices[places[number]]
-                self._guarded.failed(device, error, counted(device), came=whole.samples([number]))
+                came, follows = whole.samples([number]), whole.following(number)
+                self._guarded.failed(device, error, counted(device), came=came, follows=follows)
                 continue
             ahead.held.append(messages[number].payload)
             ahead.heard = now
@@ -156,6 +162,7 @@ class Lane:
         if ahead.correction is not correction:
             stencil = device.stencil(boot, correction)
             if not self._senders.corrects(place, correction, stencil):
+                ahead.correction = None
                 return
             ahead.correction = correction
         self._senders.stands(place, boot, following, session.point)
@@ -169,15 +176,16 @@ class Lane:
         whole = Round([payload for payloads in held for payload in payloads], places, self._senders, goes_on=False)
         begin = 0
         for device, payloads in zip(devices, held, strict=True):
-            sender, end = self._devices[device.ahead.place][1], begin + len(payloads)
-            come = whole.come(begin, end, sender)
-            n, before, begin = len(come.rows), counted(device), end
+            before, end, n = counted(device), begin + len(payloads), 0
             try:
+                n = whole.samples(slice(begin, end))
+                device.published(n)  # they were, whatever comes of it here
+                come = whole.come(begin, end, self._devices[device.ahead.place][1])
                 _took(device, come, device.heard)
                 device.session.keep(come.sent, come.rows, come.received_ns)
-                device.published(n)
-            except Exception as error:  # noqa: BLE001 - as below
-                self._guarded.failed(device, error, before, came=n)
+            except Exception as error:  # noqa: BLE001 - as above
+                self._guarded.failed(device, error, before, came=n, follows=whole.following(end - 1))
+            begin = end
 
     # ---- what is more than that -----------------------------------------------------------------------------------
 

@@ -261,10 +261,14 @@ class Peers:
 
     # ---- what is said of ours ---------------------------------------------------------------------------------------
 
+    def due(self, now: float) -> bool:
+        """Whether it is time to say what is ours, or something was taken."""
+        return now >= self._next_say or (self._came > 0 and not self.cluster.alone)
+
     def say(self, devices: dict[str, Device], now: float) -> None:
-        """Say what is ours, if it is time to, or if something was taken."""
+        """Say what is ours, if it is time to."""
         cluster = self.cluster
-        if not (now >= self._next_say or (self._came and not cluster.alone)):
+        if not self.due(now):
             return
         self._next_say = now + (SAY_ALONE_S if cluster.alone else SAY_S)
         time_ns = self._now_ns()

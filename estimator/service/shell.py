@@ -196,7 +196,9 @@ class Service:
             self._next_status = now + STATUS_S
             self._intake.settle()
             self._every_second(now)
-        self._peers.say(self._devices, now)
+        if self._peers.due(now):
+            self._intake.settle()
+            self._peers.say(self._devices, now)
         self._quiet.work()
         return len(messages) + self._turns.waiting
 

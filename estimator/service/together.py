@@ -102,9 +102,13 @@ class Round:
         """Which do not, or are nobody's, or unfit."""
         return np.flatnonzero(self._whole[:, AHEAD] == 0).tolist()
 
-    def samples(self, messages: Wholes | list[int]) -> int:
+    def samples(self, messages: Wholes | list[int] | slice) -> int:
         """How many they have together."""
-        return int(self._whole[messages, COUNT].sum())
+        return int(sum(self._whole[messages, COUNT].tolist()))
+
+    def following(self, number: int) -> int:
+        """The number of the sample that follows a message."""
+        return self._whole.item(number, SEQUENCE) + self._whole.item(number, COUNT)
 
     def fit(self, number: int) -> bool:
         """Whether a message is from a sender, and all of it as it should be; else it must go its own way."""

@@ -12,6 +12,7 @@ from estimator.service.law import EVENT
 from estimator.service.record import Record
 from estimator.service.senders import Senders
 from estimator.service.sources import Source
+from estimator.service.together import Round
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -34,6 +35,11 @@ PLACES: list[tuple[type[Any], str]] = [
     (Device, "say_rates"),
     (Device, "stencil"),
     (Device, "published"),
+    (DeviceSession, "plain"),
+    (DeviceSession, "ends_block"),
+    (Sequence, "went_on"),
+    (Round, "come"),
+    (Round, "span"),
     (Senders, "stands"),
 ]
 
@@ -71,6 +77,8 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
     assert EVENT not in mine.events
     assert mine.samples_in == mine.samples_out + sum(mine.dropped.values())
     assert mine.samples_out == devices[NAME].told
+    if (owner, name) != (Device, "published"):  # it says so
+        assert mine.samples_out == sum(len(batch) for batch in ward.subscriber if batch.device == NAME)
     assert mine.samples_in == 800 + 400 + 120
     assert devices["other"].status(1).samples_out == 10
 
@@ -118,6 +126,7 @@ def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_o
     device.ahead.put = failing
     for batch in batches[40:]:
         ward.send([batch])
+        assert not device.overtaken, "what follows waits for nothing"
     mine = ward.latest()
     assert mine.events["session failed"] == 1
     assert EVENT not in mine.events

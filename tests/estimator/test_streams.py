@@ -280,7 +280,7 @@ def test_two_tasks_may_share_a_stream(client: Client, estimator: Bus) -> None:
     put(publisher(estimator), *range(0, 100, 5))
 
     async def read_all() -> list[CorrectedBatch]:
-        stream = client.corrected("d", idle_s=0.3)
+        stream = client.corrected("d", idle_s=1.0)
 
         async def read() -> list[CorrectedBatch]:
             return [one async for one in stream]
