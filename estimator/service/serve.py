@@ -22,6 +22,8 @@ from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
 
+#: objects that stay, of which Python's search for cycles is begun: of a device so many live for a second
+_LEAST, _OF_EACH = 5_000, 50
 #: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
 _REST_S = 3.0
 #: how long the thread that does may keep others waiting meanwhile, s: each message that is said lets it in, and at Python's own
@@ -79,6 +81,7 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
+            tend=collect,
         ).run(stop)
 
 
@@ -121,11 +124,18 @@ def _load_rest() -> None:
 def collect_seldom() -> None:
     """Python's search for cycles goes through all objects of a ward, half a second for a thousand devices, and finds none.
 
-    What there is by now is left out of it for ever. What comes mostly lives for a second: it is searched when so much has come
-    that stayed, or each search would go through all of what lives now; and all there is once in hours.
+    What there is by now is left out of it for ever; how often what comes is searched see `collect`.
     """
     gc.freeze()
-    gc.set_threshold(50_000, 0, 1_000)
+    collect(0)
+
+
+def collect(devices: int) -> None:
+    """Search for cycles when as much has come and stayed as lives for a second, of so many devices; all there is once in hours.
+
+    Sooner, and each search would go through all of what lives now; later, and it would hold up a small ward for longer.
+    """
+    gc.set_threshold(max(_LEAST, _OF_EACH * devices), 0, 1_000)
 
 
 def look_round(

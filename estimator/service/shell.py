@@ -66,7 +66,7 @@ _WARD = ""
 class Service:
     """A running estimator. Samples and results go over `data`; commands and liveliness over `control`, its own session.
 
-    peers: ids of other estimators of the ward that were seen already.
+    peers: ids of other estimators of the ward that were seen already. tend is told once a second how many devices there are.
     """
 
     def __init__(
@@ -81,9 +81,10 @@ class Service:
         clerk: Writes | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
+        tend: Callable[[int], None] = lambda _: None,
     ) -> None:
         self.ward, self.settings = ward, settings
-        self.counts = Tally()
+        self.counts, self._tend = Tally(), tend
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._peers = Peers(ward, settings.id, data, control, now_ns, self.counts, peers)
         cluster = self._peers.cluster
@@ -323,6 +324,7 @@ class Service:
             device.say_status(self._now_ns())
 
     def _every_second(self, now: float) -> None:
+        self._tend(len(self._devices))
         self._stock.check()
         self._gate.look(now)
         self._notices.say(self._now_ns(), self._devices)

@@ -22,7 +22,7 @@ from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.config import Estimator
 from estimator.service.quiet import Quiet
-from estimator.service.serve import collect_seldom
+from estimator.service.serve import collect, collect_seldom
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.bench.load.stream import WARD, Fleet
@@ -177,7 +177,9 @@ class Ward:
                     patch.setattr(pkgutil.resolve_name(owner), name, meter.metered(part, pkgutil.resolve_name(where)))
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
-            service = Service(WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9))
+            service = Service(
+                WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9), tend=collect
+            )
             service._raw = service._load._queue = raw  # type: ignore[assignment]
             service._turns._clock = lambda: raw.now
             service._quiet = Quiet(lambda: False, lambda: raw.now)
