@@ -30,7 +30,11 @@ class Held:
         if self._end + n > len(self._rows):
             self._room(max(_ROOM, 2 * (len(self) + n)))
         begin, self._end = self._end, self._end + n
-        np.concatenate(parts, out=self._rows[begin : self._end, :CLIPPED])
+        room = self._rows[begin : self._end, :CLIPPED]
+        if len(parts) == 1:
+            room[:] = parts[0]
+        else:
+            np.concatenate(parts, out=room)
         if clipped is not None:
             self._rows[begin : self._end, CLIPPED] = clipped
 

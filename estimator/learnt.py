@@ -1,5 +1,6 @@
 """What one boot teaches: its samples in, half a second at a time; a calibration, the bias, and what is to be applied, out."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,9 +18,10 @@ from estimator.outcome import Outcome
 from estimator.past import Past
 from estimator.remembered import Remembered, calibrated_bias, wider
 from estimator.session_knobs import SessionKnobs
-from estimator.stillness import Stillness, Window
+from estimator.stillness import Stillness, Windows
 from estimator.track.bias_filter import BiasState
 from estimator.track.evidence import Receipt
+from estimator.track.seconds import Second
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import RestBias, Tracker
 from estimator.under_way import UnderWay
@@ -111,22 +113,24 @@ class Learnt:
 
     def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
         """Take the samples of a half second; whether there is anything new to apply."""
-        tracker, stillness, begin, belief = self.tracker, self._stillness, self.tracker.time, self._belief
-        tracked = begin
-        for window in stillness.take([part.rows for part in parts], unfit(parts)):
-            self.now = now = window.end_time
-            of, index = self._last = course.place(window.end - 1)
+        tracker, begin, belief = self.tracker, self.tracker.time, self._belief
+        tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
+        seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
+        for i, (now, last) in enumerate(windows.ends):
+            self.now = now
+            of, index = self._last = course.place(last)
             if (celsius := celsius_at(of, index)) is not None:
                 tracker.thermometer.read(now, celsius)
             if self._life.state is State.WARMING:
-                self._warming(window, outcome)
-            else:
-                receipts = tracker.window(window, stillness.noise_std)
-                if tracker.time != tracked:
-                    self._second(receipts, outcome)
-                if (under_way := self.under_way) is not None:
-                    for progress in under_way.window(window):
-                        self._progress(progress, under_way, outcome)
+                self._warming(windows.part(i, i + 1), outcome)
+                continue
+            if seconds is None:
+                seconds = deque((i + at, second) for at, second in tracker.seconds.take(windows.part(i)))
+            while seconds and seconds[0][0] == i:
+                self._second(tracker.learn(seconds.popleft()[1]), outcome)
+            if (under_way := self.under_way) is not None:
+                for progress in under_way.window(windows[i]):
+                    self._progress(progress, under_way, outcome)
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
             earlier, tracked = tracked, tracker.time
@@ -136,15 +140,16 @@ class Learnt:
                 outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
         return tracked != begin or self._belief is not belief
 
-    def _warming(self, window: Window, outcome: Outcome) -> None:
+    def _warming(self, windows: Windows, outcome: Outcome) -> None:
+        """A window while the device warms up."""
         if self.under_way is not None:
-            self.under_way.add(window)
-        if window.end_time - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
+            self.under_way.add(windows[0])
+        if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
             self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
-        self.tracker.skip(window)
+        self.tracker.skip(windows)
 
     def _second(self, receipts: list[Receipt], outcome: Outcome) -> None:
-        """What the tracker makes of a second, or of some."""
+        """What the tracker makes of a second."""
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")

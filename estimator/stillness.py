@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.block import ACCEL, GYRO, TIME
 from estimator.held import CLIPPED, Held
-from estimator.loops.windows import judged, nothing_known
+from estimator.loops.windows import NOISE, judged, nothing_known
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -124,6 +124,62 @@ class Window(NamedTuple):
         return (self.samples - 1) / (self.end_time - self.start_time)
 
 
+class Windows:
+    """Windows in a row, as loops/windows.py has found them (m, 22) in rows (n, 8): time, gyro, accel, and 1 where clipped.
+
+    The first of those rows is sample number `first` since the first one fed, the first window begins with rows[begin].
+    """
+
+    __slots__ = ("begin", "first", "found", "rows")
+
+    def __init__(self, found: Floats, rows: Floats, first: int, begin: int = 0) -> None:
+        self.found, self.rows, self.first, self.begin = found, rows, first, begin
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    def __iter__(self) -> Iterator[Window]:
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, index: int) -> Window:
+        begun, ended, end, spikes, still, aided = self.found[index, :6].tolist()
+        begin, last = self._behind(index), int(end)
+        rows, summed = self.rows[begin:last], self.found[index, 7:19].reshape(4, 3)
+        numbers = self.first + begin, self.first + last
+        return Window(*numbers, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
+
+    def part(self, index: int, end: int | None = None) -> "Windows":
+        """Some of them."""
+        return Windows(self.found[index:end], self.rows, self.first, self._behind(index))
+
+    def each(self) -> Iterator["Windows"]:
+        """One after the other."""
+        return (self.part(i, i + 1) for i in range(len(self)))
+
+    @property
+    def ends(self) -> list[tuple[float, int]]:
+        """When each of them ends, s, and the number of its last sample."""
+        return [(ended, self.first + int(end) - 1) for ended, end in self.found[:, 1:3].tolist()]
+
+    @property
+    def samples(self) -> tuple[int, Floats]:
+        """Their samples (n, 8), and the number of the first of them."""
+        end = int(self.found.item(-1, 2)) if len(self) else self.begin
+        return self.first + self.begin, self.rows[self.begin : end]
+
+    def noise_std(self, index: int) -> Floats:
+        """(3,) rad/s, white noise of one reading, as it was known when a window closed."""
+        return self.found[index, NOISE]
+
+    def told(self, index: int) -> bool:
+        """Whether a window told of that noise."""
+        return self.found.item(index, 6) > 0
+
+    def _behind(self, index: int) -> int:
+        """Where in the rows a window begins."""
+        return int(self.found.item(index - 1, 2)) if index else self.begin
+
+
 class Stillness:
     """Samples in, judged windows out; the cut depends on the samples alone, never on how they were batched."""
 
@@ -137,33 +193,28 @@ class Stillness:
         self._count = 0
         self._held = Held()
 
-    def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Iterator[Window]:
-        """Take samples (n,), (n, 3), (n, 3), (n,) and yield each window as it closes; consume it all before feeding again."""
+    def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Windows:
+        """Take samples (n,), (n, 3), (n, 3), (n,); the windows that close."""
         rows = np.full((len(time), CLIPPED), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
         if accel is not None:
             rows[:, ACCEL] = accel
         return self.take([rows], clipped)
 
-    def take(self, parts: Sequence[Floats], clipped: Flags | None = None) -> Iterator[Window]:
+    def take(self, parts: Sequence[Floats], clipped: Flags | None = None) -> Windows:
         """The same of rows (n, 7), as the parts of a block have them."""
-        held = self._held
+        held, count = self._held, self._count
         held.put(parts, clipped)
         waiting = held.waiting
         found = judged(waiting, self._state, self._recent, self._numbers)
-        if not len(found):
-            return
-        heads, begin, count = found[:, :7].tolist(), 0, self._count
-        held.drop(int(heads[-1][2]))
-        self._count += int(heads[-1][2])
-        for i, (head, summed) in enumerate(zip(heads, found[:, 7:19].reshape(-1, 4, 3), strict=True)):
-            begun, ended, last, spikes, still, aided, told = head
-            if told:
-                self.noise_std, self.noise_known = found[i, 19:], True
-            end = int(last)
-            rows = waiting[begin:end]
-            yield Window(count + begin, count + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
-            begin = end
+        if len(found):
+            taken = int(found.item(-1, 2))
+            held.drop(taken)
+            self._count += taken
+            # Once told it stays so in this rest, and is the last known between two of them.
+            self.noise_known = self.noise_known or bool(found[:, 6].any())
+            self.noise_std = found[-1, NOISE]
+        return Windows(found, waiting, count)
 
 
 @cache

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator.loops.gravity import wandered
 from estimator.loops.weigh import inverse, weighed
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.kalman import KalmanFilter
+from estimator.track.kalman import Bare
 from estimator.track.since import NOW, Since
 from estimator.track.temperature import TemperatureLaw
 
@@ -110,7 +110,7 @@ class BiasFilter:
 
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
-        self._kf = KalmanFilter(dim_x=n, dim_z=3)
+        self._kf = Bare(n)
         self._kf.inv = _inverse
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
@@ -175,7 +175,7 @@ class BiasFilter:
             warmer, bend, over, self.bent = 0.0, _NOTHING, 0.0, None
         wandered(rows, warmer, self.walked(dt, known=known), bend, over)
         self._step(rows, moved=carried is not None)
-        self._walked, self._stepped = rows[n + 1 : n + 4, BIAS], None
+        self._walked, self._stepped = rows[n + 1 : n + 4, BIAS].copy(), None
         self._taken.clear()
         if self.bent is not None:
             self._kf.x[:OWN] += self.bent
@@ -191,6 +191,7 @@ class BiasFilter:
         F, Q = rows[1 : n + 1], rows[n + 1 :]
         self._kf.Q = Q  # handed over filterpy would look whether it is a number
         self._kf.predict(F=F)
+        self._kf.let_go()
         if moved:
             self._kf.x = rows[0]
         for since in self._since:
@@ -325,6 +326,7 @@ class BiasFilter:
             kf.update_correlated(evidence.z, H=H)
             kf.P = (kf.P + kf.P.T) / 2
             self._since = [since for since in self._since if since is not late]
+        kf.let_go()
         taken = kf.K, H, late
         if self._stepped is None:
             self._taken.append(taken)

@@ -35,7 +35,7 @@ G = 9.80665
 GRAVITY, VELOCITY, ACCEL_BIAS, MATRIX = (slice(OWN + i, OWN + j) for i, j in ((0, 3), (3, 6), (6, 9), (9, 18)))
 SIZE = OWN + 18
 _ONE, _NONE = np.eye(3), np.zeros(3)
-_GRAVITY_SEEN, _VELOCITY_SEEN = np.eye(SIZE)[GRAVITY], np.eye(SIZE)[VELOCITY]
+_VELOCITY_SEEN = np.eye(SIZE)[VELOCITY]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,8 @@ class Gravity:
         if resting:
             return self._resting
         # In axes of the end: mean = v - C^T (push - shift / T) + g T / 2. What a wrong bias does within the span is little.
-        H = _VELOCITY_SEEN + span.seconds / 2 * _GRAVITY_SEEN
+        H = _VELOCITY_SEEN.copy()
+        H[0, GRAVITY.start] = H[1, GRAVITY.start + 1] = H[2, GRAVITY.start + 2] = span.seconds / 2
         R = self._lasting.factor * self._speed(span) ** 2 * _ONE
         return Evidence("gravity", span.rows[DRIFT], H, R, self.knobs.doubt, soft=True)
 

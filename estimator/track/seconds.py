@@ -3,7 +3,6 @@
 A second with clipped or stuck readings, or with a hole in it, tells nothing of rotation.
 """
 
-from collections import deque
 from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
@@ -11,16 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.refusal import Tally
 from estimator.block import ACCEL, GYRO, TIME
 from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
-from estimator.stillness import Window
+from estimator.loops.cut import cut, let_go, nothing_gathered
+from estimator.stillness import Windows
 from estimator.track.unseen import HOLE, unseen
 
 Floats = NDArray[np.float64]
-#: a window, and whether it is still for all that is known of those around it
-Judged = tuple[Window, bool]
 #: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
 _COARSEST = radians(2.0)
 
@@ -43,6 +40,7 @@ class Second(NamedTuple):
 
     still: all of it was judged so. flaw: why it tells nothing of rotation, or nothing.
     mean, std (3,) of the readings; mean_var (3,) of the mean, if it rests, and what of that rounding leaves in all means alike.
+    noise_std (3,) of a reading, as it was known then.
     accel_mean, accel_std (3,) or None; accel_strength: the mean of its length, m/s², NaN without.
     unseen_turn rad, unseen_push m/s: what lost samples leave unknown of the way turned and of the speed gained, rms.
     """
@@ -58,6 +56,7 @@ class Second(NamedTuple):
     std: Floats
     mean_var: Floats
     common_var: Floats
+    noise_std: Floats
     accel_mean: Floats | None
     accel_std: Floats | None
     accel_strength: float = float("nan")
@@ -75,60 +74,49 @@ class Seconds:
 
     def __init__(self, knobs: SecondKnobs | None = None) -> None:
         self.knobs = knobs or SecondKnobs()
-        self.refused = Tally()
-        self._windows: list[Judged] = []
-        self._coming: deque[Judged] = deque()
-        self._moved = -np.inf  # when the last window ended that was not still
-        self._last: Window | None = None  # before the second that is gathered
+        self._numbers = (self.knobs.length_s, self.knobs.least_s, self.knobs.settle_s)
+        self._state, self._waiting = nothing_gathered()
+        self._parts: list[tuple[int, Floats]] = []  # samples of windows, and the number of the first of them
+        self._before: Floats | None = None  # the last sample before the second that is gathered, (8,)
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
         self._all_noisy = False
 
-    def window(self, window: Window, noise_std: Floats) -> list[Second]:
-        """The seconds that are known whole after the next window; noise_std (3,) rad/s of a reading."""
-        if window.spikes:
-            self.refused.add("spike", window.spikes)
-        # A movement begins and ends too gently for those windows to tell: what seems still waits to see how it goes on.
-        now, settle_s, coming = window.end_time, self.knobs.settle_s, self._coming
-        whole: list[Second] = []
-        if window.still:
-            coming.append((window, window.start_time - self._moved >= settle_s))
-        else:  # movement is judged for good at once, and what waited is next to it
-            self._moved = now
-            while coming:
-                self._take(coming.popleft()[0], noise_std, whole, still=False)
-            self._take(window, noise_std, whole, still=False)
-            return whole
-        while coming and not (coming[0][1] and now - coming[0][0].end_time < settle_s):
-            judged, still = coming.popleft()
-            self._take(judged, noise_std, whole, still=still)
-        return whole
+    @property
+    def spikes(self) -> int:
+        """How many there were."""
+        return int(self._state.item(-1))
 
-    def skip(self, window: Window) -> None:
-        """Let the next window go by, and those that wait."""
-        self._windows, self._last = [], window
-        self._coming.clear()
+    def take(self, windows: Windows) -> list[tuple[int, Second]]:
+        """The seconds that are known whole with the next windows, and with which of them."""
+        if not len(windows):
+            return []
+        whole = cut(windows.found, windows.first, windows.begin, self._waiting, self._state, self._numbers)
+        self._parts.append(windows.samples)
+        found = []
+        for window, begin, end, still, aided in whole.tolist():
+            samples, at = self._between(int(begin), int(end)), int(window)
+            found.append((at, self._close(samples, windows.noise_std(at), still=still > 0, aided=aided > 0)))
+        return found
 
-    def _take(self, window: Window, noise_std: Floats, whole: list[Second], *, still: bool) -> None:
-        windows = self._windows
-        if windows and windows[-1][1] != still and window.start_time - windows[0][0].start_time >= self.knobs.least_s:
-            whole.append(self._close(noise_std))
-            windows = self._windows
-        windows.append((window, still))
-        if window.end_time - windows[0][0].start_time >= self.knobs.length_s:
-            whole.append(self._close(noise_std))
+    def skip(self, windows: Windows) -> None:
+        """Let the next windows go by, and those that wait."""
+        let_go(self._state)
+        self._parts, self._before = [], windows.samples[1][-1]
 
-    def _close(self, noise_std: Floats) -> Second:
-        windows = self._windows
-        parts, still, aided = list[Floats](), True, True
-        for window, so_still in windows:
-            parts.append(window.rows)
-            still &= so_still
-            aided &= window.aided
-        before, self._last, self._windows = self._last, windows[-1][0], []
-        samples = np.concatenate(parts)
+    def _between(self, begin: int, end: int) -> Floats:
+        """(n, 8) samples by their numbers; those before are forgotten."""
+        parts = self._parts
+        while parts[0][0] + len(parts[0][1]) <= begin:
+            del parts[0]
+        found = [rows[max(0, begin - first) : end - first] for first, rows in parts if first < end]
+        return found[0] if len(found) == 1 else np.concatenate(found)
+
+    def _close(self, samples: Floats, noise_std: Floats, *, still: bool, aided: bool) -> Second:
+        before, self._before = self._before, samples[-1]
         gyro, accel = samples[:, GYRO], samples[:, ACCEL] if aided else None
-        first = float(samples[0, TIME] - np.median(np.diff(samples[:, TIME]))) if before is None else before.end_time
+        usual = 0.0 if before is not None else float(np.median(np.diff(samples[:, TIME])))
+        first = samples.item(0, TIME) - usual if before is None else before.item(TIME)
         dt, rows, clips = loop.measured(samples, first, _COARSEST, COARSE_STEP, self._step)
         least_std, longest, strength = rows[loop.SCALARS].tolist()
         if still and not self._all_noisy:
@@ -138,11 +126,11 @@ class Seconds:
         flaw = "clipped" if clips else "gap" if longest > self.knobs.gap_s else ""
         if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
             flaw = "stuck"
-        end, unseen_turn, unseen_push = self._last.end_time, 0.0, 0.0
+        end, unseen_turn, unseen_push = samples.item(-1, TIME), 0.0, 0.0
         if not flaw and longest * len(dt) > HOLE * (end - first):
-            unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before.gyro[-1])
+            unseen_turn = unseen(dt, gyro, gyro[0] if before is None else before[GYRO])
             if accel is not None:
-                pushed = accel[0] if before is None or before.accel is None else before.accel[-1]
+                pushed = accel[0] if before is None or np.isnan(before[ACCEL]).any() else before[ACCEL]
                 unseen_push = unseen(dt, accel, pushed)
         return Second(
             first,
@@ -156,6 +144,7 @@ class Seconds:
             rows[loop.STD],
             rows[loop.MEAN_VAR],
             rows[loop.COMMON_VAR],
+            noise_std,
             None if accel is None else rows[loop.ACCEL_MEAN],
             None if accel is None else rows[loop.ACCEL_STD],
             strength,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.gyro import GyroModel
-from estimator.stillness import Window
+from estimator.stillness import Windows
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
 from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
@@ -152,7 +152,8 @@ class Tracker:
     def events(self) -> dict[str, int]:
         """What was found wrong with the readings, counted."""
         disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.disbelieved else {}
-        return {**self.seconds.refused.as_dict(), **disbelieved}
+        spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
+        return {**spikes, **disbelieved}
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
         """The bias of each second after `since` by all that is known now; no surer than innovations allow."""
@@ -219,20 +220,25 @@ class Tracker:
         self._law = law
         self._filter.follow(law)
 
-    def skip(self, window: Window) -> None:
-        """Take no notice of the next window."""
-        self.seconds.skip(window)
+    def skip(self, windows: Windows) -> None:
+        """Take no notice of the next windows."""
+        self.seconds.skip(windows)
 
-    def window(self, window: Window, noise_std: Floats) -> list[Receipt]:
-        """Take the next window; receipts of what rest there was in seconds it completes. noise_std (3,) of a reading."""
+    def take(self, windows: Windows) -> list[Receipt]:
+        """Take the next windows; receipts of what rest there was in seconds they complete."""
         receipts = []
-        for second in self.seconds.window(window, noise_std):
-            receipts += self._second(second, noise_std)
+        for _, second in self.seconds.take(windows):
+            receipts += self.learn(second)
+        return receipts
+
+    def learn(self, second: Second) -> list[Receipt]:
+        """Learn from the next of its seconds; receipts of what rest there was."""
+        receipts = self._second(second)
         if receipts:
             self.doubt.take(receipts, self._zaru.surprises())
         return receipts
 
-    def _second(self, second: Second, noise_std: Floats) -> list[Receipt]:
+    def _second(self, second: Second) -> list[Receipt]:
         if self._kept is not None:
             if second.start <= self._kept.time - _SAME_S:
                 # Its evidence is in what was kept: none may count twice, not even for a while.
@@ -244,7 +250,7 @@ class Tracker:
         if second.accel is not None and not self._accelerometer.fit(second):
             self._without_accelerometer()
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
-        span, carried = self._carried(second, noise_std)
+        span, carried = self._carried(second)
         if second.flaw:
             # Before time goes on: what waits to be judged was measured before the gap.
             self._zaru.moved(self._filter)
@@ -278,7 +284,7 @@ class Tracker:
             self._believe(self._model, state)
             self._filter.widen(self.knobs.bias_std**2 * np.eye(3))
 
-    def _carried(self, second: Second, noise_std: Floats) -> tuple[Span | None, Floats | None]:
+    def _carried(self, second: Second) -> tuple[Span | None, Floats | None]:
         """The way of a second, and where it takes gravity; None where the way it went is not known."""
         if second.flaw or second.accel is None:
             self._gravity.lose()
@@ -288,7 +294,7 @@ class Tracker:
             bias.extend(self._gravity.extend(bias.state, self._model.scale_std, self._model.cross_std))
         x, matrix = bias.x, self._model.matrix
         span = sum_up(second.dt, second.gyro, second.accel, matrix, x[BIAS], x[ACCEL_BIAS], x[MATRIX])
-        noise = max(noise_std.tolist()) * sqrt(span.seconds / second.samples)
+        noise = max(second.noise_std.tolist()) * sqrt(span.seconds / second.samples)
         return span, self._gravity.carry(span, bias, noise, second.unseen_turn, second.unseen_push)
 
     def _evidence(self, second: Second, span: Span | None) -> list[Receipt]:

@@ -267,4 +267,4 @@ def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
     """All that wait, the latest among them, as one: what is common to them does not average out."""
     common = np.zeros(len(latest.z)) if latest.common_var is None else latest.common_var
     rows = together(np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting]), common)
-    return latest._replace(z=rows[:, -1], R=rows[:, :-1])
+    return Evidence(latest.kind, rows[:, -1], latest.H, rows[:, :-1], *latest[4:])

@@ -37,8 +37,7 @@ class One:
 
     def take(self, rows: Floats) -> None:
         """Take rows of samples (n, 7), as a session's blocks are."""
-        for window in self.stillness.take([rows]):
-            self.tracker.window(window, self.stillness.noise_std)
+        self.tracker.take(self.stillness.take([rows]))
 
 
 def rows_of(day: Day, *, aided: bool) -> Floats:
@@ -76,8 +75,8 @@ def resting(days: list[Day]) -> float:
     rests = 0
     for day in days:
         one = One()
-        for window in one.stillness.take([rows_of(day, aided=True)]):
-            receipts = one.tracker.window(window, one.stillness.noise_std)
+        for window in one.stillness.take([rows_of(day, aided=True)]).each():
+            receipts = one.tracker.take(window)
             rests += len({receipt.time for receipt in receipts if receipt.kind.startswith("zaru level")})
     return rests / (SECONDS * len(days))
 

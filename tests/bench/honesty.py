@@ -130,12 +130,13 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     model = GyroModel(day.truth.matrix, begin, known, known, known) if scene.calibrated else uncalibrated(_PRIOR)
     knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=np.radians(told * scene.walk_dps), warm_up_walk=0.0))
     tracker = Tracker(knobs, 0.0, model, np.full(3, std))
-    stillness, last = Stillness(), 0.0
+    last, force = 0.0, day.accel.astype(float) if accel else None
     nees, squared = [], []
-    for window in stillness.feed(day.time_s, day.gyro.astype(float), day.accel.astype(float) if accel else None):
+    for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force).each():
         if scene.step_k or scene.other:
-            tracker.thermometer.read(window.end_time, float(day.temperature_c[window.end - 1]))
-        tracker.window(window, stillness.noise_std)
+            ((now, sample),) = windows.ends
+            tracker.thermometer.read(now, float(day.temperature_c[sample]))
+        tracker.take(windows)
         if tracker.time == last:
             continue
         last = tracker.time

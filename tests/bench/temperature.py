@@ -54,8 +54,9 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
     tracker = Tracker(_KNOBS, 0.0, model, np.full(3, PriorKnobs().bias_repeatability), law)
     stillness, alone = Stillness(), None
     gyro, force = day.gyro.astype(float), day.accel.astype(float) if accel else None
-    for window in stillness.feed(day.time_s, gyro, force):
-        celsius, now = float(day.temperature_c[window.end - 1]), window.end_time
+    for windows in stillness.feed(day.time_s, gyro, force).each():
+        ((now, last),) = windows.ends
+        celsius = float(day.temperature_c[last])
         if now > until_s:
             if alone is None:
                 known = tracker.state
@@ -65,7 +66,7 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
             yield alone.state
         else:
             tracker.thermometer.read(now, celsius)
-            tracker.window(window, stillness.noise_std)
+            tracker.take(windows)
             yield tracker.state
 
 

@@ -131,14 +131,15 @@ def ours(
     for start in range(0, n, _BLOCK):
         here = slice(start, start + _BLOCK)
         force = None if accel is None else accel[here]
-        for window in stillness.feed(time[here], gyro[here], force):
+        for windows in stillness.feed(time[here], gyro[here], force).each():
+            ((now, last),) = windows.ends
             if temperature_c is not None:
-                tracker.thermometer.read(window.end_time, float(temperature_c[window.end - 1]))
-            tracker.window(window, stillness.noise_std)
-            if window.end_time - steps[-1] > 0.5:
+                tracker.thermometer.read(now, float(temperature_c[last]))
+            tracker.take(windows)
+            if now - steps[-1] > 0.5:
                 found.append(tracker.bias)
                 stds.append(tracker.std)
-                steps.append(window.end_time)
+                steps.append(now)
     if smoothed:
         whole = tracker.smoothed()
         if whole is None:

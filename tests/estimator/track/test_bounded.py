@@ -45,7 +45,7 @@ def second_of(mean: Floats, i: int) -> Second:
     """The second after i s, of that mean rate."""
     std = np.full(3, np.radians(0.03))
     return Second(
-        i, i + 1.0, np.full(N, 1 / N), np.tile(mean, (N, 1)), None, False, "", mean, std, std**2 / N, np.zeros(3), None, None
+        i, i + 1.0, np.full(N, 1 / N), np.tile(mean, (N, 1)), None, False, "", mean, std, std**2 / N, np.zeros(3), std, None, None
     )  # fmt: skip
 
 
@@ -146,7 +146,7 @@ def test_a_stretch_measures_the_slope_too() -> None:
         std, none = np.full(3, 1e-5), np.zeros((N, 3))
         bias.predict(i + 1.0, 20.0 + 0.05 * (i + 1))
         receipts = bounded.take(
-            Second(i, i + 1.0, none[:, 0], none, None, False, "", mean, std, std**2 / N, 0 * std, None, None), bias
+            Second(i, i + 1.0, none[:, 0], none, None, False, "", mean, std, std**2 / N, 0 * std, std, None, None), bias
         )
         assert all(r.accepted for r in receipts)
     np.testing.assert_allclose(bias.state.x[SLOPE], slope, rtol=0.1)

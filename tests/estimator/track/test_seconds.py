@@ -1,10 +1,12 @@
 """How a stream is cut into seconds, and what is wrong with some of them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.stillness import Window
+from estimator.stillness import Windows
 from estimator.track.seconds import Second, SecondKnobs, Seconds
 
 Floats = NDArray[np.float64]
@@ -27,18 +29,35 @@ def cut(
     flags = np.zeros(len(gyro), bool)
     if clipped is not None:
         flags[clipped] = True
-    seconds, found = Seconds(), []
-    for i, quiet in enumerate(still):
-        found += list(seconds.window(window(i, time, gyro, flags, still=quiet), noise_std))
-    return found, seconds
+    seconds = Seconds()
+    windows = in_windows(time, gyro, flags, still, noise_std)
+    return [second for one in windows.each() for _, second in seconds.take(one)], seconds
 
 
-def window(i: int, time: Floats, gyro: Floats, flags: NDArray[np.bool_], *, still: bool) -> Window:
-    a, b = i * WINDOW, (i + 1) * WINDOW
-    part, none = gyro[a:b], np.full(3, np.nan)
-    rows = np.column_stack([time[a:b], part, np.full_like(part, np.nan), flags[a:b]])
-    summed = np.array([part.mean(axis=0), none, part.std(axis=0), none])
-    return Window(a, b, float(time[a]), float(time[b - 1]), rows, summed, 0, still, aided=False)
+def in_windows(time: Floats, gyro: Floats, flags: NDArray[np.bool_], still: list[bool], noise_std: Floats) -> Windows:
+    """All of it, as loops/windows.py has it."""
+    none = np.full(3, np.nan)
+    found = np.array(
+        [
+            [
+                time[b - WINDOW],
+                time[b - 1],
+                b,
+                0,
+                quiet,
+                0,
+                1,
+                *part.mean(axis=0),
+                *none,
+                *part.std(axis=0),
+                *none,
+                *noise_std,
+            ]
+            for b, quiet in zip(range(WINDOW, len(gyro) + 1, WINDOW), still, strict=True)
+            for part in [gyro[b - WINDOW : b]]
+        ]
+    )
+    return Windows(found, np.column_stack([time, gyro, np.full_like(gyro, np.nan), flags]), 0)
 
 
 def noise(windows: int) -> Floats:
@@ -124,10 +143,27 @@ def test_a_coarse_axis_that_swayed_may_repeat_itself_afterwards() -> None:
 def test_skipped_windows_go_by() -> None:
     gyro = noise(50)
     time, flags = np.arange(1, len(gyro) + 1) / RATE_HZ, np.zeros(len(gyro), bool)
-    seconds = Seconds()
-    windows = [window(i, time, gyro, flags, still=True) for i in range(50)]
-    assert [s for w in windows[:7] for s in seconds.window(w, NOISE)] == []
-    seconds.skip(windows[7])
-    found = [s for w in windows[8:] for s in seconds.window(w, NOISE)]
+    windows, seconds = in_windows(time, gyro, flags, [True] * 50, NOISE), Seconds()
+    assert seconds.take(windows.part(0, 7)) == []
+    seconds.skip(windows.part(7, 8))
+    found = [second for _, second in seconds.take(windows.part(8))]
     assert found[0].start == time[8 * WINDOW - 1]
     np.testing.assert_array_equal(found[0].gyro, gyro[8 * WINDOW :][: found[0].samples])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_seconds_are_the_same_however_windows_come(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    still = np.repeat(rng.random(40) < 0.6, rng.integers(1, 25, 40))[:200].tolist()
+    gyro = noise(len(still))
+    time, flags = np.arange(1, len(gyro) + 1) / RATE_HZ, np.zeros(len(gyro), bool)
+    windows, one, other = in_windows(time, gyro, flags, still, NOISE), Seconds(), Seconds()
+    edges = [0, *sorted(rng.integers(0, len(windows), 12).tolist()), len(windows)]
+    found = [(a + at, s) for a, b in pairwise(edges) for at, s in one.take(windows.part(a, b))]
+    witness = [(i, s) for i, part in enumerate(windows.each()) for _, s in other.take(part)]
+    assert len(witness) > 10
+    for (at, ours), (where, its) in zip(found, witness, strict=True):
+        assert at == where
+        assert (ours.start, ours.end, ours.still, ours.flaw) == (its.start, its.end, its.still, its.flaw)
+        for name in ("dt", "gyro", "mean", "std", "noise_std"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(its, name))

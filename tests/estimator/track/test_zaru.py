@@ -39,7 +39,8 @@ class Rest:
             begin, self.time = self.time, self.time + 1.0
             accel = None if self.up is None else 9.81 * self.up + 0.02 / np.sqrt(N) * self.rng.normal(size=3)
             yield Second(
-                begin, self.time, np.full(N, 1 / N), none, None, still, "", mean, std, std**2 / N, np.zeros(3), accel, accel_std
+                begin, self.time, np.full(N, 1 / N), none, None, still, "",
+                mean, std, std**2 / N, np.zeros(3), std, accel, accel_std,
             )  # fmt: skip
 
     def take(self, second: Second) -> list[Receipt]:

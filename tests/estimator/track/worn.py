@@ -68,12 +68,12 @@ class Worn:
         fed = self.stillness._count + len(self.stillness._held)
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
-            for window in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]):
+            for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]).each():
+                ((now, last),) = windows.ends
                 if temperature:
-                    celsius = of.temperature_c[max(0, window.end - fed - 1)]
-                    self.tracker.thermometer.read(window.end_time, float(celsius))
-                self.receipts += self.tracker.window(window, self.stillness.noise_std)
-                self.time.append(window.end_time)
+                    self.tracker.thermometer.read(now, float(of.temperature_c[max(0, last - fed)]))
+                self.receipts += self.tracker.take(windows)
+                self.time.append(now)
                 self.bias.append(self.tracker.bias)
                 self.std.append(self.tracker.std)
         return self
