@@ -52,6 +52,10 @@ class Stretch(Protocol):
     def sequence(self) -> int:
         """The number of the first sample."""
 
+    @property
+    def warm(self) -> bool:
+        """Whether any of them has temperatures."""
+
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of them."""
 
@@ -89,6 +93,11 @@ class Part(NamedTuple):
 def where(of: SampleBatch | Stretch, index: int) -> tuple[SampleBatch, int]:
     """The batch and the place in it of a sample of either."""
     return (of, index) if isinstance(of, SampleBatch) else of.where(index)
+
+
+def has_celsius(of: SampleBatch | Stretch) -> bool:
+    """Whether any sample of either has a temperature."""
+    return of.temperature_c is not None if isinstance(of, SampleBatch) else of.warm
 
 
 def celsius_at(of: SampleBatch | Stretch, index: int) -> float | None:
@@ -153,11 +162,17 @@ class Block:
         return waiting
 
     def place(self, index: int) -> tuple[SampleBatch | Stretch, int]:
-        """The batch or stretch, and the place in it, of a sample of the boot; those before it are forgotten."""
-        known = self._known
-        while (part := known[0]).came <= index:
-            known.popleft()
-        return part.of, part.first + len(part.rows) - (part.came - index)
+        """The batch or stretch, and the place in it, of a sample of the boot that is not forgotten."""
+        for part in reversed(self._known):
+            first = part.came - len(part.rows)
+            if first <= index:
+                return part.of, part.first + index - first
+        raise IndexError(f"sample {index} of the boot is forgotten")
+
+    def forget(self, index: int) -> None:
+        """What was before this sample of the boot."""
+        while self._known[0].came <= index:
+            self._known.popleft()
 
 
 def joined(parts: list[Part]) -> Run:

@@ -103,5 +103,9 @@ class Course:
         return self._block.take()
 
     def place(self, index: int) -> tuple[SampleBatch | Stretch, int]:
-        """The batch or stretch, and the place in it, of a sample of the boot; those before it are forgotten."""
+        """The batch or stretch, and the place in it, of a sample of the boot that is not forgotten."""
         return self._block.place(index)
+
+    def forget(self, index: int) -> None:
+        """What was before this sample of the boot."""
+        self._block.forget(index)

@@ -9,7 +9,7 @@ from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Part, Stretch, celsius_at, sample_time_ns, unfit, where
+from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
 from estimator.gyro import reading_std
@@ -58,7 +58,6 @@ class Learnt:
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
         self._cancelled, self._cancelled_until = "", float("inf")
-        self._last: tuple[SampleBatch | Stretch, int] | None = None  # and where its last sample is
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -115,29 +114,32 @@ class Learnt:
         """Take the samples of a half second; whether there is anything new to apply."""
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
         tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
+        warm = any(has_celsius(part.of) for part in parts)
         seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
         for i, (now, last) in enumerate(windows.ends):
             self.now = now
-            of, index = self._last = course.place(last)
-            if (celsius := celsius_at(of, index)) is not None:
+            if warm and (celsius := celsius_at(*course.place(last))) is not None:
                 tracker.thermometer.read(now, celsius)
             if self._life.state is State.WARMING:
                 self._warming(windows.part(i, i + 1), outcome)
+                course.forget(last)
                 continue
             if seconds is None:
                 seconds = deque((i + at, second) for at, second in tracker.seconds.take(windows.part(i)))
             while seconds and seconds[0][0] == i:
-                self._second(tracker.learn(seconds.popleft()[1]), outcome)
+                _, second = seconds.popleft()
+                self._second(tracker.learn(second), outcome)
+                self._past.note(second.end, *course.place(second.last))
+                course.forget(second.last)
             if (under_way := self.under_way) is not None:
                 for progress in under_way.window(windows[i]):
-                    self._progress(progress, under_way, outcome)
+                    self._progress(progress, under_way, outcome, where(*course.place(last)))
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
-            earlier, tracked = tracked, tracker.time
-            self._past.note(now, of, index, tracked)
-            if tracked != earlier and (improved := tracker.improved()) is not None:
-                used, (batch, _) = self._belief, where(of, index)
+            if tracked != tracker.time and (improved := tracker.improved()) is not None:
+                used, (batch, _) = self._belief, where(*course.place(last))
                 outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+            tracked = tracker.time
         return tracked != begin or self._belief is not belief
 
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
@@ -169,7 +171,10 @@ class Learnt:
 
     # ---- calibration ----------------------------------------------------------------------------------------------
 
-    def _progress(self, progress: Progress, under_way: UnderWay, outcome: Outcome) -> None:
+    def _progress(
+        self, progress: Progress, under_way: UnderWay, outcome: Outcome, last: tuple[SampleBatch, int]
+    ) -> None:
+        """What a window completes of a calibration under way; last: the batch and the place in it of the window's last sample."""
         match progress:
             case RestFound():
                 self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
@@ -182,10 +187,9 @@ class Learnt:
                 outcome.changed = True
                 outcome.said.append(needed)
             case Finished(result, rest):
-                self._finish(result, rest, under_way, outcome)
+                self._finish(result, rest, under_way, outcome, sample_time_ns(*last))
 
-    def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome) -> None:
-        now_ns = 0 if self._last is None else sample_time_ns(*where(*self._last))
+    def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
         outcome.calibration = self._as_message(result, under_way.who, now_ns)
         if result.verdict is not Verdict.ACCEPTED:
             under_way.repeat(result.repeat)

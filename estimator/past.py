@@ -9,25 +9,19 @@ from bridge.wire.messages import BiasRevision, SampleBatch
 from estimator.block import Stretch, sample_time_ns, where
 from estimator.track.smoother import Smoothed
 
-#: seconds whose samples are remembered; windows that may wait until the tracker has judged them
-REVISED_S, _WINDOWS = 2000, 32
+#: seconds whose samples are remembered
+REVISED_S = 2000
 
 
 class Past:
     """Of one boot: device time, sequence number and host time of samples."""
 
     def __init__(self) -> None:
-        self._windows: deque[tuple[float, SampleBatch | Stretch, int]] = deque(maxlen=_WINDOWS)
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
-    def note(self, now: float, of: SampleBatch | Stretch, index: int, tracked: float) -> None:
-        """A window ended at device time `now` with this sample of a batch or stretch; the tracker is at device time `tracked`."""
-        waiting = self._windows
-        waiting.append((now, of, index))
-        while waiting and waiting[0][0] <= tracked:
-            end, last, at = waiting.popleft()
-            if end == tracked:
-                self._seconds.append((end, last.sequence + at, sample_time_ns(*where(last, at))))
+    def note(self, end: float, of: SampleBatch | Stretch, index: int) -> None:
+        """The tracker has come to the end of a second, device time, with this sample of a batch or stretch."""
+        self._seconds.append((end, of.sequence + index, sample_time_ns(*where(of, index))))
 
     @property
     def reached(self) -> tuple[int, int] | None:

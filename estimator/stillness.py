@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.block import ACCEL, GYRO, TIME
 from estimator.held import CLIPPED, Held
-from estimator.loops.windows import NOISE, judged, nothing_known
+from estimator.loops.windows import NOISE, SUMMED, judged, nothing_known
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -59,7 +59,7 @@ class StillnessKnobs:
 class Window(NamedTuple):
     """A short run of n samples, rows (n, 8): time, gyro, accel, and 1 where clipped; spikes mended, of which there were so many.
 
-    `end` counts samples since the first one fed. summed (4, 3): mean of gyro and accel, their standard deviations.
+    `end` counts samples since the first one fed. summed (12,): mean of gyro and accel, their standard deviations.
     aided: whether there was an accelerometer all the time.
     """
 
@@ -96,22 +96,22 @@ class Window(NamedTuple):
     @property
     def mean(self) -> Floats:
         """(3,) of gyro."""
-        return np.asarray(self.summed[0])
+        return self.summed[:3]
 
     @property
     def std(self) -> Floats:
         """(3,) of gyro."""
-        return np.asarray(self.summed[2])
+        return self.summed[6:9]
 
     @property
     def accel_mean(self) -> Floats | None:
         """(3,)."""
-        return self.summed[1] if self.aided else None
+        return self.summed[3:6] if self.aided else None
 
     @property
     def accel_std(self) -> Floats | None:
         """(3,)."""
-        return self.summed[3] if self.aided else None
+        return self.summed[9:] if self.aided else None
 
     @property
     def samples(self) -> int:
@@ -142,11 +142,11 @@ class Windows:
         return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, index: int) -> Window:
-        begun, ended, end, spikes, still, aided = self.found[index, :6].tolist()
-        begin, last = self._behind(index), int(end)
-        rows, summed = self.rows[begin:last], self.found[index, 7:19].reshape(4, 3)
-        numbers = self.first + begin, self.first + last
-        return Window(*numbers, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
+        found, first, begin = self.found[index], self.first, self._behind(index)
+        begun, ended, behind, spikes, still, aided = found[:6].tolist()
+        end = int(behind)
+        rows, summed = self.rows[begin:end], found[SUMMED]
+        return Window(first + begin, first + end, begun, ended, rows, summed, int(spikes), still > 0, aided > 0)
 
     def part(self, index: int, end: int | None = None) -> "Windows":
         """Some of them."""

@@ -29,7 +29,7 @@ class Sent:
     whole and real: what is said of them (see loops/messages.py), columns counted from `begin`, where the first of them does.
     """
 
-    __slots__ = ("_begin", "_made", "_payloads", "_real", "_sender", "_warm", "_whole")
+    __slots__ = ("_begin", "_made", "_payloads", "_real", "_sender", "_whole", "warm")
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Sent:
     ) -> None:
         self._payloads, self._whole, self._real = tuple(payloads), whole, real
         self._begin, self._sender = begin, sender  # device and bridge
-        self._warm = any(whole[:, CELSIUS].tolist())
+        self.warm = any(whole[:, CELSIUS].tolist())
         self._made: tuple[int, SampleBatch] | None = None  # the last that was asked for
 
     @property
@@ -65,7 +65,7 @@ class Sent:
 
     def temperature(self, index: int) -> float | None:
         """°C at a sample of them; None where there is none."""
-        return temperature_at(*self.where(index)) if self._warm else None
+        return temperature_at(*self.where(index)) if self.warm else None
 
     def _batch(self, number: int) -> SampleBatch:
         n, _, boot, sequence, received_ns, start_ns, *columns, _ = self._whole[number].tolist()

@@ -42,6 +42,7 @@ class Second(NamedTuple):
     mean, std (3,) of the readings; mean_var (3,) of the mean, if it rests, and what of that rounding leaves in all means alike.
     noise_std (3,) of a reading, as it was known then.
     accel_mean, accel_std (3,) or None; accel_strength: the mean of its length, m/s², NaN without.
+    last: the number of its last sample, from the first one fed.
     unseen_turn rad, unseen_push m/s: what lost samples leave unknown of the way turned and of the speed gained, rms.
     """
 
@@ -62,6 +63,7 @@ class Second(NamedTuple):
     accel_strength: float = float("nan")
     unseen_turn: float = 0.0
     unseen_push: float = 0.0
+    last: int = -1
 
     @property
     def samples(self) -> int:
@@ -96,7 +98,8 @@ class Seconds:
         found = []
         for window, begin, end, still, aided in whole.tolist():
             samples, at = self._between(int(begin), int(end)), int(window)
-            found.append((at, self._close(samples, windows.noise_std(at), still=still > 0, aided=aided > 0)))
+            second = self._close(samples, windows.noise_std(at), int(end) - 1, still=still > 0, aided=aided > 0)
+            found.append((at, second))
         return found
 
     def skip(self, windows: Windows) -> None:
@@ -112,7 +115,7 @@ class Seconds:
         found = [rows[max(0, begin - first) : end - first] for first, rows in parts if first < end]
         return found[0] if len(found) == 1 else np.concatenate(found)
 
-    def _close(self, samples: Floats, noise_std: Floats, *, still: bool, aided: bool) -> Second:
+    def _close(self, samples: Floats, noise_std: Floats, last: int, *, still: bool, aided: bool) -> Second:
         before, self._before = self._before, samples[-1]
         gyro, accel = samples[:, GYRO], samples[:, ACCEL] if aided else None
         usual = 0.0 if before is not None else float(np.median(np.diff(samples[:, TIME])))
@@ -150,6 +153,7 @@ class Seconds:
             strength,
             unseen_turn,
             unseen_push,
+            last,
         )
 
     def _stuck(self, held: NDArray[np.bool_], noise_std: Floats) -> bool:

@@ -76,7 +76,7 @@ class ReferenceStillness:
             begun, ended, mean[:3].tolist(), std[:3], denser, std[3:].tolist() if aided else None
         )
         self._learn(mean[:3].tolist(), std[:3].tolist(), rate_hz, still=still)
-        rows, summed = np.column_stack([time, read, clipped]), np.concatenate([mean, std]).reshape(4, 3)
+        rows, summed = np.column_stack([time, read, clipped]), np.concatenate([mean, std])
         return Window(start, self._count, begun, ended, rows, summed, spikes, still, bool(aided))
 
     def _judge(

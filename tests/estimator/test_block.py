@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from bridge.wire.messages import Quality, SampleFlag
 from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns, unfit, where
@@ -76,3 +77,8 @@ def test_a_sample_is_found_again_in_the_batch_it_came_with() -> None:
         assert (of.sequence, i) == (10 * (index // 7), 3 + index % 7)
     batch, i = where(of, i)
     assert sample_time_ns(batch, i) == batch.start_time_ns + round((batch.ticks[i] - batch.ticks[0]) * 1e3)
+    block.forget(13)
+    assert block.place(13) == (batches[1], 9)
+    block.forget(14)
+    with pytest.raises(IndexError, match="sample 13 "):
+        block.place(13)
