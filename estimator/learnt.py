@@ -116,7 +116,7 @@ class Learnt:
         tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
         warm = any(has_celsius(part.of) for part in parts)
         seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
-        for i, (now, last) in enumerate(windows.ends):
+        for i, (begun, now, last, still) in enumerate(windows.heads):
             self.now = now
             if warm and (celsius := celsius_at(*course.place(last))) is not None:
                 tracker.thermometer.read(now, celsius)
@@ -125,14 +125,17 @@ class Learnt:
                 course.forget(last)
                 continue
             if seconds is None:
-                seconds = deque((i + at, second) for at, second in tracker.seconds.take(windows.part(i)))
+                others = windows.part(i)
+                seconds = deque((i + at, second) for at, second in tracker.seconds.take(others))
+                if self.under_way is not None:
+                    self.under_way.add(others)
             while seconds and seconds[0][0] == i:
                 _, second = seconds.popleft()
                 self._second(tracker.learn(second), outcome)
                 self._past.note(second.end, *course.place(second.last))
                 course.forget(second.last)
             if (under_way := self.under_way) is not None:
-                for progress in under_way.window(windows[i]):
+                for progress in under_way.judge(begun, now, still=still):
                     self._progress(progress, under_way, outcome, where(*course.place(last)))
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
@@ -145,7 +148,7 @@ class Learnt:
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
         """A window while the device warms up."""
         if self.under_way is not None:
-            self.under_way.add(windows[0])
+            self.under_way.add(windows)
         if self.now - self.began >= self._knobs.warming_s or self.began > self._knobs.warming_s:
             self._happens(Event.WARM, "hold the device still for 3 seconds", outcome)
         self.tracker.skip(windows)

@@ -157,9 +157,12 @@ class Windows:
         return (self.part(i, i + 1) for i in range(len(self)))
 
     @property
-    def ends(self) -> list[tuple[float, int]]:
-        """When each of them ends, s, and the number of its last sample."""
-        return [(ended, self.first + int(end) - 1) for ended, end in self.found[:, 1:3].tolist()]
+    def heads(self) -> list[tuple[float, float, int, bool]]:
+        """Of each its begin and end, s, the number of its last sample, and whether it is still."""
+        first = self.first - 1
+        return [
+            (begun, ended, first + int(end), still > 0) for begun, ended, end, _, still in self.found[:, :5].tolist()
+        ]
 
     @property
     def samples(self) -> tuple[int, Floats]:

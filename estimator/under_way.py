@@ -3,7 +3,7 @@
 from estimator.batch.capture import TurnCapture
 from estimator.batch.session import CalibrationSession, Progress
 from estimator.gyro import AXES
-from estimator.stillness import Window
+from estimator.stillness import Windows
 
 
 class UnderWay:
@@ -30,14 +30,14 @@ class UnderWay:
         """Axes whose turns are still needed."""
         return ", ".join(AXES[axis] for axis in range(3) if axis not in self.turned)
 
-    def add(self, window: Window) -> None:
-        """Take the samples of the next window, and nothing more."""
-        self._capture.take(window)
+    def add(self, windows: Windows) -> None:
+        """Take the samples of the next windows, and nothing more."""
+        _, rows = windows.samples
+        self._capture.take(rows)
 
-    def window(self, window: Window) -> list[Progress]:
-        """Take the samples of the next window, and judge what it completes."""
-        self._capture.take(window)
-        return self._capture.window(window)
+    def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
+        """Judge what the next window whose samples were taken completes, from when to when, s."""
+        return self._capture.judge(begun, ended, still=still)
 
     def took(self, turn: TurnCapture) -> str:
         """Note a turn; what is said of it."""

@@ -118,7 +118,7 @@ class History:
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        #: rows (n, 8) of windows: beside them nothing is made of a window that mostly is not asked for
+        #: rows (n, 8) of windows: beside them nothing is made of what mostly is not asked for
         self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:
@@ -130,7 +130,7 @@ class History:
         self.take(rows)
 
     def take(self, rows: Floats) -> None:
-        """Take the rows of the next window."""
+        """Take the rows of the next windows."""
         held, oldest_needed = self._held, rows.item(-1, TIME) - self._keep_s
         held.append(rows)
         while held[0].item(-1, TIME) < oldest_needed:
@@ -142,8 +142,7 @@ class History:
         if not held:
             return Samples(np.empty(0), np.empty((0, 3)), None, np.empty(0, bool))
         rows = np.concatenate([_between(rows, start, end) for rows in held])
-        aided = all(_aided(rows) for rows in held)
-        accel = rows[:, ACCEL].copy() if aided else None
+        accel = None if np.isnan(rows[:, ACCEL.start].sum()) else rows[:, ACCEL].copy()
         return Samples(rows[:, TIME].copy(), rows[:, GYRO].copy(), accel, rows[:, CLIPPED] != 0)
 
     @property
@@ -155,8 +154,3 @@ class History:
 def _between(rows: Floats, start: float, end: float) -> Floats:
     time = rows[:, TIME]
     return rows[np.searchsorted(time, start) : np.searchsorted(time, end, side="right")]
-
-
-def _aided(rows: Floats) -> bool:
-    """Whether there was an accelerometer all the time: see Window."""
-    return not np.isnan(rows[:, ACCEL.start].sum())

@@ -99,13 +99,17 @@ class CalibrationSession:
         """Take samples; call `window` for every window they close, in order, after adding them."""
         self._history.add(samples)
 
-    def take(self, window: Window) -> None:
-        """Take those of a window."""
-        self._history.take(window.rows)
+    def take(self, rows: Floats) -> None:
+        """The same of those of one or more windows, rows (n, 8)."""
+        self._history.take(rows)
 
     def window(self, window: Window) -> list[Progress]:
         """Judge what the next window completes."""
-        settled = self._stages.window(window)
+        return self.judge(window.start_time, window.end_time, still=window.still)
+
+    def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
+        """The same by its times, s."""
+        settled = self._stages.take(begun, ended, still=still)
         if settled is None:
             return []
         progress: list[Progress] = [RestFound(settled.after)]

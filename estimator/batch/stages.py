@@ -57,20 +57,24 @@ class Stages:
 
     def window(self, window: Window) -> Settled | None:
         """Take the next window."""
-        if not window.still:
+        return self.take(window.start_time, window.end_time, still=window.still)
+
+    def take(self, begun: float, ended: float, *, still: bool) -> Settled | None:
+        """The same of its times, s."""
+        if not still:
             if self._still_since is not None:
                 # After a hole in the stream the rest ended where it was last seen.
-                self._end_rest(self._still_since, min(window.start_time - self.knobs.edge_s, self._still_until))
+                self._end_rest(self._still_since, min(begun - self.knobs.edge_s, self._still_until))
             return None
         if self._still_since is None:
             # The first still window after a movement may begin with its end.
             moved_s = self.knobs.edge_s if self._before else 0.0
-            self._still_since = min(window.end_time, window.start_time + moved_s)
-        self._still_until = window.end_time
-        self.still_s = window.end_time - self._still_since
+            self._still_since = min(ended, begun + moved_s)
+        self._still_until = ended
+        self.still_s = ended - self._still_since
         if self._settled or self.still_s < self.knobs.rest_s:
             return None
-        rest = self._measure(self._still_since, window.end_time)
+        rest = self._measure(self._still_since, ended)
         self._settled = rest is not None
         return None if rest is None else Settled(self._before, rest, self._pause_s)
 

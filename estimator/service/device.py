@@ -92,6 +92,13 @@ class Device:
         return self._session
 
     @property
+    def glance(self) -> DeviceSession:
+        """Its session, for who changes nothing of it: what comes next may still go ahead of it."""
+        if self.ahead.held:
+            self.take_in(self)
+        return self._session
+
+    @property
     def source(self) -> Source:
         """Whom it is heard from; as its session."""
         self._look()

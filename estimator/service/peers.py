@@ -321,6 +321,6 @@ class Peers:
 def _holding(name: str, epoch: int, device: Device | None) -> Holding:
     if device is None:
         return Holding(name, epoch, 0, 0)
-    session = device.session
+    session = device.glance
     busy = bool(session.learnt.turned or session.learnt.asked) and not device.left_out
     return Holding(name, epoch, session.boot or 0, session.sequence.next or 0, busy)

@@ -134,7 +134,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     nees, squared = [], []
     for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force).each():
         if scene.step_k or scene.other:
-            ((now, sample),) = windows.ends
+            ((_, now, sample, _),) = windows.heads
             tracker.thermometer.read(now, float(day.temperature_c[sample]))
         tracker.take(windows)
         if tracker.time == last:

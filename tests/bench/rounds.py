@@ -46,7 +46,7 @@ _PARTS = {
     "estimator.track.seconds:Seconds.take": "learnt: tracker",
     "estimator.track.tracker:Tracker.learn": "learnt: tracker",
     "estimator.under_way:UnderWay.add": "learnt: calibration",
-    "estimator.under_way:UnderWay.window": "learnt: calibration",
+    "estimator.under_way:UnderWay.judge": "learnt: calibration",
     "estimator.learnt:Learnt.correction": "learnt: what is applied",
     "estimator.service.shell:Service._every_second": "once a second: of all",
     "estimator.service.shell:Service._look_after": "once a second: of each",

@@ -55,7 +55,7 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
     stillness, alone = Stillness(), None
     gyro, force = day.gyro.astype(float), day.accel.astype(float) if accel else None
     for windows in stillness.feed(day.time_s, gyro, force).each():
-        ((now, last),) = windows.ends
+        ((_, now, last, _),) = windows.heads
         celsius = float(day.temperature_c[last])
         if now > until_s:
             if alone is None:

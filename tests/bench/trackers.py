@@ -132,7 +132,7 @@ def ours(
         here = slice(start, start + _BLOCK)
         force = None if accel is None else accel[here]
         for windows in stillness.feed(time[here], gyro[here], force).each():
-            ((now, last),) = windows.ends
+            ((_, now, last, _),) = windows.heads
             if temperature_c is not None:
                 tracker.thermometer.read(now, float(temperature_c[last]))
             tracker.take(windows)

@@ -55,7 +55,7 @@ def test_devices_are_taken_over_in_portions_each_said_first(
         taken = {keys.parse(queue[0].key).device for queue in queues}
         assert taken <= said
         portions += [len(taken)] if taken else []
-        devices |= dict.fromkeys(taken, SimpleNamespace(session=session))
+        devices |= dict.fromkeys(taken, SimpleNamespace(glance=session))
         peers.sift(raw, clock.now)
         peers.say(devices, clock.now)  # type: ignore[arg-type]
     assert max(portions) == AT_ONCE

@@ -69,7 +69,7 @@ class Worn:
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
             for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]).each():
-                ((now, last),) = windows.ends
+                ((_, now, last, _),) = windows.heads
                 if temperature:
                     self.tracker.thermometer.read(now, float(of.temperature_c[max(0, last - fed)]))
                 self.receipts += self.tracker.take(windows)
