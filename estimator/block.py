@@ -1,4 +1,4 @@
-"""Samples that wait until their half second of device time is over: they teach something together, however they came."""
+"""Samples that wait until their second of device time is over: they teach something together, however they came."""
 
 from collections import deque
 from typing import NamedTuple, Protocol
@@ -10,7 +10,8 @@ from bridge.wire.messages import SampleBatch, SampleFlag
 
 Floats = NDArray[np.float64]
 
-BLOCK_S = 0.5
+#: a second; half of one while turns of a calibration are taken, for somebody waits for what comes of them
+BLOCK_S, TURNING_S = 1.0, 0.5
 #: what marks a reading that tells nothing of rotation
 UNFIT = np.uint32(SampleFlag.CLIPPED | SampleFlag.STUCK)
 _STEP = int(SampleFlag.TEMPERATURE_STEP)

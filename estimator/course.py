@@ -1,6 +1,7 @@
-"""The samples of one boot as they go on in device time, cut into half seconds; those of the one that is not over wait here."""
+"""The samples of one boot as they go on in device time, cut into blocks; those of the one that is not over wait here."""
 
 from bisect import bisect_left
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,10 @@ class Course:
     def __init__(self, began: float) -> None:
         self.latest = began
         self._first: float | None = None
-        self._block, self._number = Block(), int(began // BLOCK_S)
+        self._block = Block()
+        #: how long the blocks are that begin from here on, s; they end where device time is a multiple of it
+        self.block_s = BLOCK_S
+        self._end_after(began)
         self._shift = 0.0  # of a clock that went back
 
     def anew(self) -> "Course":
@@ -48,7 +52,7 @@ class Course:
     @property
     def point(self) -> Point:
         """From where on samples go on, of a course that has begun."""
-        return Point(self.latest, self._shift, (self._number + 1) * BLOCK_S)
+        return Point(self.latest, self._shift, self._until)
 
     def goes_on(self, first_s: float, last_s: float) -> bool:
         """Whether samples from first_s to last_s of the device's clock come after all others, and not long after."""
@@ -58,7 +62,7 @@ class Course:
 
     def ends_block(self, last_s: float) -> bool:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""
-        return (last_s + self._shift) // BLOCK_S != self._number
+        return last_s + self._shift >= self._until
 
     def went_back(self, first_s: float, away_s: float) -> bool:
         """Whether the device's clock has; from here on it is taken to go on, by what the host has seen pass at least."""
@@ -78,20 +82,20 @@ class Course:
         self._block.add(rows, None, stretch, 0)
         self.latest = rows.item(-1, TIME)
 
-    def edges(self, rows: Floats) -> list[int]:
-        """Which of the samples that come next, rows (n, 7), begin a block."""
+    def edges(self, rows: Floats) -> Iterator[int]:
+        """Which of the samples that come next, rows (n, 7), begin a block; each may be told how long it is as it begins."""
         taken = rows[:, TIME].tolist()
         if self._first is None:
             self._first = taken[0]
         self.latest = taken[-1]
-        edges, begin = list[int](), 0
-        while begin < len(taken):
-            number = int(taken[begin] // BLOCK_S)
-            if number != self._number:
-                edges.append(begin)
-                self._number = number
-            begin = bisect_left(taken, (number + 1) * BLOCK_S, begin + 1)
-        return edges
+        edge = bisect_left(taken, self._until)
+        while edge < len(taken):
+            yield edge
+            self._end_after(taken[edge])
+            edge = bisect_left(taken, self._until, edge + 1)
+
+    def _end_after(self, begun: float) -> None:
+        self._until = (begun // self.block_s + 1) * self.block_s
 
     def hold(self, rows: Floats, flags: NDArray[np.uint32] | None, of: SampleBatch | Stretch, first: int) -> None:
         """Let samples of a batch, or a stretch, from first on wait: rows (n, 7), flags (n,), if there are any."""

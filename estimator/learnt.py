@@ -1,4 +1,4 @@
-"""What one boot teaches: its samples in, half a second at a time; a calibration, the bias, and what is to be applied, out."""
+"""What one boot teaches: its samples in, a block at a time; a calibration, the bias, and what is to be applied, out."""
 
 from collections import deque
 from collections.abc import Callable
@@ -111,7 +111,7 @@ class Learnt:
     # ---- samples --------------------------------------------------------------------------------------------------
 
     def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
-        """Take the samples of a half second; whether there is anything new to apply."""
+        """Take the samples of a block; whether there is anything new to apply."""
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
         tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
         warm = any(has_celsius(part.of) for part in parts)

@@ -1,7 +1,7 @@
 """One device from its first sample on: readings in; corrected rates, calibrations and a status out.
 
 A pure core: no clock, no bus, no store. Time is the device's own, in the batches; what was remembered of earlier boots
-is handed in. What a half second of device time teaches (`block`) is used from the end of the next one on: any batching of the
+is handed in. What a block of device time teaches (`block`) is used from the end of the next one on: any batching of the
 same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
 """
 
@@ -14,7 +14,7 @@ from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import TIME, Part, Stretch, joined, rows_of, temperature_at, where
+from estimator.block import BLOCK_S, TIME, TURNING_S, Part, Stretch, joined, rows_of, temperature_at, where
 from estimator.correction import Correction, Cut
 from estimator.course import Course, Point
 from estimator.finite import runs
@@ -29,7 +29,7 @@ from estimator.track.bias_filter import BiasState
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import Tracker
 from estimator.under_way import UnderWay
-from estimator.windowed import Windowed
+from estimator.windowed import Second
 
 #: counted under this: turns that did not come along when another estimator took the device over
 TURNS_LOST = "turns lost with an estimator"
@@ -53,7 +53,7 @@ class DeviceSession:
         self.info: DeviceInfo | None = None
         self.last_heard_ns = 0
         #: keeps what windows are made of, where somebody looks at them
-        self.windowed: Windowed | None = None
+        self.windowed = False
         self._begin(began)
         self._unused = True  # since it was begun
 
@@ -276,6 +276,7 @@ class DeviceSession:
         resumed: device time of the next sample, and how warm it is then, where a silence is before it.
         """
         self._learn(outcome)
+        self._course.block_s = TURNING_S if self.learnt.turned else BLOCK_S
         if resumed is not None:
             self.learnt.resumed(*resumed)
             self._ready = self.learnt.correction()
@@ -286,8 +287,8 @@ class DeviceSession:
         if not self._lesson:
             return
         parts, self._lesson = self._lesson, []
-        if self.windowed is not None:
-            outcome.seconds += self.windowed.add(joined(parts), self._lesson_applied)
+        if self.windowed:
+            outcome.seconds.append(Second(joined(parts), self._lesson_applied))
         if self.learnt.learn(parts, self._course, outcome):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 

@@ -19,7 +19,6 @@ from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
-from estimator.windowed import Windowed
 
 #: messages kept for late and returning subscribers: as many corrected ones as a bridge keeps of 50 ms, and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
@@ -162,8 +161,7 @@ class Device:
         if self._windowed is None and self.announced:
             self._windowed = self._bus.publisher(keys.build(self._ward, "@windowed", device=self.name))
         wanted = self._windowed is not None and self._windowed.wanted
-        if wanted != (self.session.windowed is not None):
-            self.session.windowed = Windowed() if wanted else None
+        self.session.windowed = wanted
 
     def say_rates(self, boot: int, correction: Correction, samples: bytes, n: int) -> None:
         """Publish n samples of a boot without flags that are corrected and encoded already; see Encoder."""

@@ -1,7 +1,7 @@
 """The fast lane: batches that only go on where their device was, checked, corrected and encoded many at once.
 
-A batch is plain when it is whole and unmarked and follows the one before without a hole. Unless it ends a half second of its
-device correcting is all there is to do, and its session takes it in later, with the others of that half second, or when somebody
+A batch is plain when it is whole and unmarked and follows the one before without a hole. Unless it ends a block of its
+device correcting is all there is to do, and its session takes it in later, with the others of that block, or when somebody
 looks at it (see Ahead). Everything else takes the door and the session's own way, which this one agrees with to the bit. What one
 device says keeps its order.
 """

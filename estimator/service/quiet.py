@@ -1,6 +1,6 @@
 """What waits for a quiet moment, so that no sample waits for it: learning, and looking after each device once a second.
 
-Nothing waits for ever: a session learns at the latest where it needs to know, at the end of its next half second, and who was
+Nothing waits for ever: a session learns at the latest where it needs to know, at the end of its next block, and who was
 not looked after for a second is looked after then.
 """
 
@@ -13,7 +13,7 @@ AT_ONCE_S = 0.02
 
 
 class Kind(IntEnum):
-    """What is to be done, the first first. A calibration takes as long as twenty half seconds without one."""
+    """What is to be done, the first first. A calibration takes as long as ten seconds without one."""
 
     LEARN = 0
     LOOK = auto()

@@ -23,7 +23,7 @@ from tests.bench.side_by_side import arithmetic
 
 Floats = NDArray[np.float64]
 
-DEVICES, SECONDS, RATE_HZ, BATCH, BLOCK = 100, 120.0, 104.0, 10, 52
+DEVICES, SECONDS, RATE_HZ, BATCH, BLOCK = 100, 120.0, 104.0, 10, 104
 _GOAL_US, _GOAL_BYTES = 1.0, 500_000
 
 
@@ -47,11 +47,11 @@ def rows_of(day: Day, *, aided: bool) -> Floats:
 
 
 def run(days: list[Day], make: Callable[[], One], *, aided: bool) -> tuple[float, list[One]]:
-    """CPU seconds for all samples of all devices, half second by half second, all devices back to back; and the devices."""
+    """CPU seconds for all samples of all devices, second by second, all devices back to back; and the devices."""
     devices = [make() for _ in range(DEVICES)]
     lives = [rows_of(day, aided=aided) for day in days]
     begun = process_time()
-    for start in range(0, len(days[0].time_s), BLOCK):  # a session learns from half seconds
+    for start in range(0, len(days[0].time_s), BLOCK):  # a session learns from blocks of a second
         for i, device in enumerate(devices):
             device.take(lives[i % len(lives)][start : start + BLOCK])
     return process_time() - begun, devices

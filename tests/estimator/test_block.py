@@ -1,4 +1,4 @@
-"""What samples teach holds from the next half second on."""
+"""What samples teach holds from the next block on."""
 
 from dataclasses import replace
 
@@ -6,27 +6,34 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Quality, SampleFlag
-from estimator.block import BLOCK_S, Block, joined, rows_of, sample_time_ns, unfit, where
+from estimator.block import BLOCK_S, TURNING_S, Block, joined, rows_of, sample_time_ns, unfit, where
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
 
-def test_a_correction_changes_at_the_begin_of_a_half_second_only() -> None:
-    corrected = feed(DeviceSession(NAME), calibration(seed=1).batches()).corrected
-    before = corrected[0]
-    changes = 0
-    for batch in corrected[1:]:
-        if not np.array_equal(batch.bias, before.bias) or batch.quality != before.quality:
-            changes += 1
-            assert batch.device_time[0] // BLOCK_S == before.device_time[-1] // BLOCK_S + 1
-        before = batch
-    assert changes > 10
+def test_a_correction_changes_at_the_begin_of_a_second_only_or_of_half_a_one_while_turns_are_taken() -> None:
+    device, before, turning_until = DeviceSession(NAME), None, -np.inf
+    wholes = halves = 0
+    for batch in calibration(seed=1).batches():
+        for now in feed(device, [batch]).corrected:
+            if before is not None and not (np.array_equal(now.bias, before.bias) and now.quality == before.quality):
+                begins, ended = now.device_time[0], before.device_time[-1]
+                assert begins // TURNING_S == ended // TURNING_S + 1
+                if begins // BLOCK_S == ended // BLOCK_S:
+                    halves += 1
+                    assert begins - turning_until < 2 * TURNING_S
+                wholes += 1
+            before = now
+        if device.learnt.turned:
+            turning_until = batch.device_time[-1]
+    assert wholes > 2 * halves > 10
+    assert before is not None
     assert before.quality is Quality.GOOD
 
 
 def test_the_end_of_a_stream_is_learnt_from_without_another_sample() -> None:
     whole = calibration(seed=1)
-    ends = [i for i in range(len(whole)) if whole.time[i] // BLOCK_S != whole.time[i - 1] // BLOCK_S]
+    ends = [i for i in range(len(whole)) if whole.time[i] // TURNING_S != whole.time[i - 1] // TURNING_S]
     for end in reversed(ends):  # the last block that a calibration needs
         device = DeviceSession(NAME)
         made = feed(device, whole.part(0, end).batches()).calibration

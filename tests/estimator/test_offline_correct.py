@@ -400,9 +400,7 @@ def test_a_real_bias_is_tracked_through_rests(shared_data: Path) -> None:
 
 
 def test_of_a_ward_it_is_what_was_published_whenever_the_device_was_switched_on(worn: Stream) -> None:
-    later = replace(
-        worn, ticks=worn.ticks + 309_615
-    )  # no half second begins where it begins by the recording's own time
+    later = replace(worn, ticks=worn.ticks + 309_615)  # no block begins where it begins by the recording's own time
     device = DeviceSession(NAME, knobs_of(load_model(GENERIC)))
     live = rates([*feed(device, later.batches()).corrected, *device.end().corrected])
     flags = np.zeros(len(later), np.uint32)

@@ -11,7 +11,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag, WindowBatch
 from estimator.service import published
 from estimator.session import DeviceSession
-from estimator.windowed import Second, Windowed, windows
+from estimator.windowed import Second, windows
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
 
@@ -26,7 +26,7 @@ def once() -> Stream:
 
 def seconds_of(batches: list[SampleBatch]) -> tuple[list[Second], list[CorrectedBatch]]:
     session = DeviceSession(NAME)
-    session.windowed = Windowed()
+    session.windowed = True
     found: list[Second] = []
     corrected: list[CorrectedBatch] = []
     for batch in batches:
@@ -105,7 +105,7 @@ def test_they_are_made_only_while_somebody_asks_and_read_both_ways(ward: Ward, o
 
     def made() -> bool:
         ward.latest()  # it looks round once a second
-        return ward.service._devices[NAME].session.windowed is not None
+        return ward.service._devices[NAME].session.windowed
 
     assert not made()
     looks = ward.client.windows(idle_s=0.05)

@@ -28,7 +28,7 @@ from bridge.wire.refusal import Refusal
 from estimator.client import Client
 from estimator.revision import revised
 from estimator.session import DeviceSession
-from estimator.windowed import Second, Windowed, windows
+from estimator.windowed import Second, windows
 from tests.estimator.stream import NAME, calibration, feed
 from tests.other_languages.dump import pack
 
@@ -278,7 +278,7 @@ def test_revisions_against_the_rules_are_refused_too(run: Run, batches: list[Cor
 
 def test_windows_are_read_as_python_reads_them(run: Run) -> None:
     looked = DeviceSession(NAME)
-    looked.windowed = Windowed()
+    looked.windowed = True
     seconds: list[Second] = []
     stream = calibration(seed=1, after=[Still(4.0)]).batches(boot=2**64 - 3, first=2**40)
     looked.begin_boot(stream[0].boot, float(stream[0].device_time[0]), None)

@@ -42,7 +42,7 @@ class Fleet:
         ]
         rng = np.random.default_rng(seed)
         self._boots = rng.integers(1, 2**63, n).tolist()
-        #: no two were switched on at the same moment: their half seconds end all the time
+        #: no two were switched on at the same moment: their blocks end all the time
         self._ages = rng.uniform(0.0, 1.0, n)
 
     @property
