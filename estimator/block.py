@@ -60,6 +60,9 @@ class Stretch(Protocol):
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of them."""
 
+    def time_ns(self, index: int) -> int:
+        """Host time of a sample of them, ns since the Unix epoch."""
+
     def temperature(self, index: int) -> float | None:
         """°C at a sample of them; None where there is none."""
 
@@ -94,6 +97,11 @@ class Part(NamedTuple):
 def where(of: SampleBatch | Stretch, index: int) -> tuple[SampleBatch, int]:
     """The batch and the place in it of a sample of either."""
     return (of, index) if isinstance(of, SampleBatch) else of.where(index)
+
+
+def time_ns_at(of: SampleBatch | Stretch, index: int) -> int:
+    """`sample_time_ns` of a sample of either, for which no batch is made."""
+    return sample_time_ns(of, index) if isinstance(of, SampleBatch) else of.time_ns(index)
 
 
 def has_celsius(of: SampleBatch | Stretch) -> bool:

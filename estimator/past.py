@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, SampleBatch
-from estimator.block import Stretch, sample_time_ns, where
+from estimator.block import Stretch, time_ns_at
 from estimator.track.smoother import Smoothed
 
 #: seconds whose samples are remembered
@@ -21,7 +21,7 @@ class Past:
 
     def note(self, end: float, of: SampleBatch | Stretch, index: int) -> None:
         """The tracker has come to the end of a second, device time, with this sample of a batch or stretch."""
-        self._seconds.append((end, of.sequence + index, sample_time_ns(*where(of, index))))
+        self._seconds.append((end, of.sequence + index, time_ns_at(of, index)))
 
     @property
     def reached(self) -> tuple[int, int] | None:

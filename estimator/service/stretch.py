@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cache
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,11 @@ from estimator.loops.messages import (
     PERIOD,
     RATE,
     SEQUENCE,
+    START,
     TICKS,
 )
 
+_TICK = Struct("<Q")
 _UINT64, _FLOAT = np.dtype("<u8"), np.dtype("<f4")
 
 
@@ -56,20 +59,36 @@ class Sent:
 
     def where(self, index: int) -> tuple[SampleBatch, int]:
         """The batch and the place in it of a sample of them."""
-        number = 0
-        while index >= (n := self._whole.item(number, COUNT)):
-            number, index = number + 1, index - n
+        number, index = self._place(index)
         if self._made is None or self._made[0] != number:
             self._made = number, self._batch(number)
         return self._made[1], index
+
+    def time_ns(self, index: int) -> int:
+        """Host time of a sample of them, as sample_time_ns of block.py has it, to the bit."""
+        number, index = self._place(index)
+        payload, at = self._payloads[number], self._whole.item(number, TICKS) - self._before(number)
+        (first,), (tick,) = _TICK.unpack_from(payload, at), _TICK.unpack_from(payload, at + _TICK.size * index)
+        since = float(tick - first) * self._real.item(number, PERIOD) * self._real.item(number, RATE)
+        return self._whole.item(number, START) + round(since * 1e9)
 
     def temperature(self, index: int) -> float | None:
         """°C at a sample of them; None where there is none."""
         return temperature_at(*self.where(index)) if self.warm else None
 
+    def _place(self, index: int) -> tuple[int, int]:
+        number = 0
+        while index >= (n := self._whole.item(number, COUNT)):
+            number, index = number + 1, index - n
+        return number, index
+
+    def _before(self, number: int) -> int:
+        """Where a payload begins among the columns."""
+        return self._begin + sum(map(len, self._payloads[:number]))
+
     def _batch(self, number: int) -> SampleBatch:
         n, _, boot, sequence, received_ns, start_ns, *columns, _ = self._whole[number].tolist()
-        begin, payload = self._begin + sum(map(len, self._payloads[:number])), self._payloads[number]
+        begin, payload = self._before(number), self._payloads[number]
         accel, celsius = columns[ACCEL - TICKS], columns[CELSIUS - TICKS]
         return SampleBatch(
             self._sender[0],

@@ -13,7 +13,7 @@ from bridge.wire import columns_pb2 as columns
 from bridge.wire.batches import MAX_SEQUENCE, Stencil
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.messages import Quality, SampleBatch
-from estimator.block import temperature_at
+from estimator.block import sample_time_ns, temperature_at
 from estimator.correction import Correction
 from estimator.course import PLAIN_S, Point
 from estimator.gyro import GyroModel
@@ -345,4 +345,5 @@ def test_a_sample_of_a_stretch_is_found_in_the_batch_it_was_sent_with(sizes: lis
         batch, expected = places[index]
         assert (found.sequence, found.bridge, place) == (batch.sequence, "b", expected)
         assert sent.temperature(index) == temperature_at(batch, expected)
+        assert sent.time_ns(index) == sample_time_ns(batch, expected)
         np.testing.assert_array_equal(found.gyro, batch.gyro)
