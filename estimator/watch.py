@@ -19,7 +19,7 @@ from estimator import glance
 from estimator.client import NONE_S, Client
 from estimator.glance import Glance
 from estimator.gyro import AXES, SIGMAS
-from estimator.listening import FIRST_S, Ears
+from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import table, word
 from estimator.ward_view import NEVER_S, WardView
 
@@ -153,7 +153,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                     shown_at = time.monotonic()
                     console.print(_line(batch, latest), highlight=False)
         except KeyboardInterrupt:
-            pass
+            interrupted(begin, heard=heard)
         finally:
             if live:
                 live.stop()

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.text import Text
 
 from estimator.client import Client
-from estimator.listening import FIRST_S, Ears
+from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import STYLES
 from estimator.ward_view import TRACKING, WORDS, Row, age, chosen, counted, head_line, strangers
 
@@ -69,7 +69,7 @@ def watch_ward(
             if once or (seconds is not None and now - begin >= seconds):
                 break
     except KeyboardInterrupt:
-        pass
+        interrupted(begin, heard=heard)
     finally:
         screen.stop()
     if not heard:

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -284,6 +285,25 @@ def test_who_is_heard_is_said_where_the_one_that_is_watched_is_not(
     assert names.startswith("heard in ward w: d0, d1, d10, ")
     assert names.endswith(" and 100 more")
     assert "nothing was heard of d1x" in unheard
+
+
+@pytest.mark.parametrize(("after_s", "early"), [(0.4, True), (5.0, False)])
+def test_who_interrupts_before_anything_can_be_known_is_told_nothing(
+    speaking: Speaking, client: Client, monkeypatch: pytest.MonkeyPatch, after_s: float, *, early: bool
+) -> None:
+    def interrupt(*_: object) -> None:
+        speaking.sleep(after_s)
+        raise KeyboardInterrupt
+
+    bus, (console, file) = speaking.bus, terminal()
+    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
+    monkeypatch.setattr(Corrected, "receive", interrupt)
+    monkeypatch.setattr(listening.Ears, "listen", interrupt)
+    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
+        assert watch.watch(console, WARD, (), "d0", None) == 1
+    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
+        assert watch_ward.watch_ward(console, client) == 1
+    assert ("nothing was heard of d0" in file.getvalue()) is not early
 
 
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
