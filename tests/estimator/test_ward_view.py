@@ -342,6 +342,8 @@ def test_a_word_that_is_nobody_and_no_state_is_said(client: Client, capsys: pyte
     console, file = terminal()
     assert watch_ward.watch_ward(console, client, ["degarded"], once=True) == 1
     assert "no device that is heard, and no state, is degarded; states are" in file.getvalue()
+    assert "; heard are d0, d1, d10, " in file.getvalue()
+    assert " and 100 more\n" in file.getvalue()
     assert watch_ward.watch_ward(console, client, ["degarded", "d77"], once=True, as_json=True) == 1
     printed = capsys.readouterr()
     assert [device["device"] for device in json.loads(printed.out.splitlines()[-1])["devices"]] == ["d77"]
