@@ -13,10 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.recording import load
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply
+from bridge.wire.messages import CommandReply, Verdict
+from estimator import calibration_file, offline
 from estimator.cli import VERBS, _first, build, main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
@@ -118,6 +120,21 @@ def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> No
 def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
     assert "accepted" in capsys.readouterr().out
+
+
+def test_of_many_movements_that_did_not_count_the_first_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result, _ = offline.calibrate(load(saved := save(tmp_path / "long.npz", simulate_session(4))))
+    monkeypatch.setattr(offline, "calibrate", lambda *_, **__: (result, [f"{n}.0 s: a nudge" for n in range(70)]))
+    assert main(["calibrate", saved]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("a nudge") == 12
+    assert "passed over: … and 58 more; --json has them all" in printed
+    assert main(["calibrate", saved, "--json"]) == 0
+    (tmp_path / "long.json").write_text(printed := capsys.readouterr().out)
+    assert len(json.loads(printed)["passed_over"]) == 70
+    assert calibration_file.load(tmp_path / "long.json").verdict is Verdict.ACCEPTED
 
 
 def a_missing_turn() -> tuple[Session, Floats | None]:
