@@ -84,6 +84,18 @@ def test_a_rest_is_said_only_where_there_was_one() -> None:
     assert rests == {"a": "none known yet", "b": "5 s ago", "c": ""}
 
 
+def test_one_gap_is_one_gap() -> None:
+    for count, missing, lost, happened in (
+        (0, 0, "none", "movement ignored: 2"),
+        (1, 98, "98, in one gap", "gaps: 1, missing samples: 98, movement ignored: 2"),
+        (3, 99, "99, in 3 gaps", "gaps: 3, missing samples: 99, movement ignored: 2"),
+    ):
+        events = {"movement ignored": 2, "missing_samples": missing, "gaps": count}
+        page = device_page(known(said("a", events=events)), "a", 100.0, NOW, EN)
+        assert page.tile.gaps == lost
+        assert dict(page.facts)["happened"] == happened
+
+
 def test_too_many_devices_are_said() -> None:
     ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
     assert len(ward.stories) == DEVICES
