@@ -12,6 +12,7 @@ from estimator.ward_view import URGENCY
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, Known
+from estimator.web.reports import past
 from estimator.web.strips import Strips
 from estimator.web.tiles import TONES, ward_page
 from estimator.web.traces import ALONE_S, Traces
@@ -110,6 +111,15 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     assert line.in_use
     k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
     assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ± {1.96 * k_std:.4f}"
+
+
+def test_a_picture_of_the_past_shows_the_boot_from_which_on_the_bias_was_unsure() -> None:
+    ward = known(about("a", boot=4, time_ns=NOW - 7200 * S), about("a", boot=5, time_ns=NOW - S))
+    for i, std in enumerate([0.5, 0.5, 0.001, 0.001]):
+        ward.take_status(said("a", boot=5, time_ns=NOW + i * S, bias_std=(std, std, std)), 100.0 + i)
+    drawn = past(ward.stories["a"], "a")
+    assert list(drawn.biases[0].time_ns) == [NOW + 2 * S, NOW + 3 * S]
+    assert list(drawn.boots) == [{"time_ns": NOW - S}], "an earlier one is of a time of which nothing is shown"
 
 
 # ---- what a trail keeps -----------------------------------------------------------------------------------------------
