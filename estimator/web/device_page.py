@@ -122,9 +122,9 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
 
 
 def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, of 95 %; the value alone where its standard deviation is not known."""
+    """`1.0123 ± 0.0008`, of 95 %, in two lines at most; the value alone where its standard deviation is not known."""
     shown = f"{value:.{digits}f}".replace("-", words.MINUS)
-    return f"{shown} ± {SIGMAS * std:.{digits}f}" if isfinite(std) else shown
+    return f"{shown} ±{words.SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def _event(mark: Mark, t: Texts) -> Line:

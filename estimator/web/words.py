@@ -9,6 +9,8 @@ from estimator.texts import Texts
 from estimator.ward_view import age
 
 MINUS = "\N{MINUS SIGN}"
+#: where no line ends
+SPACE = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int) -> str:

@@ -9,6 +9,7 @@ from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
+from estimator.web import words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, Known
@@ -110,7 +111,7 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     (line,) = device_page(ward, "a", 100.0, NOW, EN).calibrations
     assert line.in_use
     k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
-    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ± {1.96 * k_std:.4f}"
+    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
 
 
 def test_a_picture_of_the_past_shows_the_boot_from_which_on_the_bias_was_unsure() -> None:
