@@ -107,6 +107,15 @@ def test_no_number_is_cut_on_a_small_screen(page: Page, site: Site) -> None:
         for width in (320, 360, 412, 540, 768):
             page.set_viewport_size({"width": width, "height": 740})
             assert cut(page) == [], width
+    for place in (f"/devices/{NAME}", path("second"), "/report"):
+        page.goto(place)
+        for width in (320, 360, 412, 540, 768, 1024, 1120, 1280):
+            page.set_viewport_size({"width": width, "height": 740})
+            assert cut(page) == [], (place, width)
+    # Who reads one calibration by itself sees what each of its numbers is.
+    page.goto(f"/devices/{NAME}")
+    labels = page.locator("#calibrations tr.in-use td").evaluate_all("cells => cells.map((cell) => cell.dataset.is)")
+    assert labels == page.locator("#calibrations th").all_text_contents()
 
 
 def test_a_zone_is_named_by_how_far_it_is_from_utc() -> None:
