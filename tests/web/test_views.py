@@ -253,6 +253,21 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     assert heading.now.read == 0.0
 
 
+@pytest.mark.parametrize(("rest_s", "since_s"), [(5.02, 5.02), (-66.0, 0.0), (3600.0, 0.0)])
+def test_a_heading_begins_with_the_rest_also_of_samples_that_came_at_once(rest_s: float, since_s: float) -> None:
+    """A rest within them, one before all of them, and one by a clock that is an hour ahead."""
+    traces, heading = Traces(), Heading()
+    heading.restart(NOW / S + rest_s)
+    for i in range(200):
+        for pair in traces.take(0.0, [raw("a", np.radians(3.0), 5 * i)], [corrected("a", 0.0, 5 * i)]):
+            heading.add(pair)
+    first_s = traces.take(0.0, [raw("a", 0.0)], [corrected("a", 0.0)])[0].time_s[0]
+    assert heading.since_s - first_s == pytest.approx(since_s, abs=0.06)
+    lasted_s = heading.now.time_s - heading.since_s + 0.01
+    assert np.degrees(heading.now.read) == pytest.approx(3.0 * lasted_s, abs=0.1)
+    assert heading.points[0].time_s >= heading.since_s
+
+
 @pytest.mark.parametrize(("up", "read_dps"), [((1.0, 0.0, 0.0), 3.0), ((0.0, 1.0, 0.0), 0.0)])
 def test_a_heading_is_about_the_vertical_and_a_tilt_is_none(up: tuple[float, ...], read_dps: float) -> None:
     """A bias about x of 3 °/s, over 100 s: turned more than half round where x is upright, tilted only where y is."""
