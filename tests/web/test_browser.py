@@ -299,6 +299,7 @@ def test_where_nobody_may_command_it_is_said(browser: Browser) -> None:
             ("/", "read only"),
             (f"/devices/{name}", "This dashboard is read only"),
             (f"/devices/{name}/calibrate", "It can only be followed here."),
+            ("/login", "This dashboard is read only"),
         ):
             mine.goto(path)
             expect(mine.locator("body")).to_contain_text(words)
