@@ -104,7 +104,7 @@ def _twice(routers: Sequence[RouterFile]) -> Iterator[str]:
 
 def _joins(router: RouterFile, routers: Sequence[RouterFile]) -> Iterator[str]:
     for endpoint in router.join:
-        if reaches(endpoint, router):
+        if _is_itself(endpoint, router):
             yield f"connect: {endpoint} is this router itself; another's belongs there"
             continue
         for other in (other for other in routers if other is not router and reaches(endpoint, other)):
@@ -119,6 +119,12 @@ def _joins(router: RouterFile, routers: Sequence[RouterFile]) -> Iterator[str]:
                     f"connect: {endpoint}: one of the two does not let in the other's certificate: `truerate pki router`"
                     " writes both files of a router anew"
                 )
+
+
+def _is_itself(endpoint: str, router: RouterFile) -> bool:
+    """Whether an endpoint is a router's own; of one that listens everywhere only a certificate tells its hosts."""
+    told = not secured(endpoint) or hosts_at(router) or host_of(endpoint) in map(host_of, router.listen)
+    return bool(told) and reaches(endpoint, router)
 
 
 def _apart(ward: str, routers: Sequence[RouterFile]) -> Iterator[str]:

@@ -26,6 +26,7 @@ LOOK_S = 0.1
 #: after so long a device that no bridge lists is taken for one that there is not
 MISNAMED_S = 3.0
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
+_UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.TURNING, Step.POSE, Step.SETTLE)
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 
 
@@ -76,20 +77,26 @@ def calibrate(
         pass
     finally:
         screen.close()
-        if asked and guide.told().step not in (Step.DONE, Step.CANCELLED, Step.IDLE):
-            _give_up(console, client, device, who)
+        if (step := guide.told().step) not in (Step.DONE, Step.CANCELLED, Step.IDLE):
+            said = _given_up(client, device, who) if asked else _left(t, step, device, time.monotonic() - begin)
+            console.print(Text(said, "dim"), end="\n" if said else "")
         for stream in (samples, statuses, made, infos):
             stream.close()
     return _end(console, t, guide.told(), status, known)
 
 
-def _give_up(console: Console, client: Client, device: str, who: str) -> None:
+def _given_up(client: Client, device: str, who: str) -> str:
     """Take back what was asked for: the device would wait for ever."""
     try:
         said = client.cancel(device, who).message
     except BusError as error:
         said = f"the calibration is still under way: {error}"
-    console.print(Text(f"{device}: {said}", "dim"))
+    return f"{device}: {said}"
+
+
+def _left(t: Texts, step: Step, device: str, after_s: float) -> str:
+    """What somebody else has asked for is left to them, who may stand at the device."""
+    return t("guide.goes_on", seconds=f"{after_s:.0f}", device=device) if step in _UNDER_WAY else ""
 
 
 class Screen:

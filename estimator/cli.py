@@ -130,4 +130,4 @@ def build(verb: str = "") -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command.over(main()))

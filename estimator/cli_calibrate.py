@@ -85,7 +85,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.batch.names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
-    from estimator.report import as_json  # noqa: PLC0415
+    from estimator.report import as_json, first  # noqa: PLC0415
 
     method = given.method or DEFAULT
     if method not in (names := (*BY_HAND, *BY_RATES)):
@@ -101,10 +101,10 @@ def _calibrate(given: argparse.Namespace) -> int:
     rates = tuple(map(radians, given.rates_dps))
     result, passed_over = calibrate(recording, method, gyro_range=gyro_range(given, recording), rates=rates)
     if given.json:
-        print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)))))
+        print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)), passed_over)))
     else:
         console = Console()
-        for words in passed_over:
+        for words in first(passed_over):
             console.print(f"passed over: {words}", style="dim", highlight=False, soft_wrap=True)
         if isfinite(result.covariance.sum()):
             _show_parameters(console, result)

@@ -21,7 +21,13 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add the verb."""
     verb = add_verb(verbs, "dashboard", _dashboard, "a ward in the browser: who is well, who needs a person, and why")
     verb.epilog, verb.formatter_class = _EXAMPLES, argparse.RawDescriptionHelpFormatter
-    verb.add_argument("what", nargs="?", choices=["password"], help="make the hash of a password instead of serving")
+    verb.add_argument(
+        "what",
+        nargs="?",
+        choices=["password"],
+        metavar="password",
+        help="make the hash of a password instead of serving",
+    )
     verb.add_argument("--config", type=Path, help="the ward's file: says the ward, the routers, and [dashboard]")
     verb.add_argument("--ward", help="the ward's name (default: the file's, else 'ward')")
     verb.add_argument("--connect", action="append", metavar="ENDPOINT", help="a router (default: the file's)")

@@ -70,7 +70,8 @@ def _look(path: Path | None) -> Iterable[Finding]:
             ward = load(path, Ward)
             said = [ok("config", f"{path} is right")]
         except ConfigError as error:
-            said = [trouble("config", str(error), f"mend it, then `truerate config check {path}`")]
+            do = f"mend it, then `truerate config check {path}`" if path.exists() else "check its name, and the folder"
+            said = [trouble("config", str(error), do)]
     devices = _ports(ward)
     named = (port for port in devices.values() if "://" not in port and not serial_state.no_port(port))
     serial = list(dict.fromkeys([*plugged, *named]))

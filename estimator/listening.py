@@ -2,12 +2,18 @@
 
 import time
 
-from estimator.client import Client
+from estimator.client import NONE_S, Client
 from estimator.ward_view import SILENT_S, WardView
 
 #: every device is spoken of once a second
 FIRST_S = 1.5
 _STEP_S = 0.1
+
+
+def interrupted(begin: float, *, heard: bool) -> None:
+    """After Ctrl-C: it goes on where nothing was heard, and it is too early to say so."""
+    if not heard and time.monotonic() - begin < NONE_S:
+        raise KeyboardInterrupt
 
 
 class Ears:

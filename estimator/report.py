@@ -1,5 +1,6 @@
 """A calibration in words and as JSON: the command line's view of a Result. Degrees live here, not in the core."""
 
+from collections.abc import Iterator, Sequence
 from math import degrees
 from typing import Any
 
@@ -12,22 +13,31 @@ from estimator.batch.result import Result
 from estimator.gyro import AXES, SIGMAS
 
 
-def as_json(result: Result, calibration: Calibration) -> dict[str, Any]:
-    """Plain values: the calibration as it is loaded again, what to repeat, and what each parameter was told."""
+def as_json(result: Result, calibration: Calibration, passed_over: Sequence[str] = ()) -> dict[str, Any]:
+    """Plain values: the calibration as it is loaded again, what to repeat, what each parameter was told, what did not count."""
     known = bool(np.all(np.isfinite(result.covariance)))
     bits = result.information_bits.tolist() if known else []
     return {
         **calibration_file.as_json(calibration),
         "repeat": [AXES[axis] for axis in result.repeat],
         "information_bits": dict(zip(result.parameters, bits, strict=True)) if known else None,
+        "passed_over": list(passed_over),
     }
 
 
 def recorded_as_json(calibration: Calibration) -> dict[str, Any]:
     """The same of one that was made live: there is nothing to repeat, and what it was told is not known."""
-    return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None}
+    return {**calibration_file.as_json(calibration), "repeat": [], "information_bits": None, "passed_over": []}
 
 
+def first(lines: Sequence[str]) -> Iterator[str]:
+    """Of many lines the first, and how many more `--json` has."""
+    yield from lines[:_MOST]
+    if (more := len(lines) - _MOST) > 0:
+        yield f"… and {more} more; --json has them all"
+
+
+_MOST = 12
 _HEADINGS = {"axis": 0, "scale k": 0, "± 95 %": 0, "bias °/s": 0, "± 95 % °/s": 0}
 _OF_TURNS = {"turn °": 1, "closed to °": 2, "s": 3}
 

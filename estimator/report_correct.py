@@ -11,8 +11,8 @@ from bridge.wire.messages import Quality
 from bridge.wording import count
 from estimator.corrected import Corrected
 from estimator.gyro import AXES, SIGMAS
+from estimator.report import first
 
-_MOST_SAID = 12
 _NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
 _MEANS = {
     "NONE": "nothing known yet",
@@ -65,9 +65,7 @@ def as_words(corrected: Corrected, recording: Recording, out: Path) -> Iterator[
 
 def said(corrected: Corrected) -> Iterator[str]:
     """What a service would have logged, the first lines of it."""
-    yield from corrected.said[:_MOST_SAID]
-    if (more := len(corrected.said) - _MOST_SAID) > 0:
-        yield f"… and {more} more; --json has them all"
+    yield from first(corrected.said)
 
 
 def _span(seconds: float) -> str:

@@ -18,6 +18,7 @@ NEVER_S = 1e9
 SILENT, UNKNOWN, TRACKING = "silent", "unknown", "tracking"
 #: what needs a person most comes first
 URGENCY = ("lost", SILENT, UNKNOWN, "awaiting still", "bias only", "degraded", "turning", "warming", TRACKING)
+_LISTED = 20
 WORDS = {state: state.name.lower().replace("_", " ") for state in State}
 
 
@@ -181,6 +182,13 @@ def strangers(rows: Iterable[Row], only: Iterable[str]) -> list[str]:
         if word.lower().replace("-", " ").replace("_", " ") not in states
         and not any(fnmatchcase(device, word.lower()) for device in devices)
     ]
+
+
+def listed(devices: Iterable[str]) -> str:
+    """By name, `ankle, chest`, and of many how many more there are."""
+    names = sorted(devices)
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"{', '.join(names[:_LISTED])}{more}"
 
 
 def age(seconds: float) -> str:

@@ -19,9 +19,9 @@ from estimator import glance
 from estimator.client import NONE_S, Client
 from estimator.glance import Glance
 from estimator.gyro import AXES, SIGMAS
-from estimator.listening import FIRST_S, Ears
+from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import table, word
-from estimator.ward_view import NEVER_S, WardView
+from estimator.ward_view import NEVER_S, WardView, listed
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
@@ -102,7 +102,7 @@ def _hardware(infos: dict[str, DeviceInfo]) -> Columns:
     return shown
 
 
-_MOST_UNUSED, _MOST_NAMES = 5, 20  # devices
+_MOST_UNUSED = 5  # devices
 _HARDWARE = (
     Column("device", least=20),
     Column("what it is", spare=2),
@@ -153,7 +153,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                     shown_at = time.monotonic()
                     console.print(_line(batch, latest), highlight=False)
         except KeyboardInterrupt:
-            pass
+            interrupted(begin, heard=heard)
         finally:
             if live:
                 live.stop()
@@ -167,13 +167,12 @@ def _who_is_there(client: Client, device: str) -> str:
     with closing(Ears(client)) as ears:
         ears.listen(FIRST_S)
         infos = ears.view.infos()
-        names = sorted({*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)})
+        names = {*ears.view.statuses(time.monotonic()), *(name for name, info in infos.items() if info.boot)}
     if (info := infos.get(device)) is not None:
         return info.trouble or "its bridge hears it, and no estimator has said anything of it: is one running?"
     if not names:
         return f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return f"heard in ward {client.ward}: {', '.join(names[:_MOST_NAMES])}{more}"
+    return f"heard in ward {client.ward}: {listed(names)}"
 
 
 def _unheard(device: str, ward: str, status: Status | None) -> str:

@@ -11,9 +11,9 @@ from rich.live import Live
 from rich.text import Text
 
 from estimator.client import Client
-from estimator.listening import FIRST_S, Ears
+from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import STYLES
-from estimator.ward_view import TRACKING, WORDS, Row, age, chosen, counted, head_line, strangers
+from estimator.ward_view import TRACKING, WORDS, Row, age, chosen, counted, head_line, listed, strangers
 
 _REDRAW_S = 1.0
 _STYLE = {WORDS[state]: style for state, style in STYLES.items()}
@@ -53,7 +53,7 @@ def watch_ward(
             head = f"{client.ward}: {head_line(everything)}" + ("" if client.connected else "; no router is there now")
             strange = strangers(everything, only)
             head += f"; none is {' or '.join(only)}" if only and not rows and not strange else ""
-            head += f"; {_strange(strange)}" if strange else ""
+            head += f"; {_strange(strange, everything)}" if strange else ""
             if as_json:
                 _print_json(client.ward, everything, rows)
             elif live:
@@ -69,20 +69,21 @@ def watch_ward(
             if once or (seconds is not None and now - begin >= seconds):
                 break
     except KeyboardInterrupt:
-        pass
+        interrupted(begin, heard=heard)
     finally:
         screen.stop()
     if not heard:
         words = f"ward {client.ward}: no device is heard. Is a bridge running? Is the ward's name right?"
         print(words, file=sys.stderr)  # noqa: T201
     elif strange and (as_json or not (live or once)):
-        print(_strange(strange), file=sys.stderr)  # noqa: T201
+        print(_strange(strange, everything), file=sys.stderr)  # noqa: T201
     return 0 if heard and not strange else 1
 
 
-def _strange(words: list[str]) -> str:
+def _strange(words: list[str], heard: Sequence[Row]) -> str:
     states = ", ".join(word.replace(" ", "-") for word in WORDS.values())
-    return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}"
+    there = f"; heard are {listed(row.device for row in heard)}" if heard else ""
+    return f"no device that is heard, and no state, is {' or '.join(words)}; states are {states}{there}"
 
 
 def lines(

@@ -16,6 +16,7 @@ from bridge import os_words
 from estimator.database.connection import FAULTS, beside, code, connect, snapshot, transaction, unused
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
+    ADVICE,
     LOOKED_THROUGH,
     Damaged,
     backed_up,
@@ -325,7 +326,7 @@ def _as_it_is(path: Path) -> sqlite3.Connection:
     except Damaged as damage:
         raise StoreError(f"store {path} is damaged ({damage}): `truerate store check` says what is left") from damage
     except FileNotFoundError:
-        raise StoreError(f"store {path}: there is no such file") from None
+        raise StoreError(f"store {path}: there is no such file; {ADVICE}") from None
     except (*FAULTS, OSError) as error:
         raise StoreError(f"store {path} cannot be read: {os_words.said(error)}") from error
     return db

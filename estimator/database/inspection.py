@@ -11,7 +11,7 @@ from bridge.wording import count
 from estimator.database import salvage, wal
 from estimator.database.connection import FAULTS, has_anothers_log, snapshot
 from estimator.database.errors import StoreError
-from estimator.database.opening import Damaged, head_of, look, look_through
+from estimator.database.opening import ADVICE, Damaged, head_of, look, look_through
 from estimator.database.rescue import file_and_log
 from estimator.database.schema import SCHEMA_VERSION, SEALED_FROM
 
@@ -40,7 +40,7 @@ def inspect(path: Path) -> Inspection:
         lost = _lost(path)
         return _inspected(path, head, [f"of its log {count(lost, 'write')} at the end cannot be read"] if lost else [])
     except FileNotFoundError:
-        raise StoreError(f"store {path}: there is no such file") from None
+        raise StoreError(f"store {path}: there is no such file; {ADVICE}") from None
     except OSError as error:
         raise StoreError(f"store {path} cannot be read: {os_words.said(error)}") from error
 

@@ -27,7 +27,7 @@ _FUTURE = 1000
 
 
 #: to who names a file that is none
-_ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
+ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
 
 
 class Damaged(Exception):
@@ -74,7 +74,7 @@ def head_of(path: Path) -> bytes:
         )
     head = file_and_log(path, salvage.HEAD)
     if not salvage.is_ours(head):
-        raise StoreError(f"{path} is not a store of truerate's: {_ADVICE}")
+        raise StoreError(f"{path} is not a store of truerate's: {ADVICE}")
     return head
 
 

@@ -99,7 +99,8 @@ def _tracked(axes: Any, time: Floats, bias: Floats, std: Floats, axis: int) -> N
     # Seen from what is known in the end: the first seconds know nothing.
     near = std < 20 * max(float(np.median(std)), 1e-4)
     low, high = (bias - 3 * std)[near].min(), (bias + 3 * std)[near].max()
-    axes.set(ylabel=f"bias {AXES[axis]}, °/s", ylim=(low, high))
+    room = 0.25 * (high - low)  # for the legend
+    axes.set(ylabel=f"bias {AXES[axis]}, °/s", ylim=(low, high + room))
     axes.legend(fontsize=8, ncols=2, loc="upper right")
 
 

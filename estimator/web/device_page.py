@@ -122,9 +122,9 @@ def _calibration(c: Calibration, in_use: str, t: Texts) -> CalibrationLine:
 
 
 def interval(value: float, std: float, digits: int) -> str:
-    """`1.0123 ± 0.0008`, of 95 %; the value alone where its standard deviation is not known."""
+    """`1.0123 ± 0.0008`, of 95 %, in two lines at most; the value alone where its standard deviation is not known."""
     shown = f"{value:.{digits}f}".replace("-", words.MINUS)
-    return f"{shown} ± {SIGMAS * std:.{digits}f}" if isfinite(std) else shown
+    return f"{shown} ±{words.SPACE}{SIGMAS * std:.{digits}f}" if isfinite(std) else shown
 
 
 def _event(mark: Mark, t: Texts) -> Line:
@@ -160,9 +160,14 @@ def _counts(status: Status, t: Texts) -> list[tuple[str, str]]:
     return [
         ("samples", t("fact.law", taken=status.samples_in, out=status.samples_out, dropped=dropped)),
         ("dropped", _counted(status.dropped, t)),
-        ("happened", _counted(dict(sorted(status.events.items())), t)),
+        ("happened", _events(status.events, t)),
         ("scale", " ".join(f"{k:.4f}" for k in status.scale)),
     ]
+
+
+def _events(counts: Mapping[str, int], t: Texts) -> str:
+    """`gaps: 1, movement ignored: 2`: most of the words are plurals."""
+    return ", ".join(t("words.counted", what=t.said(in_words(label)), n=n) for label, n in sorted(counts.items()) if n)
 
 
 def _counted(counts: Mapping[str, int], t: Texts) -> str:

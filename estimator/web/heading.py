@@ -1,14 +1,15 @@
 """How far the heading by raw rates comes away from that by corrected rates. Pure."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, cos, nan, pi, remainder, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.wire.messages import Floats
 from estimator import rotation
-from estimator.web.traces import Pair
+from estimator.web.traces import KEPT_S, Pair
 
 #: a pause so long tears the attitude: it begins anew
 TORN_S = 0.5
@@ -76,12 +77,22 @@ class Heading:
             self._anew()
 
     def add(self, pair: Pair) -> None:
-        """Go on by some samples; what is not corrected, or torn, begins anew."""
+        """Go on by some samples; what is not corrected, or torn, begins anew.
+
+        Of the last seconds, which come at once to who has just begun to listen, those before `restart` count for nothing.
+        """
         if not np.isfinite(pair.corrected).all() or pair.boot != self._boot:
             self._boot = pair.boot
             self._accel.clear()
             self._anew()
             if not np.isfinite(pair.corrected).all():
+                return
+        # Not those long before: then it is a clock that is behind the one which tells of rests.
+        counts = (pair.time_s >= self._asked_s) | (pair.time_s < self._asked_s - KEPT_S)
+        if not counts.all():
+            self._feel(pair)
+            pair = _only(pair, counts)
+            if not len(pair.time_s):
                 return
         dt = np.diff(pair.device_s, prepend=self._latest_s)
         if not 0 < dt[0] < TORN_S:
@@ -130,3 +141,10 @@ class Heading:
         self._bias, self._up = np.full(3, nan), None
         self._latest_s, self.since_s = -np.inf, 0.0
         self.points.clear()
+
+
+def _only(pair: Pair, counts: NDArray[np.bool_]) -> Pair:
+    return replace(
+        pair,
+        **{name: getattr(pair, name)[counts] for name in ("device_s", "time_s", "raw", "corrected", "std")},
+    )

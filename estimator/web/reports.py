@@ -18,6 +18,8 @@ from estimator.web.tiles import NEEDS, toned, troubles, word
 
 #: times the least standard deviation of a bias beyond which a point says nothing beside it
 _UNSURE = 20.0
+#: a boot is known so long before anything is said of its bias
+_BEFORE_NS = 60 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +151,7 @@ def past(story: Story, device: str) -> History:
     if len(points) < 2:
         return History(device, (), (), (), ())
     biases = Biases("", times_ns, points[:, :3], points[:, 3:6], points[:, 6])
-    boots = [{"time_ns": boot.time_ns} for boot in story.boots.values() if boot.time_ns >= times_ns[0]]
-    made = [c for c in story.calibrations.values() if c.time_ns >= times_ns[0]]
+    since_ns = trail.times_ns[0] - _BEFORE_NS
+    boots = [{"time_ns": boot.time_ns} for boot in story.boots.values() if boot.time_ns >= since_ns]
+    made = [c for c in story.calibrations.values() if c.time_ns >= since_ns]
     return History(device, made, boots, (), [biases])

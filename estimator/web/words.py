@@ -9,6 +9,8 @@ from estimator.texts import Texts
 from estimator.ward_view import age
 
 MINUS = "\N{MINUS SIGN}"
+#: where no line ends
+SPACE = "\N{NO-BREAK SPACE}"
 
 
 def signed(value: float, digits: int) -> str:
@@ -32,7 +34,9 @@ def rate(measured_hz: float, told_hz: float, t: Texts) -> str:
 
 
 def gaps(count: int, missing: int, t: Texts) -> str:
-    """`none`, or `3, 12 samples`."""
+    """`none`, `3, in one gap`, or `12, in 2 gaps`."""
+    if count == 1:
+        return t("words.gap", missing=missing)
     return t("words.gaps", count=count, missing=missing) if count else t("words.no_gaps")
 
 

@@ -76,6 +76,20 @@ def test_of_a_calibrated_device_it_asks_for_a_new_one() -> None:
     assert "scale before" in printed
 
 
+def test_what_somebody_else_asked_for_goes_on_and_that_is_said() -> None:
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    Played(talk, speed=20.0).switch_on([Still(3.0)])
+    console = Console(file=io.StringIO(), width=100)
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=1.0) == 1
+    assert talk.asked == []
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    said = console.file.getvalue().splitlines()[-1]
+    assert said == "Given up after 1 s. The calibration goes on; `truerate cancel chest` stops it."
+
+
 def test_a_device_nobody_hears_of() -> None:
     console = Console(file=io.StringIO(), width=100)
     with Client(ward=WARD, bus=MemoryBus(MemoryBroker())) as client:

@@ -13,10 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.recording import load
 from bridge.sim.script import TurnPlan
 from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply
+from bridge.wire.messages import CommandReply, Verdict
+from estimator import calibration_file, offline
 from estimator.cli import VERBS, _first, build, main
 from tests.estimator.batch.machines import on_a_turntable
 from tests.estimator.batch.sessions import in_poses
@@ -118,6 +120,21 @@ def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> No
 def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
     assert "accepted" in capsys.readouterr().out
+
+
+def test_of_many_movements_that_did_not_count_the_first_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result, _ = offline.calibrate(load(saved := save(tmp_path / "long.npz", simulate_session(4))))
+    monkeypatch.setattr(offline, "calibrate", lambda *_, **__: (result, [f"{n}.0 s: a nudge" for n in range(70)]))
+    assert main(["calibrate", saved]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("a nudge") == 12
+    assert "passed over: … and 58 more; --json has them all" in printed
+    assert main(["calibrate", saved, "--json"]) == 0
+    (tmp_path / "long.json").write_text(printed := capsys.readouterr().out)
+    assert len(json.loads(printed)["passed_over"]) == 70
+    assert calibration_file.load(tmp_path / "long.json").verdict is Verdict.ACCEPTED
 
 
 def a_missing_turn() -> tuple[Session, Floats | None]:
@@ -443,6 +460,26 @@ sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
 sys.exit(main())"""
     ended = subprocess.run([sys.executable, "-c", ignoring], capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_who_is_still_within_zenoh_at_the_end_does_not_abort_it() -> None:
+    busy = f"""import atexit, sys, threading, zenoh
+from bridge.bus.zenoh_session import open_session
+session = open_session({{"mode": "peer", "listen": {{"endpoints": []}}, "scouting": {{"multicast": {{"enabled": False}}}}}}, "")
+def ask():
+    while True:
+        session.get("a/b", zenoh.handlers.FifoChannel(1), timeout=0.001)
+for _ in range(4):
+    threading.Thread(target=ask, daemon=True).start()
+atexit.register(print, "at the end")
+from estimator.command import main
+sys.argv[1:] = ["config", "check", {str(DEMO)!r}]
+sys.exit(main())"""
+    ended = subprocess.run([sys.executable, "-c", busy], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    first, *_, last = ended.stdout.splitlines()
+    assert "right." in first
+    assert last == "at the end"
 
 
 def test_nothing_is_loaded_before_an_interruption_is_expected() -> None:

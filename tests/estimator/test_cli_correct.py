@@ -16,6 +16,7 @@ from bridge.sim.session import Session, simulate_session
 from bridge.wire.messages import Quality
 from estimator import corrected_file
 from estimator.cli import main
+from estimator.figures import recordings
 from estimator.offline import correct
 from estimator.track.smoother import Smoothed
 from estimator.track.tracker import Tracker
@@ -143,6 +144,18 @@ def test_a_picture(session: Session, recorded: Path, tmp_path: Path, warm: bool)
         assert main(["correct", str(recorded), str(tmp_path / "c.npz"), "--picture", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
+
+
+def test_a_legend_lies_on_no_bias() -> None:
+    figure = Figure(figsize=(6.0, 2.5))
+    axes = figure.subplots()
+    time = np.linspace(0, 60, 200)
+    recordings._tracked(axes, time, 0.01 * time, np.full(200, 0.002), 0)  # it rises all the way
+    figure.draw_without_rendering()
+    legend = axes.get_legend()
+    assert legend is not None
+    _, top = axes.transData.transform((60, 0.6 + 2 * 0.002))
+    assert top < legend.get_window_extent().y0
 
 
 def test_nothing_is_drawn_where_nothing_was_recorded(

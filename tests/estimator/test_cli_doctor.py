@@ -134,4 +134,6 @@ def test_what_moves_a_cursor_is_shown_as_an_escape(capsys: pytest.CaptureFixture
     assert main(["doctor", "\x1b[2J.toml"]) == 1
     printed = capsys.readouterr().out
     assert r"\x1b[2J.toml: there is no such file" in printed
+    assert "do: check its name, and the folder" in printed
+    assert "mend it" not in printed
     assert "\x1b[2J" not in printed

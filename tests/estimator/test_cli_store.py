@@ -136,7 +136,9 @@ def test_history_of_nothing_says_what_there_is(
     assert main(["history", "wrist", "--store", store.path]) == 2
     assert capsys.readouterr().err.rstrip().endswith(f"it has {NAME}"), "a name is no device"
     assert main(["history", NAME, "--store", str(tmp_path / "none")]) == 1
-    assert "no such file" in capsys.readouterr().err
+    assert "no such file; `[estimator] store` in the ward's file says where it is: --config" in capsys.readouterr().err
+    assert main(["store", "check", str(tmp_path / "none")]) == 1
+    assert "no such file; `[estimator] store` in the ward's file says where it is: --config" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
     assert history(store, "--since", "2300-01-01") == 2
     assert f"has nothing of {NAME} since 2300-01-01" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -286,6 +287,25 @@ def test_who_is_heard_is_said_where_the_one_that_is_watched_is_not(
     assert "nothing was heard of d1x" in unheard
 
 
+@pytest.mark.parametrize(("after_s", "early"), [(0.4, True), (5.0, False)])
+def test_who_interrupts_before_anything_can_be_known_is_told_nothing(
+    speaking: Speaking, client: Client, monkeypatch: pytest.MonkeyPatch, after_s: float, *, early: bool
+) -> None:
+    def interrupt(*_: object) -> None:
+        speaking.sleep(after_s)
+        raise KeyboardInterrupt
+
+    bus, (console, file) = speaking.bus, terminal()
+    monkeypatch.setattr(watch, "Client", lambda *_, ward: Client(ward=ward, bus=bus))
+    monkeypatch.setattr(Corrected, "receive", interrupt)
+    monkeypatch.setattr(listening.Ears, "listen", interrupt)
+    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
+        assert watch.watch(console, WARD, (), "d0", None) == 1
+    with pytest.raises(KeyboardInterrupt) if early else nullcontext():
+        assert watch_ward.watch_ward(console, client) == 1
+    assert ("nothing was heard of d0" in file.getvalue()) is not early
+
+
 def test_once_as_json(client: Client, capsys: pytest.CaptureFixture[str]) -> None:
     console, _ = terminal()
     assert watch_ward.watch_ward(console, client, ["degraded"], once=True, as_json=True) == 0
@@ -322,6 +342,8 @@ def test_a_word_that_is_nobody_and_no_state_is_said(client: Client, capsys: pyte
     console, file = terminal()
     assert watch_ward.watch_ward(console, client, ["degarded"], once=True) == 1
     assert "no device that is heard, and no state, is degarded; states are" in file.getvalue()
+    assert "; heard are d0, d1, d10, " in file.getvalue()
+    assert " and 100 more\n" in file.getvalue()
     assert watch_ward.watch_ward(console, client, ["degarded", "d77"], once=True, as_json=True) == 1
     printed = capsys.readouterr()
     assert [device["device"] for device in json.loads(printed.out.splitlines()[-1])["devices"]] == ["d77"]

@@ -274,7 +274,10 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".person")).to_contain_text("nurse")
     page.get_by_role("button", name="Recalibrate").click()
     expect(page.locator("#said").filter(has_text="recalibrate")).to_have_text("bed-01-chest: recalibrate it is")
-    page.get_by_role("textbox", name="Note").fill("sat up & <b>ate</b>")
+    note = page.get_by_role("textbox", name="Note")
+    expect(note).to_have_accessible_description("what happened; never a patient's name")
+    note.fill("sat up & <b>ate</b>")
+    expect(page.locator("#note-hint")).to_be_visible()
     page.get_by_role("button", name="Write it down").click()
     expect(page.locator("#said").filter(has_text="note")).to_have_text("bed-01-chest: note it is")
     assert site.talk.asked == [
@@ -296,6 +299,7 @@ def test_where_nobody_may_command_it_is_said(browser: Browser) -> None:
             ("/", "read only"),
             (f"/devices/{name}", "This dashboard is read only"),
             (f"/devices/{name}/calibrate", "It can only be followed here."),
+            ("/login", "This dashboard is read only"),
         ):
             mine.goto(path)
             expect(mine.locator("body")).to_contain_text(words)

@@ -61,6 +61,14 @@ def path(number: str) -> str:
     return f"/devices/{NAME}/calibrations/{number}/certificate"
 
 
+def cut(page: Page) -> list[str]:
+    """Which tables are wider than their place."""
+    found: list[str] = page.evaluate("""() => [...document.querySelectorAll(".scroll")]
+      .filter((one) => one.scrollWidth > one.clientWidth)
+      .map((one) => `${one.ariaLabel}: ${one.scrollWidth} of ${one.clientWidth}`)""")
+    return found
+
+
 def pages_of(page: Page) -> int:
     """How many sheets of A4 it is, as the browser prints it."""
     return page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")
@@ -88,6 +96,26 @@ def test_a_certificate(page: Page, site: Site, shot: Shot) -> None:
     expect(page.locator(".paper")).to_contain_text("相差超过两者的不确定度：z")
     shot("certificate-zh")
     assert serious(page) == []
+
+
+def test_no_number_is_cut_on_a_small_screen(page: Page, site: Site) -> None:
+    calibrated(site)
+    page.goto(f"/devices/{NAME}/calibrate")
+    expect(page.locator("#rows tr")).to_have_count(3)
+    for first in (False, True):  # of which there is none before
+        page.locator("#compare").evaluate("(table, first) => table.classList.toggle('first', first)", first)
+        for width in (320, 360, 412, 540, 768):
+            page.set_viewport_size({"width": width, "height": 740})
+            assert cut(page) == [], width
+    for place in (f"/devices/{NAME}", path("second"), "/report"):
+        page.goto(place)
+        for width in (320, 360, 412, 540, 768, 1024, 1120, 1280):
+            page.set_viewport_size({"width": width, "height": 740})
+            assert cut(page) == [], (place, width)
+    # Who reads one calibration by itself sees what each of its numbers is.
+    page.goto(f"/devices/{NAME}")
+    labels = page.locator("#calibrations tr.in-use td").evaluate_all("cells => cells.map((cell) => cell.dataset.is)")
+    assert labels == page.locator("#calibrations th").all_text_contents()
 
 
 def test_a_zone_is_named_by_how_far_it_is_from_utc() -> None:

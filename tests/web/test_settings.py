@@ -56,6 +56,9 @@ def test_a_hash_is_made_that_lets_in(
     assert main(["dashboard", "password", "--name", "nurse"]) == 0
     printed = capsys.readouterr().out
     assert "a long password" not in printed
+    with pytest.raises(SystemExit):
+        main(["dashboard", "passwrd"])
+    assert "argument password: unknown 'passwrd'" in capsys.readouterr().err
     passwords = Passwords(ward(printed, tmp_path).dashboard.people)
     assert passwords.right("nurse", "a long password")
     assert not passwords.right("nurse", "another")

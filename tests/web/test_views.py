@@ -9,9 +9,11 @@ from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
+from estimator.web import words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, Known
+from estimator.web.reports import past
 from estimator.web.strips import Strips
 from estimator.web.tiles import TONES, ward_page
 from estimator.web.traces import ALONE_S, Traces
@@ -84,6 +86,18 @@ def test_a_rest_is_said_only_where_there_was_one() -> None:
     assert rests == {"a": "none known yet", "b": "5 s ago", "c": ""}
 
 
+def test_one_gap_is_one_gap() -> None:
+    for count, missing, lost, happened in (
+        (0, 0, "none", "movement ignored: 2"),
+        (1, 98, "98, in one gap", "gaps: 1, missing samples: 98, movement ignored: 2"),
+        (3, 99, "99, in 3 gaps", "gaps: 3, missing samples: 99, movement ignored: 2"),
+    ):
+        events = {"movement ignored": 2, "missing_samples": missing, "gaps": count}
+        page = device_page(known(said("a", events=events)), "a", 100.0, NOW, EN)
+        assert page.tile.gaps == lost
+        assert dict(page.facts)["happened"] == happened
+
+
 def test_too_many_devices_are_said() -> None:
     ward = known(*(about(f"d{i}") for i in range(DEVICES + 3)))
     assert len(ward.stories) == DEVICES
@@ -97,7 +111,16 @@ def test_a_device_page_tells_of_calibrations_with_their_intervals() -> None:
     (line,) = device_page(ward, "a", 100.0, NOW, EN).calibrations
     assert line.in_use
     k_std = float(np.sqrt(CALIBRATION.covariance[3, 3]))
-    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ± {1.96 * k_std:.4f}"
+    assert line.scale[0] == f"{CALIBRATION.matrix[0, 0]:.4f} ±{words.SPACE}{1.96 * k_std:.4f}"
+
+
+def test_a_picture_of_the_past_shows_the_boot_from_which_on_the_bias_was_unsure() -> None:
+    ward = known(about("a", boot=4, time_ns=NOW - 7200 * S), about("a", boot=5, time_ns=NOW - S))
+    for i, std in enumerate([0.5, 0.5, 0.001, 0.001]):
+        ward.take_status(said("a", boot=5, time_ns=NOW + i * S, bias_std=(std, std, std)), 100.0 + i)
+    drawn = past(ward.stories["a"], "a")
+    assert list(drawn.biases[0].time_ns) == [NOW + 2 * S, NOW + 3 * S]
+    assert list(drawn.boots) == [{"time_ns": NOW - S}], "an earlier one is of a time of which nothing is shown"
 
 
 # ---- what a trail keeps -----------------------------------------------------------------------------------------------
@@ -228,6 +251,21 @@ def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:
     heading.restart(NOW / S + 1)
     heading.restart(NOW / S + 1)
     assert heading.now.read == 0.0
+
+
+@pytest.mark.parametrize(("rest_s", "since_s"), [(5.02, 5.02), (-66.0, 0.0), (3600.0, 0.0)])
+def test_a_heading_begins_with_the_rest_also_of_samples_that_came_at_once(rest_s: float, since_s: float) -> None:
+    """A rest within them, one before all of them, and one by a clock that is an hour ahead."""
+    traces, heading = Traces(), Heading()
+    heading.restart(NOW / S + rest_s)
+    for i in range(200):
+        for pair in traces.take(0.0, [raw("a", np.radians(3.0), 5 * i)], [corrected("a", 0.0, 5 * i)]):
+            heading.add(pair)
+    first_s = traces.take(0.0, [raw("a", 0.0)], [corrected("a", 0.0)])[0].time_s[0]
+    assert heading.since_s - first_s == pytest.approx(since_s, abs=0.06)
+    lasted_s = heading.now.time_s - heading.since_s + 0.01
+    assert np.degrees(heading.now.read) == pytest.approx(3.0 * lasted_s, abs=0.1)
+    assert heading.points[0].time_s >= heading.since_s
 
 
 @pytest.mark.parametrize(("up", "read_dps"), [((1.0, 0.0, 0.0), 3.0), ((0.0, 1.0, 0.0), 0.0)])

@@ -13,7 +13,7 @@ from starlette.routing import BaseRoute, Route
 
 from bridge.wire.keys import check_id
 from bridge.wire.refusal import Refusal
-from estimator.ward_view import URGENCY, Row, chosen
+from estimator.ward_view import URGENCY, Row, chosen, listed
 from estimator.web import form
 from estimator.web.api import answers, openapi
 from estimator.web.commanding import commands
@@ -99,7 +99,8 @@ def _nothing_like(word: str, rows: list[Row]) -> None:
         raise Fault(HTTPStatus.BAD_REQUEST, "bad_parameter", "'only' is empty; a state or an id is taken.")
     state = word.lower().replace("-", " ").replace("_", " ") in URGENCY
     if not (state or set(word) & set("*?[") or chosen(rows, [word])):
-        words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}."
+        heard = f"; heard are: {listed(row.device for row in rows)}" if rows else ""
+        words = f"{word[:40]!r} is no state and no device; states are: {', '.join(URGENCY)}{heard}."
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_device", words)
 
 

@@ -34,10 +34,15 @@ function rows(name, lines, cells, used = () => false) {
   $(name).hidden = lines.length === 0;
   if (shown[name] === key) return;
   shown[name] = key;
+  const headings = [...$(name).tHead.rows[0].cells].map((cell) => cell.textContent);
   $(name).tBodies[0].replaceChildren(...lines.map((line) => {
     const row = document.createElement("tr");
     row.classList.toggle("in-use", used(line));
-    for (const words of cells(line)) row.insertCell().textContent = words;
+    cells(line).forEach((words, i) => {
+      const cell = row.insertCell();
+      cell.dataset.is = headings[i];
+      cell.textContent = words;
+    });
     return row;
   }));
 }

@@ -360,6 +360,18 @@ def test_two_routers_that_do_not_go_together_are_told(
     assert words in capsys.readouterr().err
 
 
+def test_where_certificates_are_not_at_hand_no_router_is_said_to_join_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two = TwoRouters(tmp_path)
+    for name in ("r1", "r2"):
+        Path(two.pki.identity(Member.parse(f"router:{name}")).certificate).unlink()
+    assert two.check() == 2
+    said = capsys.readouterr().err
+    assert "there is no such file" in said
+    assert "is this router itself" not in said
+
+
 def test_of_a_file_that_cannot_be_read_nothing_follows(
     files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
