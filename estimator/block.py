@@ -10,8 +10,8 @@ from bridge.wire.messages import SampleBatch, SampleFlag
 
 Floats = NDArray[np.float64]
 
-#: a second; half of one while turns of a calibration are taken, for somebody waits for what comes of them
-BLOCK_S, TURNING_S = 1.0, 0.5
+#: a second; half of one while somebody waits for what comes of a calibration's first rest, or of turns
+BLOCK_S, SHORT_S = 1.0, 0.5
 #: what marks a reading that tells nothing of rotation
 UNFIT = np.uint32(SampleFlag.CLIPPED | SampleFlag.STUCK)
 _STEP = int(SampleFlag.TEMPERATURE_STEP)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire.messages import SampleBatch
-from estimator.block import BLOCK_S, TIME, Block, Part, Stretch
+from estimator.block import SHORT_S, TIME, Block, Part, Stretch
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Course:
         self._first: float | None = None
         self._block = Block()
         #: how long the blocks are that begin from here on, s; they end where device time is a multiple of it
-        self.block_s = BLOCK_S
+        self.block_s = SHORT_S
         self._end_after(began)
         self._shift = 0.0  # of a clock that went back
 

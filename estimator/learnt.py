@@ -235,6 +235,11 @@ class Learnt:
         return self.under_way is not None and self.under_way.near
 
     @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for what the next samples show: a calibration's first rest, or one of its turns."""
+        return self.under_way is not None and self.under_way.awaited
+
+    @property
     def asked(self) -> tuple[str, str] | None:
         """Who asked for the recalibration that is under way, and why; None while none is."""
         return None if self.under_way is None else self.under_way.asked

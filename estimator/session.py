@@ -14,7 +14,7 @@ from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason
 from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import BLOCK_S, TIME, TURNING_S, Part, Stretch, joined, rows_of, temperature_at, where
+from estimator.block import BLOCK_S, SHORT_S, TIME, Part, Stretch, joined, rows_of, temperature_at, where
 from estimator.correction import Correction, Cut
 from estimator.course import Course, Point
 from estimator.finite import runs
@@ -276,7 +276,7 @@ class DeviceSession:
         resumed: device time of the next sample, and how warm it is then, where a silence is before it.
         """
         self._learn(outcome)
-        self._course.block_s = TURNING_S if self.learnt.turned else BLOCK_S
+        self._course.block_s = SHORT_S if self.learnt.awaited else BLOCK_S
         if resumed is not None:
             self.learnt.resumed(*resumed)
             self._ready = self.learnt.correction()

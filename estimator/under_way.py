@@ -21,6 +21,11 @@ class UnderWay:
         return (self.who, self.why) if self.who else None
 
     @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for what the next samples show: its first rest, or a turn after another."""
+        return bool(self.turned) or not self._capture.rested
+
+    @property
     def near(self) -> bool:
         """Whether what comes next may end it, which takes as long as hundreds of batches."""
         return self._capture.near

@@ -86,7 +86,8 @@ class CalibrationSession:
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
         self._rests: list[Rest] = []
-        self._rested = self._moved_about = False
+        #: whether there was a rest
+        self.rested = self._moved_about = False
         self._too_small: set[int] = set()
         self.last_reason = ""
 
@@ -113,7 +114,7 @@ class CalibrationSession:
         if settled is None:
             return []
         progress: list[Progress] = [RestFound(settled.after)]
-        self._rested = True
+        self.rested = True
         if settled.before is not None:
             self._moved_about = True
             self._keep(settled.before)
@@ -156,7 +157,7 @@ class CalibrationSession:
         names = ", ".join(AXES[axis] for axis in missing)
         if (largest := self._history.largest) > ABSURD:
             because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
-        elif not self._rested:
+        elif not self.rested:
             because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
         elif not self._moved_about:
             because = ": it was not moved from one rest to another"

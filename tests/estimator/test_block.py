@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Quality, SampleFlag
-from estimator.block import BLOCK_S, TURNING_S, Block, joined, rows_of, sample_time_ns, unfit, where
+from estimator.block import BLOCK_S, SHORT_S, Block, joined, rows_of, sample_time_ns, unfit, where
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration, feed
 
 
-def test_a_correction_changes_at_the_begin_of_a_second_only_or_of_half_a_one_while_turns_are_taken() -> None:
-    device, before, turning_until = DeviceSession(NAME), None, -np.inf
+def test_a_correction_changes_at_the_begin_of_a_second_only_or_of_half_a_one_while_somebody_waits() -> None:
+    device, before, awaited_until = DeviceSession(NAME), None, -np.inf
     wholes = halves = 0
     for batch in calibration(seed=1).batches():
         for now in feed(device, [batch]).corrected:
+            if device.learnt.awaited:
+                awaited_until = batch.device_time[-1]
             if before is not None and not (np.array_equal(now.bias, before.bias) and now.quality == before.quality):
                 begins, ended = now.device_time[0], before.device_time[-1]
-                assert begins // TURNING_S == ended // TURNING_S + 1
+                assert begins // SHORT_S == ended // SHORT_S + 1
                 if begins // BLOCK_S == ended // BLOCK_S:
                     halves += 1
-                    assert begins - turning_until < 2 * TURNING_S
+                    assert begins - awaited_until < 2 * SHORT_S
                 wholes += 1
             before = now
-        if device.learnt.turned:
-            turning_until = batch.device_time[-1]
     assert wholes > 2 * halves > 10
     assert before is not None
     assert before.quality is Quality.GOOD
@@ -33,7 +33,7 @@ def test_a_correction_changes_at_the_begin_of_a_second_only_or_of_half_a_one_whi
 
 def test_the_end_of_a_stream_is_learnt_from_without_another_sample() -> None:
     whole = calibration(seed=1)
-    ends = [i for i in range(len(whole)) if whole.time[i] // TURNING_S != whole.time[i - 1] // TURNING_S]
+    ends = [i for i in range(len(whole)) if whole.time[i] // SHORT_S != whole.time[i - 1] // SHORT_S]
     for end in reversed(ends):  # the last block that a calibration needs
         device = DeviceSession(NAME)
         made = feed(device, whole.part(0, end).batches()).calibration
