@@ -1,6 +1,6 @@
 """Samples that wait until their second of device time is over: they teach something together, however they came."""
 
-from collections import deque
+from bisect import bisect_right
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -156,7 +156,8 @@ class Block:
     def __init__(self) -> None:
         self._count = 0
         self._waiting: list[Part] = []
-        self._known: deque[Part] = deque()
+        self._known: list[Part] = []
+        self._came: list[int] = []  # of each of those
 
     def add(self, rows: Floats, flags: NDArray[np.uint32] | None, of: SampleBatch | Stretch, first: int) -> None:
         """Let samples of a batch, or a stretch, from first on wait: rows (n, 7), flags (n,) or None where none has any."""
@@ -164,6 +165,7 @@ class Block:
         part = Part(rows, flags, of, first, self._count)
         self._waiting.append(part)
         self._known.append(part)
+        self._came.append(self._count)
 
     def take(self) -> list[Part]:
         """All that wait, once."""
@@ -172,16 +174,16 @@ class Block:
 
     def place(self, index: int) -> tuple[SampleBatch | Stretch, int]:
         """The batch or stretch, and the place in it, of a sample of the boot that is not forgotten."""
-        for part in reversed(self._known):
-            first = part.came - len(part.rows)
-            if first <= index:
-                return part.of, part.first + index - first
-        raise IndexError(f"sample {index} of the boot is forgotten")
+        part = self._known[bisect_right(self._came, index)]
+        place = len(part.rows) - (part.came - index)
+        if place < 0:
+            raise IndexError(f"sample {index} of the boot is forgotten")
+        return part.of, part.first + place
 
     def forget(self, index: int) -> None:
         """What was before this sample of the boot."""
-        while self._known[0].came <= index:
-            self._known.popleft()
+        before = bisect_right(self._came, index)
+        del self._known[:before], self._came[:before]
 
 
 def joined(parts: list[Part]) -> Run:
