@@ -52,7 +52,7 @@ class DeviceSession:
         self.sequence = sequence or Sequence()
         self.info: DeviceInfo | None = None
         self.last_heard_ns = 0
-        #: keeps what windows are made of, where somebody looks at them
+        #: whether somebody looks at windows of it: then what they are made of is kept
         self.windowed = False
         self._begin(began)
         self._unused = True  # since it was begun

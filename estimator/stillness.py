@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimator.block import ACCEL, GYRO, TIME
 from estimator.held import CLIPPED, Held
-from estimator.loops.windows import NOISE, SUMMED, judged, nothing_known
+from estimator.loops.windows import NOISE, SUMMED, TOLD, judged, nothing_known
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -174,10 +174,6 @@ class Windows:
         """(3,) rad/s, white noise of one reading, as it was known when a window closed."""
         return self.found[index, NOISE]
 
-    def told(self, index: int) -> bool:
-        """Whether a window told of that noise."""
-        return self.found.item(index, 6) > 0
-
     def _behind(self, index: int) -> int:
         """Where in the rows a window begins."""
         return int(self.found.item(index - 1, 2)) if index else self.begin
@@ -214,8 +210,7 @@ class Stillness:
             taken = int(found.item(-1, 2))
             held.drop(taken)
             self._count += taken
-            # Once told it stays so in this rest, and is the last known between two of them.
-            self.noise_known = self.noise_known or bool(found[:, 6].any())
+            self.noise_known = self.noise_known or bool(found[:, TOLD].any())
             self.noise_std = found[-1, NOISE]
         return Windows(found, waiting, count)
 

@@ -8,7 +8,7 @@ from estimator.loops.compiled import compiled
 Floats = NDArray[np.float64]
 
 #: columns of what is judged
-SUMMED, NOISE = slice(7, 19), slice(19, 22)
+TOLD, SUMMED, NOISE = 6, slice(7, 19), slice(19, 22)
 #: windows of a rest that tell of its noise
 RECENT = 16
 #: a window is made longer by so many samples at most, so as not to end at a spike

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.loops.windows import TOLD
 from estimator.stillness import Stillness, StillnessKnobs, Window
 from tests.estimator.reference_stillness import ReferenceStillness
 
@@ -103,7 +104,7 @@ def fed(columns: Columns, edges: list[int], *, aided: bool) -> list[Judged]:
     for part in parts_of(columns, edges, aided=aided):
         known, windows = stillness.noise_known, stillness.feed(*part)
         found += [
-            (window, windows.noise_std(i), known or any(map(windows.told, range(i + 1))))
+            (window, windows.noise_std(i), known or bool(windows.found[: i + 1, TOLD].any()))
             for i, window in enumerate(windows)
         ]
         assert not found or (stillness.noise_std == found[-1][1]).all()
