@@ -94,3 +94,15 @@ def wandered(rows: Floats, warmer: float, walk: float, bend: Floats, over: float
         F[i, 3 + i] = warmer
         Q[3 + i, 3 + i] = bend[i] ** 2
         Q[i, i] = (bend[i] * over / 2) ** 2 + walk
+
+
+@compiled("f8[:, ::1](f8[:], f8[:, :], f8[:, ::1], f8[:])")
+def noted(x: Floats, P: Floats, rows: Floats, known: Floats) -> Floats:
+    """(3 m + 1, m): of the first m states what is beyond those known (m,), P (n, n), and F and Q of `carried`."""
+    n, m = len(x), len(known)
+    kept = np.empty((3 * m + 1, m))
+    for i in range(m):
+        kept[0, i] = x[i] - known[i]
+        for k in range(m):
+            kept[1 + i, k], kept[1 + m + i, k], kept[1 + 2 * m + i, k] = P[i, k], rows[1 + i, k], rows[1 + n + i, k]
+    return kept

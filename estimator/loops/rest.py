@@ -7,6 +7,9 @@ from estimator.loops.compiled import compiled
 
 Floats = NDArray[np.float64]
 
+#: means of a rest that gravity is looked for in: none is held for as many seconds
+_HELD = 32
+
 
 @compiled("b1(f8[:, :, ::1], i8, f8[:], f8[:], f8, f8)")
 def calm(means: Floats, before: int, mean: Floats, var: Floats, motion_var: float, scatter: float) -> bool:
@@ -27,6 +30,45 @@ def calm(means: Floats, before: int, mean: Floats, var: Floats, motion_var: floa
         if n > 2 and not spread < scatter * (noise + motion_var):
             return False
     return True
+
+
+def nothing_held() -> Floats:
+    """The state (1 + _HELD, 5) of `tilted` ahead of the first mean."""
+    return np.zeros((1 + _HELD, 5))
+
+
+@compiled("i8(f8[:, ::1], f8, f8[:], f8[:], i8, UniTuple(f8, 4))")
+def tilted(state: Floats, now: float, mean: Floats, std: Floats, samples: int, knobs: tuple[float, ...]) -> int:
+    """1 if gravity has turned since the first mean that is held, -1 if that is long ago and it has not, 0 if nobody knows.
+
+    mean, std (3,) of an accelerometer's samples about now, s. state: in its first row how many means are held, then of each the
+    time, itself, and its variance along an axis; begun anew when it turns. knobs: s for which one is held, for how many standard
+    deviations it has turned, what variance there always is, and s that are long.
+    """
+    over_s, sigmas, floor_var, settled_s = knobs
+    held, square, spread, dot, crossed = int(state[0, 0]), 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        square += mean[k] ** 2
+        spread += std[k] ** 2
+    var, gone, found = spread / (3 * samples) + floor_var, 0, 0
+    while gone < held and (now - state[1 + gone, 0] > over_s or held - gone == _HELD):
+        gone += 1
+    for i in range(gone, held):
+        state[1 + i - gone] = state[1 + i]
+    held -= gone
+    if held:
+        first = state[1, 1:4]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            dot += first[k] * mean[k]
+            crossed += (first[i] * mean[j] - first[j] * mean[i]) ** 2
+        if np.arctan2(np.sqrt(crossed), dot) > sigmas * np.sqrt((var + state[1, 4]) / square):
+            held, found = 0, 1
+        elif now - state[1, 0] >= settled_s:
+            found = -1
+    latest = state[1 + held]
+    latest[0], latest[1:4], latest[4], state[0, 0] = now, mean, var, held + 1
+    return found
 
 
 @compiled("f8[:, ::1](f8[:])")

@@ -82,15 +82,17 @@ def summed(
         zx, zy, zz = now_z
     scalars[0], scalars[1] = seconds, way
     # A rotation phi moves the force f by phi x f, and lasts: what a sample turns, all pushes from it on are moved by.
-    ahead = rows[PUSH]
+    ahead_x = ahead_y = ahead_z = 0.0
     for i in range(n - 1, -1, -1):
-        for r in range(3):
-            ahead[r] += force[i, r] * dt[i]
+        ahead_x += force[i, 0] * dt[i]
+        ahead_y += force[i, 1] * dt[i]
+        ahead_z += force[i, 2] * dt[i]
         for c in range(3):
             x, y, z = carried[c, i], carried[3 + c, i], carried[6 + c, i]
-            moved[c, i] = ahead[2] * y - ahead[1] * z
-            moved[3 + c, i] = ahead[0] * z - ahead[2] * x
-            moved[6 + c, i] = ahead[1] * x - ahead[0] * y
+            moved[c, i] = ahead_z * y - ahead_y * z
+            moved[3 + c, i] = ahead_x * z - ahead_z * x
+            moved[6 + c, i] = ahead_y * x - ahead_x * y
+    rows[PUSH, 0], rows[PUSH, 1], rows[PUSH, 2] = ahead_x, ahead_y, ahead_z
     for r in range(3):
         for c in range(3):
             # One sum after the other would wait for each addition.
@@ -109,17 +111,20 @@ def summed(
             by_matrix[r, 3 * c], by_matrix[r, 3 * c + 1], by_matrix[r, 3 * c + 2] = turn_x, turn_y, turn_z
             by_matrix[3 + r, 3 * c], by_matrix[3 + r, 3 * c + 1], by_matrix[3 + r, 3 * c + 2] = push_x, push_y, push_z
     rows[0], rows[1], rows[2] = (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
-    evenly, pushed, strayed, square, passed = rows[PUSH] / seconds, np.zeros(3), np.zeros(3), 0.0, 0.0
-    for i in range(n):
-        passed += dt[i]
-        for r in range(3):
-            rows[SHIFT, r] += dt[i] * (pushed[r] + 0.5 * force[i, r] * dt[i])
-            pushed[r] += force[i, r] * dt[i]
-            stray = pushed[r] - evenly[r] * passed
-            strayed[r] += stray
-            square += stray * stray
+    square = 0.0
     for r in range(3):
-        square -= strayed[r] ** 2 / n
+        evenly, shifted, pushed, strayed, passed = rows[PUSH, r] / seconds, 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            h = dt[i]
+            more = force[i, r] * h
+            shifted += h * (pushed + 0.5 * more)
+            pushed += more
+            passed += h
+            stray = pushed - evenly * passed
+            strayed += stray
+            square += stray * stray
+        rows[SHIFT, r] = shifted
+        square -= strayed * strayed / n
     scalars[2] = np.sqrt(max(0.0, square) / n)
     for r in range(3):
         for c in range(3):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.loops.gravity import wandered
-from estimator.loops.weigh import inverse, weighed
+from estimator.loops.weigh import inverse, stacked, weighed
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.kalman import Bare
 from estimator.track.since import NOW, Since
@@ -111,7 +111,7 @@ class BiasFilter:
     def _take(self, state: BiasState) -> None:
         n = len(state.x)
         self._kf = Bare(n)
-        self._kf.inv = _inverse
+        self._kf.inv = inverse
         self._kf.x = np.array(state.x, float)  # (n,): filterpy's own default is (n, 1)
         self._kf.P = np.array(state.P, float)
         #: (3, 3) by how much the bias was doubted since the last step, if it was
@@ -153,13 +153,11 @@ class BiasFilter:
             self._kf.x.copy(), self._kf.P.copy(), self.time, self.temperature_c, self._powered, self._bent_c
         )
 
-    def predict(
-        self, time: float, temperature_c: float = np.nan, carried: Floats | None = None
-    ) -> tuple[Floats, Floats] | None:
+    def predict(self, time: float, temperature_c: float = np.nan, carried: Floats | None = None) -> Floats | None:
         """Let the bias walk to a device time, and all else go on as it is carried, which moves neither bias nor slope.
 
-        carried (2 n + 1, n): the state it goes on to, by which F, with which Q added, one above the other; is written to.
-        F and Q (6, 6) of its own states. Time that goes backward is no time for a walk: None.
+        carried (2 n + 1, n): the state it goes on to, by which F, with which Q added, one above the other; is written to, and is
+        what it comes to with the walk. Time that goes backward is no time for a walk: None.
         """
         dt, n = time - self.time, len(self._kf.x)
         known = isfinite(temperature_c)
@@ -184,7 +182,7 @@ class BiasFilter:
             first, self.temperature_c = isnan(self.temperature_c), temperature_c
             if first and self.law is not None:
                 self.expect(self.law)
-        return rows[1 : OWN + 1, :OWN].copy(), rows[n + 1 : n + 1 + OWN, :OWN].copy()
+        return rows
 
     def _step(self, rows: Floats, *, moved: bool) -> None:
         n = rows.shape[1]
@@ -291,13 +289,16 @@ class BiasFilter:
     def weigh(self, evidence: Evidence) -> Receipt:
         """What `update` would say of a measurement, which is not taken."""
         kind, z, H, R, gate, _, _, since = evidence
-        rows, nis = weighed(z, H, R, self._kf.x, self._kf.P, NOW if since is None else since.rows)
+        rows, nis, _ = weighed(z, H, R, self._kf.x, self._kf.P, NOW if since is None else since.rows, 0)
+        return self._receipt(kind, rows[:, 0], rows[:, 1:], nis, gate)
+
+    def _receipt(self, kind: str, innovation: Floats, cov: Floats, nis: float, gate: float) -> Receipt:
         # filterpy would turn all of x into NaN for ever, with P still looking perfect.
         finite = isfinite(nis)
         nis = nis if finite else inf
         ratio = nis / gate
         reason = "not finite" if not finite else "outside the gate" if ratio > 1 else ""
-        return Receipt(self.time, kind, rows[:, 0], rows[:, 1:], ratio, not reason, reason, nis)
+        return Receipt(self.time, kind, innovation, cov, ratio, not reason, reason, nis)
 
     def update(self, evidence: Evidence, weighed: Receipt | None = None) -> Receipt:
         """Weigh a measurement against the estimate, unless it was weighed just now; take it if it is believable."""
@@ -308,22 +309,42 @@ class BiasFilter:
                 return receipt
             # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
             R = R + (receipt.test_ratio - 1) * receipt.innovation_cov
-        self._take_in(evidence, R)
+        self._take_in(evidence.z, evidence.H, R, evidence.since)
+        self._leave(evidence)
+        return receipt if receipt.accepted else receipt._replace(accepted=True, reason="")
+
+    def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt] | None:
+        """Two measurements of now taken one after the other, which is one step; None, and neither, where one is not believable."""
+        rows, m, n = stacked(*first[1:4], *then[1:4]), len(first.z), len(self._kf.x)
+        z, H, R = rows[:, -1], rows[:, :n], rows[:, n:-1]
+        said, nis, first_nis = weighed(z, H, R, self._kf.x, self._kf.P, NOW, m)
+        receipts = (
+            self._receipt(first.kind, said[:m, 0], said[:m, 1 : m + 1], first_nis, first.gate),
+            self._receipt(then.kind, said[m:, 0], said[m:, m + 1 :], nis, then.gate),
+        )
+        if not (receipts[0].accepted and receipts[1].accepted):
+            return None
+        self._take_in(z, H, R, None)
+        self._leave(first)
+        self._leave(then)
+        return receipts
+
+    def _leave(self, evidence: Evidence) -> None:
+        """In doubt what is the same error in all measurements of a kind: no number of them tells of it."""
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
             H = evidence.H
             seen = ((H @ self._kf.P) * H).sum(axis=1)
             self._kf.P += H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ H
-        return receipt if receipt.accepted else receipt._replace(accepted=True, reason="")
 
-    def _take_in(self, evidence: Evidence, R: Floats) -> None:
-        kf, H, late = self._kf, evidence.H, evidence.since
+    def _take_in(self, z: Floats, H: Floats, R: Floats, late: Since | None) -> None:
+        kf = self._kf
         if late is None:
             kf.R = R  # as Q
-            kf.update(evidence.z, H=H)
+            kf.update(z, H=H)
         else:
             H, noise, kf.M = late.sight(H)
             kf.R = R + noise
-            kf.update_correlated(evidence.z, H=H)
+            kf.update_correlated(z, H=H)
             kf.P = (kf.P + kf.P.T) / 2
             self._since = [since for since in self._since if since is not late]
         kf.let_go()
@@ -341,7 +362,3 @@ class BiasFilter:
 def _stays(n: int) -> Floats:
     """(2 n + 1, n) what is carried nowhere; not to be written to."""
     return np.eye(2 * n + 1, n, -1)
-
-
-def _inverse(S: Floats) -> Floats:
-    return inverse(S) if len(S) <= 3 else np.asarray(np.linalg.inv(S), np.float64)

@@ -110,10 +110,13 @@ class Seconds:
     def _between(self, begin: int, end: int) -> Floats:
         """(n, 8) samples by their numbers; those before are forgotten."""
         parts = self._parts
-        while parts[0][0] + len(parts[0][1]) <= begin:
+        first, rows = parts[0]
+        while first + len(rows) <= begin:
             del parts[0]
-        found = [rows[max(0, begin - first) : end - first] for first, rows in parts if first < end]
-        return found[0] if len(found) == 1 else np.concatenate(found)
+            first, rows = parts[0]
+        if end <= first + len(rows):
+            return rows[begin - first : end - first]
+        return np.concatenate([rows[max(0, begin - first) : end - first] for first, rows in parts if first < end])
 
     def _close(self, samples: Floats, noise_std: Floats, last: int, *, still: bool, aided: bool) -> Second:
         before, self._before = self._before, samples[-1]

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.loops.gravity import noted
 from estimator.track.bias_filter import BIAS, OWN
 from estimator.track.kalman import rts_smoother
 
 Floats = NDArray[np.float64]
 _NOTHING = np.zeros(OWN)
+_P, _F, _Q = slice(1, 1 + OWN), slice(1 + OWN, 1 + 2 * OWN), slice(1 + 2 * OWN, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,12 +29,23 @@ class Smoothed:
 
 @dataclass(slots=True, eq=False)
 class _Step:
+    """A second: rows (19, 6) of x, P, and F and Q from the step before to this one, one above the other."""
+
     time: float
-    x: Floats
-    P: Floats
-    F: Floats  # from the step before to this one
-    Q: Floats
+    rows: Floats
     known: Floats  # what of x is none of the filter's doing: the smoother has no input
+
+    @property
+    def P(self) -> Floats:
+        return self.rows[_P]
+
+    @property
+    def F(self) -> Floats:
+        return self.rows[_F]
+
+    @property
+    def Q(self) -> Floats:
+        return self.rows[_Q]
 
 
 class History:
@@ -45,12 +58,12 @@ class History:
     def __len__(self) -> int:
         return len(self._steps)
 
-    def add(self, time: float, x: Floats, P: Floats, F: Floats, Q: Floats, bent: Floats | None = None) -> None:
-        """Note the state x (6,), P (6, 6) at a time, and what led there: F and Q (6, 6), and bent (6,), added for certain."""
+    def add(self, time: float, x: Floats, P: Floats, steps: Floats, bent: Floats | None = None) -> None:
+        """Note the state x (n,), P (n, n) at a time, and what led there: steps of BiasFilter.predict; bent (6,), added for certain."""
         known = self._steps[-1].known if self._steps else _NOTHING
-        known = known if known is _NOTHING else F @ known
+        known = known if known is _NOTHING else steps[1 : 1 + OWN, :OWN] @ known
         known = known if bent is None else known + bent
-        self._steps.append(_Step(time, x[:OWN] - known, P[:OWN, :OWN].copy(), F, Q, known))
+        self._steps.append(_Step(time, noted(x, P, steps, known), known))
         if self._most is not None and len(self._steps) > self._most:
             self._thin()
 
@@ -74,7 +87,8 @@ class History:
         steps = self._after(since)
         if not steps:
             return None
-        x, P, known = (np.array(of) for of in zip(*((step.x, step.P, step.known) for step in steps), strict=True))
+        rows, known = np.array([step.rows for step in steps]), np.array([step.known for step in steps])
+        x, P = rows[:, 0], rows[:, _P]
         if len(steps) > 1:
             # A slope that is known exactly, where there is no temperature, would make P singular.
             P = P + 1e-24 * np.eye(OWN)
@@ -89,8 +103,8 @@ class History:
     def _thin(self) -> None:
         kept = self._steps[:1]
         for first, second in zip(self._steps[1::2], self._steps[2::2], strict=False):
-            second.Q = second.F @ first.Q @ second.F.T + second.Q
-            second.F = second.F @ first.F
+            second.Q[:] = second.F @ first.Q @ second.F.T + second.Q
+            second.F[:] = second.F @ first.F
             kept.append(second)
         if len(self._steps) % 2 == 0:
             kept.append(self._steps[-1])

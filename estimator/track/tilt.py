@@ -1,13 +1,11 @@
 """Whether gravity turns while a gyro seems to rest: slowly about a horizontal axis, which no other sensor tells from a bias."""
 
-from collections import deque
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.rotation import angle_between
+from estimator.loops.rest import nothing_held, tilted
 from estimator.track.seconds import Second
 
 Floats = NDArray[np.float64]
@@ -34,42 +32,26 @@ class Tilt:
     def __init__(self, knobs: TiltKnobs | None = None) -> None:
         self.knobs = knobs or TiltKnobs()
         self.seen = False
-        self._held: deque[tuple[float, Floats, float]] = deque()  # of this rest: when, mean acceleration, its variance
+        self._state = nothing_held()
+        self._numbers = self.knobs.over_s, self.knobs.sigmas, self.knobs.accel_floor**2, self.knobs.settled_s
 
     def over(self) -> None:
         """The device moves."""
-        self._held.clear()
+        self._state[0, 0] = 0.0
         self.seen = False
 
     def watch(self, second: Second) -> bool:
         """Take the next second; whether gravity has turned since the device became quiet, or within over_s."""
-        knobs = self.knobs
         mean, std = second.accel_mean, second.accel_std
         if mean is None or std is None:
             return False
-        var = _square(std) / (3 * second.samples) + knobs.accel_floor**2
-        now = (second.start + second.end) / 2
-        while self._held and now - self._held[0][0] > knobs.over_s:
-            self._held.popleft()
-        turned = False
-        if self._held:
-            since, first, first_var = self._held[0]
-            error = sqrt((var + first_var) / _square(mean))
-            if angle_between(first, mean) > knobs.sigmas * error:
-                self.seen = turned = True
-                self._held.clear()
-            elif now - since >= knobs.settled_s:
-                self.seen = False
-        self._held.append((now, mean, var))
-        return turned
+        found = tilted(self._state, (second.start + second.end) / 2, mean, std, second.samples, self._numbers)
+        if found:
+            self.seen = found > 0
+        return found > 0
 
     def would_show(self, rate: float, second: Second) -> bool:
         """Whether a turn at such a rate, rad/s, would by the latest second have been seen."""
-        seen_s = (second.start + second.end) / 2 - self._held[0][0]
+        seen_s = (second.start + second.end) / 2 - float(self._state[1, 0])
         least = (self.knobs.sigmas + 1) * np.sqrt(2) * self.knobs.accel_floor / G
         return bool(seen_s >= min(least / rate, self.knobs.over_s - 1.5))
-
-
-def _square(vector: Floats) -> float:
-    a, b, c = vector.tolist()
-    return float(a * a + b * b + c * c)

@@ -261,14 +261,14 @@ class Tracker:
         if steps is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
             since = since if self._evidenced else -np.inf
-            F, Q = steps
+            Q = steps[len(self._filter.x) + 1 :]
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
             if widened is not None:
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
-            self._history.add(second.end, self._filter.x, self._filter.cov, F, Q, self._filter.bent)
+            self._history.add(second.end, self._filter.x, self._filter.cov, steps, self._filter.bent)
         if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
                 begin = self._evidence_time if self._gap is None else self._gap[0]
@@ -303,20 +303,24 @@ class Tracker:
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
         resting = quiet and self._zaru.at_rest(second)
+        gravity, up = None, None
         if span is not None:
-            said = self._filter.update(self._gravity.evidence(span, resting=resting))
+            gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]
+        if resting:
+            self._bounded.broken()
+            receipts, said = self._zaru.take(second, self._filter, up, gravity)
+        else:
+            receipts, said = [], None if gravity is None else self._filter.update(gravity)
+            if quiet:
+                self._zaru.interrupted(self._filter)
+                receipts = self._bounded.take(second, self._filter, None if span is None else self._filter.x[GRAVITY])
+            else:
+                self._zaru.moved(self._filter)
+                self._bounded.broken()
+        if said is not None and span is not None:
             self._gravity.heard(said, span, resting=resting)
             self._accelerometer.heard(said)
-        if not quiet:
-            self._zaru.moved(self._filter)
-            self._bounded.broken()
-            return []
-        up = None if span is None else self._filter.x[GRAVITY]
-        if not resting:
-            self._zaru.interrupted(self._filter)
-            return self._bounded.take(second, self._filter, up)
-        self._bounded.broken()
-        return self._zaru.take(second, self._filter, up)
+        return receipts
 
     # ---- doubt and trust ------------------------------------------------------------------------------------------
 

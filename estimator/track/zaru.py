@@ -127,28 +127,34 @@ class Zaru:
         self._rests = self._rests + 1 if resting else 0
         return resting
 
-    def take(self, second: Second, bias: BiasFilter, up: Floats | None) -> list[Receipt]:
-        """Take a second of rest; up (3,) points as gravity's reading does, None without an accelerometer."""
+    def take(
+        self, second: Second, bias: BiasFilter, up: Floats | None, gravity: Evidence | None = None
+    ) -> tuple[list[Receipt], Receipt | None]:
+        """Take a second of rest, and what gravity says of it: receipts of the rest, and what became of gravity.
+
+        up (3,) points as gravity's reading does, None without an accelerometer.
+        """
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         self._ever_proven |= proven
         checked = up is not None and self._ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
-        var = second.mean_var + motion_var
+        var, said = second.mean_var + motion_var, None
         if up is None or second.accel_mean is None:
             rows = measured(_AXES, second.mean, var, second.common_var, len(bias.x))
             receipts = self._gated(_part("zaru", rows, 0, 3, GATES[3]), second, bias)
-            return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
-        if self._tilt.seen:
+        elif self._tilt.seen:
+            said = None if gravity is None else bias.update(gravity)
             bias.forget()
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
             nothing = Receipt(bias.time, "zaru", z, np.diag(var), np.inf, accepted=False, reason=REFUSED_TILT)
-            return [nothing]
-        rows = measured(upright(up), second.mean, var, second.common_var, len(bias.x))
-        level = self._level(_part("zaru level", rows, 0, 2, GATES[2]), second, bias)
-        receipts = [level, *self._gated(_part("zaru vertical", rows, 2, 3, self.knobs.vertical_gate), second, bias)]
-        return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts]
+            return [nothing], said
+        else:
+            rows = measured(upright(up), second.mean, var, second.common_var, len(bias.x))
+            level, said = self._level(_part("zaru level", rows, 0, 2, GATES[2]), gravity, second, bias)
+            receipts = [level, *self._gated(_part("zaru vertical", rows, 2, 3, self.knobs.vertical_gate), second, bias)]
+        return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
         """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""
@@ -158,13 +164,22 @@ class Zaru:
         change = second.gyro[half:].mean(axis=0) - second.gyro[:half].mean(axis=0)
         return np.asarray(self.knobs.unproven**2 + change**2 / 4)
 
-    def _level(self, evidence: Evidence, second: Second, bias: BiasFilter) -> Receipt:
-        """The two parts across gravity. A bias that surprises there has moved, along the vertical as far as anyone knows."""
+    def _level(
+        self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
+    ) -> tuple[Receipt, Receipt | None]:
+        """The two parts across gravity, after what gravity says, in one step as a rule.
+
+        A bias that surprises there has moved, along the vertical as far as anyone knows.
+        """
         self._adapt(evidence, bias)
+        both = None if gravity is None else bias.update_both(gravity, evidence)
+        if both is not None:
+            return both[1], both[0]
+        said = None if gravity is None else bias.update(gravity)
         weighed = bias.weigh(evidence)
         if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
-            return self._believed(weighed, evidence, bias, JUMPED)
-        return bias.update(evidence, weighed)
+            return self._believed(weighed, evidence, bias, JUMPED), said
+        return bias.update(evidence, weighed), said
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""

@@ -23,7 +23,7 @@ def walked(m: int, most: int | None = None, seed: int = 0) -> tuple[History, Flo
         steps = bias.predict(i + 1.0)
         assert steps is not None
         bias.update(Evidence("zaru", z[i], np.eye(3, OWN), NOISE**2 * np.eye(3), 1e9))
-        history.add(i + 1.0, bias.x, bias.cov, *steps)
+        history.add(i + 1.0, bias.x, bias.cov, steps)
     return history, z
 
 

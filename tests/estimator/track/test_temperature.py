@@ -240,7 +240,7 @@ def test_smoothing_takes_the_law_along() -> None:
             assert steps is not None
             if i in (0, 99):
                 bias.update(Evidence("zaru", bent.change(23.0, celsius), np.eye(3, OWN), 1e-14 * np.eye(3), np.inf))
-            history.add(bias.time, bias.x, bias.cov, *steps, bias.bent)
+            history.add(bias.time, bias.x, bias.cov, steps, bias.bent)
         smoothed = history.smoothed()
         assert smoothed is not None
         truth = np.array([bent.change(23.0, 23.0 + 0.1 * time) for time in smoothed.time])

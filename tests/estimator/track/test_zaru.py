@@ -48,7 +48,7 @@ class Rest:
         if not self.zaru.at_rest(second):
             self.zaru.interrupted(self.filter)
             return []
-        return self.zaru.take(second, self.filter, self.up)
+        return self.zaru.take(second, self.filter, self.up)[0]
 
     def lives(self, seconds: float, offset_dps: float = 0.0, *, axis: int = 2, still: bool = True) -> list[Receipt]:
         offset = np.radians(offset_dps) * np.eye(3)[axis]
