@@ -70,6 +70,7 @@ def weighed(
     determinant, sound = 1.0, 0.0
     for i in range(m):
         determinant *= L[i, i] ** 2
+        sound += 0.0 * rows[i, 0]
         for j in range(m):
             sound += 0.0 * (rows[i, 1 + i] * rows[j, 1 + j])
             sound += 0.0 * rows[i, 1 + j]

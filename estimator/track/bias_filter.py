@@ -314,7 +314,10 @@ class BiasFilter:
         return receipt if receipt.accepted else receipt._replace(accepted=True, reason="")
 
     def update_both(self, first: Evidence, then: Evidence) -> tuple[Receipt, Receipt] | None:
-        """Two measurements of now taken one after the other, which is one step; None, and neither, where one is not believable."""
+        """Take two measurements of now, the first without common_var, as one after the other, which is one step.
+
+        None, and neither is taken, where one is not believable.
+        """
         rows, m, n = stacked(*first[1:4], *then[1:4]), len(first.z), len(self._kf.x)
         z, H, R = rows[:, -1], rows[:, :n], rows[:, n:-1]
         said, nis, first_nis = weighed(z, H, R, self._kf.x, self._kf.P, NOW, m)
@@ -325,7 +328,6 @@ class BiasFilter:
         if not (receipts[0].accepted and receipts[1].accepted):
             return None
         self._take_in(z, H, R, None)
-        self._leave(first)
         self._leave(then)
         return receipts
 

@@ -35,18 +35,6 @@ class _Step:
     rows: Floats
     known: Floats  # what of x is none of the filter's doing: the smoother has no input
 
-    @property
-    def P(self) -> Floats:
-        return self.rows[_P]
-
-    @property
-    def F(self) -> Floats:
-        return self.rows[_F]
-
-    @property
-    def Q(self) -> Floats:
-        return self.rows[_Q]
-
 
 class History:
     """The latest steps of one filter; beyond `most` of them every second one is left out."""
@@ -59,7 +47,10 @@ class History:
         return len(self._steps)
 
     def add(self, time: float, x: Floats, P: Floats, steps: Floats, bent: Floats | None = None) -> None:
-        """Note the state x (n,), P (n, n) at a time, and what led there: steps of BiasFilter.predict; bent (6,), added for certain."""
+        """Note the state x (n,), P (n, n) at a time, and the steps of BiasFilter.predict that led there.
+
+        bent (6,) was added for certain.
+        """
         known = self._steps[-1].known if self._steps else _NOTHING
         known = known if known is _NOTHING else steps[1 : 1 + OWN, :OWN] @ known
         known = known if bent is None else known + bent
@@ -74,12 +65,12 @@ class History:
         """
         if np.isneginf(since):
             for step in self._steps:
-                step.P[BIAS, BIAS] += cov
+                step.rows[_P][BIAS, BIAS] += cov
             return
         before = since
         for step in self._after(since):
-            step.P[BIAS, BIAS] += cov * (step.time - since) / (now - since)
-            step.Q[BIAS, BIAS] += cov * (step.time - before) / (now - since)
+            step.rows[_P][BIAS, BIAS] += cov * (step.time - since) / (now - since)
+            step.rows[_Q][BIAS, BIAS] += cov * (step.time - before) / (now - since)
             before = step.time
 
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
@@ -93,7 +84,7 @@ class History:
             # A slope that is known exactly, where there is no temperature, would make P singular.
             P = P + 1e-24 * np.eye(OWN)
             onward = steps[1:]
-            x, P, _, _ = rts_smoother(x, P, [s.F for s in onward], [s.Q for s in onward])
+            x, P, _, _ = rts_smoother(x, P, [s.rows[_F] for s in onward], [s.rows[_Q] for s in onward])
         std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, BIAS], 0.0))
         return Smoothed(np.array([step.time for step in steps]), (x + known)[:, BIAS], std)
 
@@ -103,8 +94,8 @@ class History:
     def _thin(self) -> None:
         kept = self._steps[:1]
         for first, second in zip(self._steps[1::2], self._steps[2::2], strict=False):
-            second.Q[:] = second.F @ first.Q @ second.F.T + second.Q
-            second.F[:] = second.F @ first.F
+            second.rows[_Q] = second.rows[_F] @ first.rows[_Q] @ second.rows[_F].T + second.rows[_Q]
+            second.rows[_F] = second.rows[_F] @ first.rows[_F]
             kept.append(second)
         if len(self._steps) % 2 == 0:
             kept.append(self._steps[-1])

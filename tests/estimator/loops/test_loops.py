@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from estimator.gyro import COARSE_STEP, least_step, mean_var, rounding_var, spread
 from estimator.loops import second as loop
 from estimator.loops import span as loops
-from estimator.loops.gravity import carried
+from estimator.loops.gravity import carried, noted
 from estimator.loops.late import knew_more, sight, went_on
-from estimator.loops.rest import calm, together, upright
+from estimator.loops.rest import calm, nothing_held, tilted, together, upright
 from estimator.loops.rest import measured as measured_along
 from estimator.loops.second import measured
 from estimator.loops.span import summed
-from estimator.loops.weigh import inverse, weighed
+from estimator.loops.weigh import inverse, stacked, weighed
 from estimator.rotation import cross_matrix
 from estimator.track.since import NOW
 
@@ -85,7 +85,7 @@ def test_readings_on_a_known_grid_have_steps_of_it_and_finer_ones_are_found(far:
     assert known[0] < 0.51 * grid
 
 
-@pytest.mark.parametrize("m", [1, 2, 3])
+@pytest.mark.parametrize("m", [1, 2, 3, 5, 8])
 def test_an_inverse_is_one(m: int) -> None:
     root = np.random.default_rng(m).normal(size=(m, m))
     S = root @ root.T + np.eye(m)
@@ -105,7 +105,8 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
     R = np.diag(rng.uniform(1.0, 2.0, m))
     x, z = rng.normal(size=n), rng.normal(size=m)
     late_rows = np.vstack([cross, var, [[0.5, 0.0, 0.0]], np.zeros((1, 3))])
-    rows, nis = weighed(z, H, R, x, P, late_rows if late else NOW)
+    rows, nis, first = weighed(z, H, R, x, P, late_rows if late else NOW, 0)
+    assert first == 0.0
     innovation, S = rows[:, 0], rows[:, 1:]
     # The error of x and the walk w, of which a late measurement sees H (x - w), as one state.
     both, seen, now = P, H, H.copy()
@@ -119,18 +120,52 @@ def test_a_measurement_is_weighed(m: int, *, late: bool) -> None:
     assert nis == pytest.approx(innovation @ np.linalg.solve(expected, innovation))
 
 
+@pytest.mark.parametrize(("first", "m"), [(1, 3), (3, 5), (2, 3)])
+def test_a_measurement_is_weighed_as_it_will_be_after_another(first: int, m: int) -> None:
+    rng, n = np.random.default_rng(first), 9
+    root, roots = rng.normal(size=(n, n)), [rng.normal(size=(k, k)) for k in (first, m - first)]
+    x, P, H, z = rng.normal(size=n), root @ root.T, rng.normal(size=(m, n)), rng.normal(size=m)
+    R, then_R = (of @ of.T + np.eye(len(of)) for of in roots)
+    together = stacked(z[:first], H[:first], R, z[first:], H[first:], then_R)
+    np.testing.assert_array_equal(together[:, :n], H)
+    np.testing.assert_array_equal(together[:, -1], z)
+    rows, nis, before = weighed(together[:, -1], together[:, :n], together[:, n:-1], x, P, NOW, first)
+    own = z[:first] - H[:first] @ x
+    S = H[:first] @ P @ H[:first].T + R
+    np.testing.assert_allclose(rows[:first, 0], own)
+    np.testing.assert_allclose(rows[:first, 1 : 1 + first], S)
+    assert before == pytest.approx(own @ np.linalg.solve(S, own))
+    gain = P @ H[:first].T @ np.linalg.inv(S)
+    x, P = x + gain @ own, P - gain @ H[:first] @ P
+    left, S = z[first:] - H[first:] @ x, H[first:] @ P @ H[first:].T + then_R
+    np.testing.assert_allclose(rows[first:, 0], left)
+    np.testing.assert_allclose(rows[first:, 1 + first :], S, rtol=1e-9)
+    assert nis == pytest.approx(left @ np.linalg.solve(S, left))
+
+
+def test_a_second_is_noted_with_how_it_came_about() -> None:
+    rng, n, m = np.random.default_rng(0), 9, 6
+    x, P, rows, known = rng.normal(size=n), rng.normal(size=(n, n)), rng.normal(size=(2 * n + 1, n)), rng.normal(size=m)
+    kept = noted(x, P, rows, known)
+    parts = [(x[:m] - known)[None], P[:m, :m], rows[1 : 1 + m, :m], rows[1 + n : 1 + n + m, :m]]
+    np.testing.assert_array_equal(kept, np.vstack(parts))
+
+
 @pytest.mark.parametrize("what", [0, 1, 2, 3, 4])
 @pytest.mark.parametrize("place", [0, -1])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_has_no_nis(what: int, place: int, bad: float) -> None:
     given = [np.ones(2), np.eye(2, 6), np.eye(2), np.ones(6), np.eye(6)]
     given[what].flat[place] = bad
-    assert not np.isfinite(weighed(*given, NOW)[1])  # type: ignore[call-arg]
+    for first in (0, 1):
+        _, nis, before = weighed(*given, NOW, first)  # type: ignore[call-arg, arg-type]
+        assert not np.isfinite(nis)
+        assert not np.isfinite(before)
 
 
 @pytest.mark.parametrize("var", [1e-200, 1e154, 1e300])
 def test_what_has_no_inverse_has_no_nis(var: float) -> None:
-    assert np.isnan(weighed(np.zeros(3), np.eye(3, 6), var * np.eye(3), np.zeros(6), np.zeros((6, 6)), NOW)[1])
+    assert np.isnan(weighed(np.zeros(3), np.eye(3, 6), var * np.eye(3), np.zeros(6), np.zeros((6, 6)), NOW, 0)[1])
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
@@ -178,6 +213,33 @@ def test_means_that_scatter_more_than_they_may_are_not_calm(n: int) -> None:
         latest, latest_var = given[-kept:], var[-kept:]
         spread = latest.var(axis=0, ddof=1) if n > 1 else np.zeros(3)
         assert told[-1] == (n < 3 or bool((spread < 1.5 * (latest_var.mean(axis=0) + motion_var)).all()))
+
+
+def test_gravity_that_turns_is_seen_to_and_what_is_held_is_of_the_last_while() -> None:
+    state, knobs = nothing_held(), (10.0, 4.0, 0.01**2, 5.0)
+    still = np.full(3, 0.05)
+
+    def tells(now: float, tilt: float) -> int:
+        return tilted(state, now, 9.8 * np.array([np.sin(tilt), 0.0, np.cos(tilt)]), still, 100, knobs)
+
+    error = np.sqrt(2 * (0.05**2 / 100 + 0.01**2)) / 9.8
+    # Nobody knows yet; then that it has not, by 3.9 of 4 deviations
+    assert [tells(float(i), 3.9 * error * (i > 0)) for i in range(7)] == [0, 0, 0, 0, 0, -1, -1]
+    assert tells(7.0, 4.1 * error) == 1
+    # What came before is let go.
+    assert [tells(8.0 + i, 4.1 * error) for i in range(6)] == [0, 0, 0, 0, -1, -1]
+    assert tells(14.0, 0.0) == 1
+    # Slower than that within 10 s is not seen.
+    slow = 3.9 * error / 11
+    assert 1 not in [tells(15.0 + i, slow * i) for i in range(60)]
+    assert 1 in [tells(80.0 + i, 1.2 * slow * i) for i in range(60)]
+
+
+def test_of_more_means_than_there_is_room_for_the_latest_are_held() -> None:
+    state = nothing_held()
+    for i in range(100):
+        assert tilted(state, 0.01 * i, UP, np.zeros(3), 10, (10.0, 4.0, 1e-4, 5.0)) == 0
+    np.testing.assert_allclose(state[1:, 0], 0.01 * np.arange(100)[-(len(state) - 1) :])
 
 
 @pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, -9.8, 0.0], [3.0, 0.0, 0.0], [1.0, -2.0, 0.5], [-5.0, 4.0, 8.0]])

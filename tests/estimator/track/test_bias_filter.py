@@ -63,6 +63,40 @@ def test_what_was_weighed_just_now_is_not_weighed_again() -> None:
         np.testing.assert_array_equal(once.state.P, twice.state.P)
 
 
+def test_two_taken_in_one_step_are_two_one_after_the_other() -> None:
+    late, one, other = np.array([0.101, -0.2, 0.0015]), np.array([0.1003, -0.2, 0.002]), np.array([0.1, -0.1998])
+    both, each = start(), start()
+    for bias in (both, each):
+        bias.predict(11.0, 20.0)
+        waiting = seen(late, SMALL)._replace(since=bias.since())
+        first = seen(one, SMALL)
+        then = Evidence("part", other, np.eye(2, OWN), 3 * SMALL[:2, :2], GATES[2], np.full(2, 2e-8))
+        receipts = bias.update_both(first, then) if bias is both else (bias.update(first), bias.update(then))
+        assert receipts is not None
+        bias.predict(12.0, 20.5)
+        told = [*receipts, bias.update(waiting)]
+        if bias is both:
+            expected, told_both = bias.state, told
+    np.testing.assert_allclose(each.state.x, expected.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(each.state.P, expected.P, rtol=1e-6, atol=1e-16)
+    for a, b in zip(told, told_both, strict=True):
+        assert (a.kind, a.time, a.accepted) == (b.kind, b.time, b.accepted)
+        assert a.nis == pytest.approx(b.nis)
+        np.testing.assert_allclose(a.innovation, b.innovation, rtol=1e-6, atol=1e-15)
+        np.testing.assert_allclose(a.innovation_cov, b.innovation_cov, rtol=1e-6)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("bad", [1.0, NAN])
+def test_of_two_neither_is_taken_where_one_is_not_believable(which: int, bad: float) -> None:
+    bias = start()
+    before, z = bias.state, [np.array([0.1, -0.2, 0.0]), np.array([0.1, -0.2, 0.0])]
+    z[which][1] = bad
+    assert bias.update_both(seen(z[0], SMALL), seen(z[1], SMALL)) is None
+    np.testing.assert_array_equal(bias.state.x, before.x)
+    np.testing.assert_array_equal(bias.state.P, before.P)
+
+
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_evidence_of_any_size_is_weighed_by_its_own_covariance(m: int) -> None:
     rng = np.random.default_rng(m)

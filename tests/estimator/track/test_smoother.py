@@ -68,13 +68,13 @@ def test_thinning_keeps_both_ends_and_changes_nothing_of_what_is_left() -> None:
 
 def test_doubt_is_spread_evenly_over_the_time() -> None:
     history, _ = walked(30)
-    before = [(step.P.copy(), step.Q.copy()) for step in history._steps]
+    before = [step.rows.copy() for step in history._steps]
     doubt = np.diag([4e-6, 1e-6, 0.0])
     history.doubt(doubt, 10.0, 30.0)
-    for step, (P, Q) in zip(history._steps, before, strict=True):
-        inside = step.time > 10.0
-        np.testing.assert_allclose((step.Q - Q)[BIAS, BIAS], doubt / 20 if inside else 0 * doubt, atol=1e-18)
-        np.testing.assert_allclose((step.P - P)[BIAS, BIAS], doubt * max(0.0, step.time - 10.0) / 20, atol=1e-18)
+    for step, rows in zip(history._steps, before, strict=True):
+        inside, more = step.time > 10.0, step.rows - rows
+        np.testing.assert_allclose(more[13:16, BIAS], doubt / 20 if inside else 0 * doubt, atol=1e-18)
+        np.testing.assert_allclose(more[1:4, BIAS], doubt * max(0.0, step.time - 10.0) / 20, atol=1e-18)
 
 
 def test_the_latest_is_found_without_looking_at_all_of_a_day() -> None:
@@ -89,7 +89,7 @@ def test_the_latest_is_found_without_looking_at_all_of_a_day() -> None:
     smoothed = history.smoothed(50.0)
     assert smoothed is not None
     np.testing.assert_array_equal(smoothed.time, np.arange(51.0, 61.0))
-    before = [step.P[0, 0] for step in history._steps[0:60]]
+    before = [step.rows[1, 0] for step in history._steps[0:60]]
     history.doubt(np.eye(3), 50.0, 60.0)
-    more = np.array([step.P[0, 0] for step in history._steps[0:60]]) - before
+    more = np.array([step.rows[1, 0] for step in history._steps[0:60]]) - before
     np.testing.assert_allclose(more, np.maximum(0.0, np.arange(1.0, 61.0) - 50.0) / 10.0, atol=1e-9)
