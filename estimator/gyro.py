@@ -1,6 +1,7 @@
 """The model of a gyro: corrected = matrix (reading - bias), with the bias the reading at zero rate."""
 
 from dataclasses import dataclass
+from functools import cache
 from math import radians
 
 import numpy as np
@@ -100,7 +101,8 @@ class PriorKnobs:
     noise_std: float = radians(0.15)
 
 
+@cache
 def uncalibrated(knobs: PriorKnobs) -> GyroModel:
-    """The datasheet's word: scale 1, bias 0, and how little that is worth."""
+    """The datasheet's word: scale 1, bias 0, and how little that is worth. The same for all; not to be written to."""
     scale, cross, noise = (np.full(3, std) for std in (knobs.scale_std, knobs.misalignment_std, knobs.noise_std))
     return GyroModel(np.eye(3), np.zeros(3), scale, cross, noise)

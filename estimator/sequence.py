@@ -1,6 +1,6 @@
 """Exactly once: which samples of a stream are new, by boot and sequence number. What is not new is counted."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Reason, Tally
@@ -16,12 +16,17 @@ class Sequence:
         self.samples_in = self.samples_out = 0
         self.dropped, self.events = Tally(), Tally()
         self._past: dict[int, int] = {}  # earlier boots, latest last, each with the number it had come to
+        self._before: Callable[[], Iterable[int]] = tuple
         self._next: int | None = None
         self._first = 0
 
     def is_new_boot(self, boot: int) -> bool:
         """Whether samples of this boot mean that the device has started anew."""
-        return boot != self.boot and boot not in self._past
+        if boot == self.boot or boot in self._past:
+            return False
+        before, self._before = self._before, tuple
+        self._past = dict.fromkeys(before(), 0) | self._past
+        return boot not in self._past
 
     def begin(self, boot: int) -> None:
         """A new boot, or one of the past that is back: what still comes of the one before it is late."""
@@ -33,9 +38,12 @@ class Sequence:
         self.boot = boot
         self._next = None
 
-    def recall(self, boots: Iterable[int]) -> None:
-        """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past."""
-        self._past |= dict.fromkeys(boots, 0)
+    def recall(self, boots: Callable[[], Iterable[int]]) -> None:
+        """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past.
+
+        Asked for once, when there is another than the present one: who takes over a hundred devices has other things to do.
+        """
+        self._before = boots
 
     @property
     def next(self) -> int | None:
@@ -79,6 +87,7 @@ class Sequence:
         fresh = Sequence()
         fresh.samples_in, fresh.samples_out = self.samples_in + uncounted, self.samples_out - lost
         fresh.dropped, fresh.events, fresh._past = self.dropped, self.events, self._past
+        fresh._before = self._before
         if lost + uncounted:
             fresh.dropped.add("session failed", lost + uncounted)
         return fresh

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
 from estimator.block import temperature_at
@@ -27,9 +28,7 @@ class Boots:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         if session.boot is None and session.sequence.samples_in == 0:
-            # Of those before this one; a cache may begin with the end of an earlier boot.
-            kept = self._record.past(session, device.name)
-            session.sequence.recall(kept[: kept.index(batch.boot)] if batch.boot in kept else kept)
+            session.sequence.recall(partial(self._before, device, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, scratch = self._record.recall(device, batch.boot), ""
         if info is not None:
@@ -55,6 +54,11 @@ class Boots:
         if info is not None:
             self._learn_law(device, info)
         return outcome
+
+    def _before(self, device: Device, boot: int) -> list[int]:
+        """Boots before this one; a cache may begin with the end of an earlier boot."""
+        kept = self._record.past(device.session, device.name)
+        return kept[: kept.index(boot)] if boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
         """The bridge that a device is heard from says what it is; before: what it said last."""

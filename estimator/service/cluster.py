@@ -6,6 +6,7 @@ under a higher epoch: so nothing stops while a device moves, and of two that hav
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 from bridge.wire.messages import Holding, Owned
@@ -14,6 +15,8 @@ from estimator.service.ownership import owner
 
 #: more than a ward has
 MAX_PEERS = 64
+#: devices whose owner is asked for again and again, as long as the same are alive
+_ASKED = 1 << 14
 #: what is left of a pause with each word that follows: half after 70, 14 s
 _FADES = 0.99
 
@@ -83,6 +86,7 @@ class Cluster:
         self._lost: dict[str, _Lost] = {}
         self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
         self._spared: dict[str, float] = {}
+        self._owner = lru_cache(maxsize=_ASKED)(owner)
         #: all estimators that are taken for alive, ourselves among them
         self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
 
@@ -167,7 +171,7 @@ class Cluster:
 
     def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
         """Whether a device that is not ours is to be taken now; what came of it first, and nobody has done, waits for so long."""
-        if not self.settled(now) or owner(device, self.members) != self.own:
+        if not self.settled(now) or self._owner(device, self.members) != self.own:
             return False
         lost = self._lost.get(device)
         if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
@@ -194,7 +198,7 @@ class Cluster:
     def lose(self, device: str, now: float) -> None:
         """Another has it."""
         self.held.pop(device, None)
-        if owner(device, self.members) == self.own:
+        if self._owner(device, self.members) == self.own:
             self._lost[device] = _Lost(now, now + self._wait_s(now))
 
     def _wait_s(self, now: float) -> float:
@@ -211,18 +215,18 @@ class Cluster:
 
     def leaving(self) -> list[str]:
         """Our devices that are to be another's, and are ours until it says so."""
-        return [] if self.alone else [device for device in self.held if owner(device, self.members) != self.own]
+        return [] if self.alone else [device for device in self.held if self._owner(device, self.members) != self.own]
 
     def answers(self, device: str) -> bool:
         """Whether it is for us to speak of a device: it is ours, or would be, and nobody else has it. From any thread."""
         if device in self.held or self.alone:
             return True
-        return owner(device, self.members) == self.own and not any(h.device == device for h in self.claims())
+        return self._owner(device, self.members) == self.own and not any(h.device == device for h in self.claims())
 
     def orphaned(self, device: str, epoch: int) -> bool:
         """Whether a device of which another spoke last, under this epoch, is nobody's now, and ours to speak of."""
         ours = device in self.held or epoch & OWN == own_bits(self.own)
-        return not ours and owner(device, self.members) == self.own and self.answers(device)
+        return not ours and self._owner(device, self.members) == self.own and self.answers(device)
 
     def claims(self) -> Iterator[Holding]:
         """What the others said last to have, of those that are taken for alive."""

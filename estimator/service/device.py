@@ -98,6 +98,11 @@ class Device:
         return self._session
 
     @property
+    def behind(self) -> DeviceSession:
+        """Its session, perhaps without the last that was corrected ahead of it: for who has no time to wait for that."""
+        return self._session
+
+    @property
     def source(self) -> Source:
         """Whom it is heard from; as its session."""
         self._look()

@@ -202,8 +202,9 @@ class Peers:
         if now < self._next_scan:
             return []
         self._next_scan = now + SAY_ALONE_S
-        for kept in (self._standby, self._ours):
-            kept.tidy(now)
+        if not self._more:
+            for kept in (self._standby, self._ours):
+                kept.tidy(now)
         self.cluster.keep({*devices, *silent})
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
@@ -219,7 +220,8 @@ class Peers:
             self._next_scan = now
         if queues:
             self._next_say = now
-            self.say(devices, now)  # before anything of them is: else we could die, and nobody would know the epoch
+            # Before anything of them is: else we could die, and nobody would know the epoch.
+            self.say(devices, now, hurry=True)
         elif self._taking or (not self._came and self.cluster.settled(now)):
             self._taking, self._why = False, ""  # what comes later has another reason
         return queues
@@ -265,8 +267,8 @@ class Peers:
         """Whether it is time to say what is ours, or something was taken."""
         return now >= self._next_say or (self._came > 0 and not self.cluster.alone)
 
-    def say(self, devices: dict[str, Device], now: float) -> None:
-        """Say what is ours, if it is time to."""
+    def say(self, devices: dict[str, Device], now: float, *, hurry: bool = False) -> None:
+        """Say what is ours, if it is time to; in a hurry of where they are no more than their sessions know."""
         cluster = self.cluster
         if not self.due(now):
             return
@@ -274,7 +276,7 @@ class Peers:
         time_ns = self._now_ns()
         self._moved(time_ns)
         self._measure(now)
-        holdings = [_holding(name, epoch, devices.get(name)) for name, epoch in cluster.held.items()]
+        holdings = [_holding(name, epoch, devices.get(name), hurry=hurry) for name, epoch in cluster.held.items()]
         most = codec.MAX_HOLDINGS
         parts = max(1, -(-len(holdings) // most))
         for part in range(parts):
@@ -318,9 +320,9 @@ class Peers:
             self._load_since = now, time.process_time()
 
 
-def _holding(name: str, epoch: int, device: Device | None) -> Holding:
+def _holding(name: str, epoch: int, device: Device | None, *, hurry: bool) -> Holding:
     if device is None:
         return Holding(name, epoch, 0, 0)
-    session = device.glance
+    session = device.behind if hurry else device.glance
     busy = bool(session.learnt.turned or session.learnt.asked) and not device.left_out
     return Holding(name, epoch, session.boot or 0, session.sequence.next or 0, busy)

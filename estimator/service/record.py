@@ -127,15 +127,14 @@ class Record:
             self.keep(device, said.calibration)
             return said
         try:
-            kept = self._store.recall(device.name, boot, self._now_ns())
+            if said is None:
+                return self._store.recall(device.name, boot, self._now_ns())
+            # Our own calibration, where whoever had the device after us has not heard of it.
+            ours = self._store.calibrated(device.name, boot)
         except StoreError as error:
             self._failed(device.session, error)
             return said
-        if said is None:
-            return kept
-        # Our own calibration, where whoever had the device after us has not heard of it.
-        ours = None if kept is None or kept.calibration is None else kept.calibration
-        return said if ours is None or ours.boot != boot else replace(said, calibration=ours, turned=())
+        return said if ours is None else replace(said, calibration=ours, turned=())
 
     def keep(self, device: Device, calibration: Calibration) -> None:
         """Another's calibration, which may be gone for ever with it."""

@@ -205,8 +205,7 @@ class Store:
 
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """The calibration of this very boot, if it has one, with the bias since, and its age at now_ns."""
-        name = keys.boot_id(boot)
-        calibration = self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
+        name, calibration = keys.boot_id(boot), self.calibrated(device, boot)
         for row in self.database.rows("bias", "device = ? AND boot = ?", (device, name)):
             kept = json.loads(row["state"])
             if (bias := _state(kept)) is not None:
@@ -214,6 +213,11 @@ class Store:
                 asked = tuple(more["asked"]) if more.get("asked") else None
                 return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
         return None if calibration is None else Remembered(calibration, None)
+
+    def calibrated(self, device: str, boot: int) -> Calibration | None:
+        """The calibration of this very boot."""
+        name = keys.boot_id(boot)
+        return self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int]]:
         """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.

@@ -39,8 +39,18 @@ def test_devices_are_taken_over_in_portions_each_said_first(
     e3 = MemoryBus(broker).publisher(keys.build(WARD, "owned", estimator="e3"))
     learnt = SimpleNamespace(turned=False, asked=False)
     session = SimpleNamespace(learnt=learnt, boot=1, sequence=SimpleNamespace(next=1))
+    looked: list[int] = []
+
+    class Taken:
+        behind = session
+
+        @property
+        def glance(self) -> SimpleNamespace:
+            looked.append(n)
+            return session
+
     raw = [Message(keys.build(WARD, "raw", bridge="b", device=f"d{n}"), b"x") for n in range(DEVICES)]
-    devices: dict[str, SimpleNamespace] = {}
+    devices: dict[str, Taken] = {}
     said: set[str] = set()
     portions: list[int] = []
     for n in range(300):
@@ -49,15 +59,17 @@ def test_devices_are_taken_over_in_portions_each_said_first(
             e3.put(codec.encode_owned(Owned("e3", 1, 0, 0.0, (), (), 0, 1)))
         peers.look(clock.now, heard=True)
         queues = peers.taken_over(devices, silent, clock.now)  # type: ignore[arg-type]
+        assert n not in looked, "there is no time to have sessions take in what was corrected ahead of them"
         for message in heard.drain(1000, 0.0):
             owned = codec.decode_owned(message.key, message.payload)
             said |= {holding.device for holding in owned.holdings if owned.estimator == "e1"}
         taken = {keys.parse(queue[0].key).device for queue in queues}
         assert taken <= said
         portions += [len(taken)] if taken else []
-        devices |= dict.fromkeys(taken, SimpleNamespace(glance=session))
+        devices |= dict.fromkeys(taken, Taken())
         peers.sift(raw, clock.now)
         peers.say(devices, clock.now)  # type: ignore[arg-type]
+    assert looked
     assert max(portions) == AT_ONCE
     reasons = [move.reason for move in peers._moves]
     assert reasons == ["heard for the first time", "e2 is gone"]
