@@ -22,8 +22,10 @@ from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
 
-#: objects that stay, of which Python's search for cycles is begun: of a device so many live for a second
-_LEAST, _OF_EACH = 5_000, 50
+#: objects that come and stay within a second, of which Python's search for cycles is begun: more than a device needs
+_LEAST, _OF_EACH = 5_000, 100
+#: all objects are looked through for cycles once in so many seconds
+_ALL_S = 6 * 3600
 #: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
 _REST_S = 3.0
 #: how long the thread that does may keep others waiting meanwhile, s: each message that is said lets it in, and at Python's own
@@ -66,8 +68,7 @@ def run(ward: Ward) -> None:
         clerk = Clerk(database)
         stack.callback(clerk.close)
         store = Store(database)
-        collect_seldom()
-        rest = threading.Timer(_REST_S, _load_rest)
+        rest = threading.Timer(_REST_S, load_rest)
         rest.daemon = True
         stack.callback(rest.cancel)
         rest.start()
@@ -81,7 +82,7 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
-            tend=collect,
+            tend=Cycles().tend,
         ).run(stop)
 
 
@@ -110,7 +111,7 @@ def _load() -> None:
         gc.enable()
 
 
-def _load_rest() -> None:
+def load_rest() -> None:
     """What is imported when it is used first: loading it would hold up all devices when the first of them is calibrated."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(_TURN_S)
@@ -121,21 +122,24 @@ def _load_rest() -> None:
         sys.setswitchinterval(before_s)
 
 
-def collect_seldom() -> None:
-    """Python's search for cycles goes through all objects of a ward, half a second for a thousand devices, and finds none.
+class Cycles:
+    """Python's search for cycles, kept from holding up a ward: for a thousand devices it takes half a second, and finds none.
 
-    What there is by now is left out of it for ever; how often what comes is searched see `collect`.
+    What has lived for a second is left out of it, which costs nothing; so all there is of it is looked through once in hours.
     """
-    gc.freeze()
-    collect(0)
 
+    def __init__(self) -> None:
+        self._seconds = 0
+        self.tend(0)
 
-def collect(devices: int) -> None:
-    """Search for cycles when as much has come and stayed as lives for a second, of so many devices; all there is once in hours.
-
-    Sooner, and each search would go through all of what lives now; later, and it would hold up a small ward for longer.
-    """
-    gc.set_threshold(max(_LEAST, _OF_EACH * devices), 0, 1_000)
+    def tend(self, devices: int) -> None:
+        """Once a second: of so many devices so much comes within one that it is no sign of anything."""
+        gc.set_threshold(max(_LEAST, _OF_EACH * devices), 0, 1_000)
+        self._seconds += 1
+        if self._seconds % _ALL_S == 0:
+            gc.unfreeze()
+            gc.collect()
+        gc.freeze()
 
 
 def look_round(

@@ -24,7 +24,7 @@ from bridge.wire import columns_pb2 as columns
 from estimator.config import Estimator
 from estimator.service import turns
 from estimator.service.quiet import Quiet
-from estimator.service.serve import collect, collect_seldom
+from estimator.service.serve import Cycles, load_rest
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.bench.load.stream import WARD, Fleet
@@ -114,7 +114,7 @@ def late(others: int, *, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dty
     with tempfile.TemporaryDirectory() as folder:
         line, store = Line(), Store(Path(folder) / "a.sqlite3")
         settings = Estimator(id="e", silence_s=600.0)
-        service = Service(WARD, settings, line, MemoryBus(MemoryBroker()), store, tend=collect)  # type: ignore[arg-type]
+        service = Service(WARD, settings, line, MemoryBus(MemoryBroker()), store, tend=Cycles().tend)  # type: ignore[arg-type]
         names = [f"c{number:02d}" for number in range(CALIBRATED)]
         fleet = Fleet(others, RATE_HZ, BATCH)
 
@@ -160,7 +160,7 @@ def _finish(service: Service, line: Line) -> None:
 
 def main() -> int:
     """Print a table; 1 when the goal is missed."""
-    collect_seldom()
+    load_rest()
     others = int(sys.argv[1]) if len(sys.argv) > 1 else 950
     table = Table(title=f"{others} others, ms of a core after their arrival")
     for heading in ("", "median", "p99", "worst", "worst beyond the usual"):

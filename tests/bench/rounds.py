@@ -22,7 +22,7 @@ from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.config import Estimator
 from estimator.service.quiet import Quiet
-from estimator.service.serve import collect, collect_seldom
+from estimator.service.serve import Cycles
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.bench.load.stream import WARD, Fleet
@@ -179,12 +179,11 @@ class Ward:
             patch.setattr("time.monotonic", lambda: raw.now)
             store = Store(":memory:")
             service = Service(
-                WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9), tend=collect
+                WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9), tend=Cycles().tend
             )
             service._raw = service._load._queue = raw  # type: ignore[assignment]
             service._turns._clock = lambda: raw.now
             service._quiet = Quiet(lambda: False, lambda: raw.now)
-            collect_seldom()  # as it is served
             begun = 0.0
             for number in range(len(self._rounds)):
                 if number == self._warm:

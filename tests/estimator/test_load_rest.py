@@ -2,6 +2,8 @@
 
 import gc
 import sys
+import weakref
+from collections.abc import Iterator
 
 import pytest
 
@@ -18,7 +20,7 @@ def test_who_loads_what_calibrations_need_lets_the_service_in_at_once(monkeypatc
         meanwhile_s.append(sys.getswitchinterval())
 
     monkeypatch.setattr(serve, "import_module", noted)
-    serve._load_rest()
+    serve.load_rest()
     assert meanwhile_s
     assert max(meanwhile_s) < 1e-3
     assert sys.getswitchinterval() == usual_s
@@ -32,16 +34,54 @@ def test_a_part_that_cannot_be_loaded_leaves_python_as_it_was(monkeypatch: pytes
 
     monkeypatch.setattr(serve, "import_module", missing)
     with pytest.raises(ImportError):
-        serve._load_rest()
+        serve.load_rest()
     assert sys.getswitchinterval() == usual_s
 
 
-def test_the_search_for_cycles_is_rarer_the_more_devices_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = list[tuple[int, ...]]()
-    monkeypatch.setattr(gc, "set_threshold", lambda *thresholds: told.append(thresholds))
-    for devices in (0, 100, 1000):
-        serve.collect(devices)
-    assert [first for first, *_ in told] == [5_000, 5_000, 50_000]
+@pytest.fixture
+def searched() -> Iterator[list[int]]:
+    """Generations that were searched for cycles."""
+    found, before = list[int](), gc.get_threshold()
+
+    def note(phase: str, about: dict[str, int]) -> None:
+        if phase == "start":
+            found.append(about["generation"])
+
+    gc.collect()
+    gc.callbacks.append(note)
+    yield found
+    gc.callbacks.remove(note)
+    gc.set_threshold(*before)
+    gc.unfreeze()
+
+
+def test_what_has_lived_for_a_second_is_not_searched_for_cycles(searched: list[int]) -> None:
+    cycles, kept = serve.Cycles(), list[list[int]]()
+    cycles.tend(1000)
+    searched.clear()
+    for _ in range(30):
+        kept += [[] for _ in range(90_000)]
+        cycles.tend(1000)
+    assert not searched
+    kept += [[] for _ in range(110_000)]
+    assert searched, "so much within a second may be cycles"
+
+
+def test_all_there_is_is_searched_once_in_hours(searched: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    class Cycle:
+        def __init__(self) -> None:
+            self.itself = self
+
+    monkeypatch.setattr(serve, "_ALL_S", 10)
+    cycles = serve.Cycles()
+    leaked = weakref.ref(Cycle())
+    for _ in range(8):
+        cycles.tend(100)
+    assert leaked() is not None
+    assert not searched
+    cycles.tend(100)
+    assert leaked() is None
+    assert searched == [2]
 
 
 def test_who_tends_a_service_is_told_how_many_devices_it_has(
