@@ -16,7 +16,7 @@ class Sequence:
         self.samples_in = self.samples_out = 0
         self.dropped, self.events = Tally(), Tally()
         self._past: dict[int, int] = {}  # earlier boots, latest last, each with the number it had come to
-        self._before: Callable[[], Iterable[int]] = tuple
+        self._before: Callable[[], Iterable[int] | None] | None = None
         self._next: int | None = None
         self._first = 0
 
@@ -24,8 +24,9 @@ class Sequence:
         """Whether samples of this boot mean that the device has started anew."""
         if boot == self.boot or boot in self._past:
             return False
-        before, self._before = self._before, tuple
-        self._past = dict.fromkeys(before(), 0) | self._past
+        before = None if self._before is None else self._before()
+        if before is not None:
+            self._past, self._before = dict.fromkeys(before, 0) | self._past, None
         return boot not in self._past
 
     def begin(self, boot: int) -> None:
@@ -38,10 +39,11 @@ class Sequence:
         self.boot = boot
         self._next = None
 
-    def recall(self, boots: Callable[[], Iterable[int]]) -> None:
+    def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
         """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past.
 
-        Asked for once, when there is another than the present one: who takes over a hundred devices has other things to do.
+        Asked for when there is another than the present one, until they are known: who takes over a hundred devices has other
+        things to do.
         """
         self._before = boots
 

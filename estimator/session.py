@@ -6,6 +6,8 @@ same samples gives the same corrected rates, and whoever runs it may learn meanw
 """
 
 from collections.abc import Iterable
+from functools import partial
+from weakref import proxy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +97,9 @@ class DeviceSession:
         return outcome
 
     def _begin(self, device_time: float, law: TemperatureLaw | None = None) -> None:
-        self.learnt = Learnt(self.knobs, device_time, law, self.life, self.sequence.events, self._as_message)
+        # What it has learnt would else keep a session that is no more, until Python looks for cycles.
+        made = partial(_as_message, proxy(self))
+        self.learnt = Learnt(self.knobs, device_time, law, self.life, self.sequence.events, made)
         self._course = Course(device_time)
         #: what is applied now, and from the end of this block on
         self._applied = self._ready = self.learnt.correction()
@@ -388,33 +392,34 @@ class DeviceSession:
         """Use all that is known at once: it does not come from samples."""
         self._applied = self._ready = self.learnt.correction()
 
-    def _as_message(self, result: Result, who: str, now_ns: int) -> Calibration:
-        info = self.info
-        boot = self.boot or 0
-        # The wire takes no infinity: what was not estimated is not named.
-        known = bool(np.all(np.isfinite(result.covariance)))
-        return Calibration(
-            device=self.device,
-            boot=boot,
-            id=f"{self.device}-{boot:016x}-{now_ns // 1_000_000:x}",
-            time_ns=now_ns,
-            method=result.method,
-            verdict=result.verdict,
-            reason=result.reason,
-            matrix=result.matrix,
-            bias=result.bias,
-            parameters=result.parameters if known else (),
-            covariance=result.covariance if known else np.zeros((0, 0)),
-            turns=result.turns,
-            noise_std=result.noise_std if known else np.zeros(3),
-            model=info.model if info else "",
-            firmware=info.firmware if info else "",
-            gyro_range=info.gyro_range if info else 0.0,
-            rate_hz=info.rate_hz if info else 0.0,
-            temperature_c=self.tracker.thermometer.reading,
-            who=who,
-        )
-
     def _rate(self) -> float:
         seconds = self._course.seconds
         return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
+
+
+def _as_message(session: DeviceSession, result: Result, who: str, now_ns: int) -> Calibration:
+    info = session.info
+    boot = session.boot or 0
+    # The wire takes no infinity: what was not estimated is not named.
+    known = bool(np.all(np.isfinite(result.covariance)))
+    return Calibration(
+        device=session.device,
+        boot=boot,
+        id=f"{session.device}-{boot:016x}-{now_ns // 1_000_000:x}",
+        time_ns=now_ns,
+        method=result.method,
+        verdict=result.verdict,
+        reason=result.reason,
+        matrix=result.matrix,
+        bias=result.bias,
+        parameters=result.parameters if known else (),
+        covariance=result.covariance if known else np.zeros((0, 0)),
+        turns=result.turns,
+        noise_std=result.noise_std if known else np.zeros(3),
+        model=info.model if info else "",
+        firmware=info.firmware if info else "",
+        gyro_range=info.gyro_range if info else 0.0,
+        rate_hz=info.rate_hz if info else 0.0,
+        temperature_c=session.tracker.thermometer.reading,
+        who=who,
+    )

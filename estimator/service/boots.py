@@ -28,7 +28,7 @@ class Boots:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         if session.boot is None and session.sequence.samples_in == 0:
-            session.sequence.recall(partial(self._before, device, batch.boot))
+            session.sequence.recall(partial(self._before, device.name, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, scratch = self._record.recall(device, batch.boot), ""
         if info is not None:
@@ -55,10 +55,11 @@ class Boots:
             self._learn_law(device, info)
         return outcome
 
-    def _before(self, device: Device, boot: int) -> list[int]:
-        """Boots before this one; a cache may begin with the end of an earlier boot."""
-        kept = self._record.past(device.session, device.name)
-        return kept[: kept.index(boot)] if boot in kept else kept
+    def _before(self, name: str, boot: int) -> list[int] | None:
+        """Boots before this one, None while they cannot be read; a cache may begin with the end of an earlier boot."""
+        device = self._devices.get(name)
+        kept = None if device is None else self._record.past(device.session, name)
+        return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
         """The bridge that a device is heard from says what it is; before: what it said last."""

@@ -210,13 +210,13 @@ class Record:
 
         self._clerk.look_up(lambda: found.append(learn(self._store.points(info), knobs)), learnt)
 
-    def past(self, session: DeviceSession, device: str) -> list[int]:
-        """Boots of a device that were heard before this estimator was started, oldest first."""
+    def past(self, session: DeviceSession, device: str) -> list[int] | None:
+        """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""
         try:
             return self._store.boots(device, BOOTS_KNOWN)
         except StoreError as error:
             self._failed(session, error)
-            return []
+            return None
 
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""

@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 
 #: objects that come and stay within a second, of which Python's search for cycles is begun: more than a device needs
 _LEAST, _OF_EACH = 5_000, 100
-#: all objects are looked through for cycles once in so many seconds
-_ALL_S = 6 * 3600
+#: how often it is looked whether all are to be looked through, s, and how many times more they are then
+_LOOK_S, _MORE = 600, 1.25
 #: scipy, which calibrations need, is loaded so long after the start, s: first all that waits is corrected
 _REST_S = 3.0
 #: how long the thread that does may keep others waiting meanwhile, s: each message that is said lets it in, and at Python's own
@@ -125,21 +125,26 @@ def load_rest() -> None:
 class Cycles:
     """Python's search for cycles, kept from holding up a ward: for a thousand devices it takes half a second, and finds none.
 
-    What has lived for a second is left out of it, which costs nothing; so all there is of it is looked through once in hours.
+    What has lived for a second is left out of it, which costs nothing; all there is of it is looked through when it has become
+    more by a quarter, as Python does by itself.
     """
 
     def __init__(self) -> None:
         self._seconds = 0
+        gc.freeze()
+        self._searched = gc.get_freeze_count()
         self.tend(0)
 
     def tend(self, devices: int) -> None:
         """Once a second: of so many devices so much comes within one that it is no sign of anything."""
         gc.set_threshold(max(_LEAST, _OF_EACH * devices), 0, 1_000)
+        gc.freeze()
         self._seconds += 1
-        if self._seconds % _ALL_S == 0:
+        if self._seconds % _LOOK_S == 0 and gc.get_freeze_count() > _MORE * self._searched:
             gc.unfreeze()
             gc.collect()
-        gc.freeze()
+            gc.freeze()
+            self._searched = gc.get_freeze_count()
 
 
 def look_round(

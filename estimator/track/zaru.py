@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimator.loops.rest import calm, measured, together, upright
 from estimator.track.bias_filter import BIAS, BiasFilter
 from estimator.track.evidence import GATES, Evidence, Receipt
+from estimator.track.gravity import GRAVITY
 from estimator.track.seconds import Second
 from estimator.track.tilt import Tilt, TiltKnobs
 
@@ -132,7 +133,8 @@ class Zaru:
     ) -> tuple[list[Receipt], Receipt | None]:
         """Take a second of rest, and what gravity says of it: receipts of the rest, and what became of gravity.
 
-        up (3,) points as gravity's reading does, None without an accelerometer.
+        up (3,) points as gravity's reading does, None without an accelerometer. Where gravity's evidence is given it is in the
+        state; within a rest it is taken together with the parts across what was known of it, in one step.
         """
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
@@ -140,11 +142,12 @@ class Zaru:
         checked = up is not None and self._ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
         var, said = second.mean_var + motion_var, None
+        if gravity is not None and (self._tilt.seen or self._begins(proven=proven)):
+            said, gravity, up = bias.update(gravity), None, bias.x[GRAVITY]
         if up is None or second.accel_mean is None:
             rows = measured(_AXES, second.mean, var, second.common_var, len(bias.x))
             receipts = self._gated(_part("zaru", rows, 0, 3, GATES[3]), second, bias)
         elif self._tilt.seen:
-            said = None if gravity is None else bias.update(gravity)
             bias.forget()
             z = second.mean - bias.x[BIAS]
             self._contradiction = None
@@ -152,9 +155,14 @@ class Zaru:
             return [nothing], said
         else:
             rows = measured(upright(up), second.mean, var, second.common_var, len(bias.x))
-            level, said = self._level(_part("zaru level", rows, 0, 2, GATES[2]), gravity, second, bias)
+            level, also = self._level(_part("zaru level", rows, 0, 2, GATES[2]), gravity, second, bias)
+            said = said or also
             receipts = [level, *self._gated(_part("zaru vertical", rows, 2, 3, self.knobs.vertical_gate), second, bias)]
         return receipts if proven else [r._replace(reason=r.reason or UNPROVEN) for r in receipts], said
+
+    def _begins(self, *, proven: bool) -> bool:
+        """Whether gravity may have more to say than within a rest, and is to be heard before anything is held against it."""
+        return self._rests == 1 or (proven and "zaru level" not in self._surprised)
 
     def _unproven_var(self, second: Second, *, checked: bool) -> Floats | float:
         """(3,) of the motion there may be; who slows down or turns back within the second is no nearer to rest than that."""

@@ -67,21 +67,27 @@ def test_what_has_lived_for_a_second_is_not_searched_for_cycles(searched: list[i
     assert searched, "so much within a second may be cycles"
 
 
-def test_all_there_is_is_searched_once_in_hours(searched: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_there_is_is_searched_when_it_has_become_more(searched: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     class Cycle:
         def __init__(self) -> None:
             self.itself = self
 
-    monkeypatch.setattr(serve, "_ALL_S", 10)
-    cycles = serve.Cycles()
+    monkeypatch.setattr(serve, "_LOOK_S", 10)
+    cycles, kept = serve.Cycles(), list[list[int]]()
     leaked = weakref.ref(Cycle())
-    for _ in range(8):
-        cycles.tend(100)
+    for _ in range(29):
+        cycles.tend(10_000)
     assert leaked() is not None
     assert not searched
-    cycles.tend(100)
+    kept += [[] for _ in range(gc.get_freeze_count() // 3)]
+    cycles.tend(10_000)
+    for _ in range(9):
+        cycles.tend(10_000)
     assert leaked() is None
     assert searched == [2]
+    for _ in range(20):
+        cycles.tend(10_000)
+    assert searched == [2], "and not again"
 
 
 def test_who_tends_a_service_is_told_how_many_devices_it_has(

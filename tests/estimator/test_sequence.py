@@ -71,6 +71,15 @@ def test_boots_of_before_are_asked_for_once_another_than_the_present_one_comes(s
     assert len(asked) == 1
 
 
+def test_boots_of_before_that_cannot_be_told_now_are_asked_for_again() -> None:
+    sequence, told = begun(3), list[list[int] | None]([None, [2]])
+    sequence.recall(lambda: told.pop(0))
+    assert sequence.is_new_boot(2)
+    assert not sequence.is_new_boot(2)
+    assert sequence.is_new_boot(1)
+    assert not told
+
+
 def test_a_session_that_is_begun_anew_asks_for_boots_of_before_as_well() -> None:
     sequence = begun(3)
     sequence.recall(lambda: [2])

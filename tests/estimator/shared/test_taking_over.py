@@ -1,6 +1,8 @@
 """A device goes over to another estimator: as it was calibrated and all, at once, and before nothing that is more urgent."""
 
+import gc
 import time
+import weakref
 from dataclasses import replace
 
 import pytest
@@ -45,6 +47,27 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     statuses = both.client.statuses(0.1)
     assert statuses[NAME].epoch == given[-1].epoch
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+
+
+def test_nothing_is_kept_of_a_device_that_has_left(both: Both) -> None:
+    """Python is kept from looking for cycles: what was in one would stay for hours."""
+    both.start(FIRST)
+    batches = calibration(seed=1).batches()
+    both.send(batches[:-20])
+    device = both.services[FIRST]._devices[NAME]
+    kept: list[weakref.ref[object]] = [weakref.ref(of) for of in (device, device.session, device.session.learnt)]
+    del device
+    gc.collect()
+    gc.disable()
+    try:
+        both.start(SECOND)
+        both.pass_(3.0)
+        both.send(batches[-20:])
+        both.pass_(60.0)
+        assert both.has() == [SECOND]
+        assert [what() for what in kept] == [None, None, None]
+    finally:
+        gc.enable()
 
 
 def test_rates_of_a_device_that_is_taken_over_come_before_what_is_said_of_it(
