@@ -84,6 +84,7 @@ def state(served: Served, device: str) -> str:
     """A hash of all that a device's session is, but for what it has counted."""
     session = served.service._devices[device].session
     sequence, reason = session.sequence, session.life.reason
+    sequence.is_new_boot(-1)  # which boots there were before is looked up when first asked for
     session.sequence = type(sequence)()  # its counters are to change
     session.learnt._events = session.sequence.events
     if session.life.state is State.LOST:
