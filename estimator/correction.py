@@ -121,12 +121,19 @@ def believed(calibration: Calibration | None, earlier: Calibration | None, knobs
     return Belief(model, bias_std, Quality.PRIOR if calibration is None else Quality.GOOD, used.id)
 
 
-def choose(belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool) -> Correction:
+def choose(
+    belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool, doubted: bool = False
+) -> Correction:
     """What is believed of a gyro, with the tracked bias (3,) and its bias_std (3,), rad/s.
 
-    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known.
+    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known, and with
+    doubted, by other evidence, not to be relied on all the same.
     """
-    quality = belief.quality if belief.quality is Quality.GOOD or not sure else Quality.BIAS_ONLY
+    quality = belief.quality
+    if quality is Quality.GOOD:
+        quality = Quality.DEGRADED if doubted or not sure else Quality.GOOD
+    elif sure:
+        quality = Quality.BIAS_ONLY
     known = belief.model
     noise_std = known.noise_std if noise_std is None else noise_std
     model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)

@@ -2,9 +2,8 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 
-from bridge.wire.messages import Calibration, Quality, SampleBatch, State, Verdict
+from bridge.wire.messages import Calibration, SampleBatch, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
@@ -269,9 +268,7 @@ class Learnt:
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        best = choose(self._belief, bias, std, noise_std, sure=sure)
-        doubtful = self._life.away or track.doubt.stands or not sure
-        return replace(best, quality=Quality.DEGRADED) if best.quality is Quality.GOOD and doubtful else best
+        return choose(self._belief, bias, std, noise_std, sure=sure, doubted=self._life.away or track.doubt.stands)
 
 
 def _bias_in(rest: Rest) -> RestBias:

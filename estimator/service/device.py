@@ -83,6 +83,8 @@ class Device:
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = published.Encoder(epoch)
+        #: boot and number up to which its samples were published before it had a session
+        self._foretold: tuple[int, int] | None = None
 
     @property
     def session(self) -> DeviceSession:
@@ -146,8 +148,9 @@ class Device:
                 return
             batches, self._waiting = self._waiting, []
         for batch in batches:
-            self.ahead.put(self._encoder.encode(batch))
-            self.published(len(batch))
+            if not self._said_before(batch.boot, batch.sequence, len(batch)):
+                self.ahead.put(self._encoder.encode(batch))
+                self.published(len(batch))
 
     def drop_waiting(self) -> None:
         """Another boot begins before it was clear that there is a device: what was not published is old."""
@@ -168,10 +171,30 @@ class Device:
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
 
-    def say_rates(self, boot: int, correction: Correction, samples: bytes, n: int) -> None:
-        """Publish n samples of a boot without flags that are corrected and encoded already; see Encoder."""
-        self.ahead.put(self.stencil(boot, correction).enclose(samples))
-        self.published(n)
+    def say_rates(self, boot: int, sequence: int, correction: Correction, samples: bytes, n: int) -> None:
+        """Publish n samples of a boot without flags, from this number on, that are corrected and encoded; see Encoder."""
+        if not self._said_before(boot, sequence, n):
+            self.ahead.put(self.stencil(boot, correction).enclose(samples))
+            self.published(n)
+
+    def foretold(self, publisher: Publisher, boot: int, end: int) -> None:
+        """Samples of this boot up to this number were published with it before there was a session."""
+        self._publishers["corrected"], self._foretold = publisher, (boot, end)
+        self.ahead.put = publisher.put
+
+    def repeats(self, following: int) -> bool:
+        """Whether what comes from this number on was published before."""
+        return self._foretold is not None and following < self._foretold[1]
+
+    def _said_before(self, boot: int, sequence: int, n: int) -> bool:
+        """Whether n samples were published before; then they are counted now."""
+        if self._foretold is None:
+            return False
+        if boot != self._foretold[0] or sequence + n > self._foretold[1]:
+            self._foretold = None
+            return False
+        self._said += n
+        return True
 
     def stencil(self, boot: int, correction: Correction) -> Stencil:
         """What encloses samples of a boot that are corrected so."""

@@ -154,6 +154,8 @@ class Lane:
         boot, following = session.boot, session.sequence.next
         if self._devices.get(place, _NOBODY)[0] is not device or boot is None or following is None:
             return
+        if device.repeats(following):
+            return
         if ahead.place != place:
             if ahead.place >= 0:
                 self._senders.lose(ahead.place)
@@ -213,7 +215,7 @@ class Lane:
             before = counted(device)
             try:
                 if samples:
-                    device.say_rates(come.sent.boot, correction, samples, last - first)
+                    device.say_rates(come.sent.boot, come.sent.sequence + first, correction, samples, last - first)
                 else:  # a rate is beyond what the wire takes
                     device.say_corrected([correction.apply(come.sent.where(0)[0], first, last)])
             except Exception as error:  # noqa: BLE001 - as above

@@ -13,6 +13,7 @@ from bridge.wire.refusal import Refusal, Tally
 from estimator.door import Door
 from estimator.service.cluster import Cluster
 from estimator.service.device import Device
+from estimator.service.interim import Taken
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
 from estimator.service.silent import Silent
@@ -25,6 +26,8 @@ SAY_S, SAY_ALONE_S = 0.2, 1.0
 #: a round that begins so long after the one before was held up; so is our line where nothing at all came for so long
 HELD_UP_S = 0.5
 #: devices that are taken over in one round: then it is those' turn that we have, and that come back first
+TAKEN_AT_ONCE = 64
+#: and of which what came meanwhile is handled in one
 AT_ONCE = 16
 #: how often it is looked whether there is a router, when no token has changed
 _LOOK_S = 0.25
@@ -73,6 +76,8 @@ class Peers:
         self._came, self._left, self._why = 0, Counter[str](), ""
         #: whether another spoke of a device that came
         self._again = False
+        #: devices that were taken over, and what came of each that is still to be handled
+        self._taken = dict[str, list[Message]]()
         #: whether more of what is taken over now follows in the next round, and whether the last move is the begin of it
         self._more = self._taking = False
         self._newcomer = False
@@ -87,8 +92,8 @@ class Peers:
 
     @property
     def pressing(self) -> bool:
-        """Whether there are more devices to be taken over at once."""
-        return self._more
+        """Whether there are more devices to be taken over at once, or to be handled that were."""
+        return self._more or bool(self._taken)
 
     def refused(self) -> dict[str, int]:
         """What was not understood or had no room, counted."""
@@ -132,6 +137,7 @@ class Peers:
         self._notice(*cluster.look(now), now)
         for device in lost:
             cluster.lose(device, now)
+            self._taken.pop(device, None)
             self._ours.move(device, self._standby)
         return list(lost)
 
@@ -188,14 +194,14 @@ class Peers:
                 ours.append(message)  # the door refuses it, too, and counts it
                 continue
             if device in cluster.held:
-                ours.append(message)
+                self._taken.get(device, ours).append(message)
                 self._ours.hold(device, message, now)
             elif self._standby.hold(device, message, now):
                 self._next_scan = now  # it may be ours, and is said to be first
         return ours
 
-    def taken_over(self, devices: dict[str, Device], silent: Silent, now: float) -> list[list[Message]]:
-        """Some devices that are ours from now on, and are said to be: what is to be done of each, in its order.
+    def taken_over(self, devices: dict[str, Device], silent: Silent, now: float) -> list[Taken]:
+        """Some devices that are ours from now on, and are said to be; what came of them is to be handled as it is `turn`.
 
         The others follow in the next rounds. Those that send nothing are `silent`.
         """
@@ -205,26 +211,32 @@ class Peers:
         if not self._more:
             for kept in (self._standby, self._ours):
                 kept.tidy(now)
-        self.cluster.keep({*devices, *silent})
+        self.cluster.keep({*devices, *silent, *self._taken})
         for known in list(self.replicas) if self.cluster.settled(now) else ():
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
                 silent.take(known, self._begin(known.device), self._now_ns())
         wants, waits_s = self.cluster.wants, self._standby.waits_s
-        wanted = list(islice((d for d in self._standby if wants(d, now, waits_s(d, now))), AT_ONCE))
+        wanted = dict.fromkeys(islice((d for d in self._standby if wants(d, now, waits_s(d, now))), TAKEN_AT_ONCE))
         for h in self.cluster.claims() if wanted else ():
             if h.device in wanted:  # what came since its owner spoke last may be long past: a bridge's cache
                 self._standby.done(h.device, h.boot, h.next, now, h.epoch)
-        queues = [self._take(device) for device in wanted]
-        self._more = len(queues) == AT_ONCE
+        taken = [self._take(device) for device in wanted]
+        self._more = len(taken) == TAKEN_AT_ONCE
         if self._more:
             self._next_scan = now
-        if queues:
+        if taken:
             self._next_say = now
             # Before anything of them is: else we could die, and nobody would know the epoch.
             self.say(devices, now, hurry=True)
         elif self._taking or (not self._came and self.cluster.settled(now)):
             self._taking, self._why = False, ""  # what comes later has another reason
-        return queues
+        return taken
+
+    def turn(self) -> list[list[Message]]:
+        """What came of some of those that were taken over, of each in its order, once no more are to be."""
+        if self._more:
+            return []
+        return [self._taken.pop(device) for device in list(islice(self._taken, AT_ONCE))]
 
     def epoch(self, device: str) -> int:
         """Since when a device is ours; it is from now on, if it was not."""
@@ -239,9 +251,10 @@ class Peers:
         """Whether it is for us to answer a command; from any thread."""
         return self.cluster.answers(device)
 
-    def _take(self, device: str) -> list[Message]:
-        self._begin(device)
-        return self._standby.move(device, self._ours)
+    def _take(self, device: str) -> Taken:
+        epoch, messages = self._begin(device), self._standby.move(device, self._ours)
+        self._taken[device] = list(messages)  # and what comes meanwhile
+        return Taken(device, epoch, messages)
 
     def _begin(self, device: str) -> int:
         self._came += 1

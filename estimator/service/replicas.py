@@ -91,6 +91,10 @@ class Replicas:
         """What its last commands were answered, oldest first."""
         return self._answers.get(device, ())
 
+    def of(self, device: str) -> Checkpoint | None:
+        """The latest of a device."""
+        return self._latest.get(device)
+
     def bridge(self, device: str) -> str:
         """Whom it was heard from; empty where nothing was said of it."""
         known = self._latest.get(device)

@@ -25,6 +25,7 @@ from estimator.service.commands import Commands
 from estimator.service.device import Device
 from estimator.service.gate import Gate, Notices
 from estimator.service.intake import Intake
+from estimator.service.interim import Interim
 from estimator.service.isolation import Isolation
 from estimator.service.load import Load
 from estimator.service.lost import Lost
@@ -95,6 +96,7 @@ class Service:
         self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
+        self._interim = Interim(data, ward, self._peers.replicas, self._treatment.of, now_ns, self.counts)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
@@ -163,6 +165,7 @@ class Service:
             self._info,
             self._notices,
             self._silent,
+            self._interim,
             *self._devices.values(),
         ):
             thing.close()
@@ -217,10 +220,13 @@ class Service:
         for calibration in self._peers.calibrated():
             self._adopt(calibration)
         ours = self._load.sift(self._peers.sift(messages, now))
-        queues = self._peers.taken_over(self._devices, self._silent, now)
-        if not queues:
+        taken = self._peers.taken_over(self._devices, self._silent, now)
+        queues = self._peers.turn()
+        if not taken and not queues:
             return ours
         self._turns.round(ours)  # to take over takes long
+        if taken:
+            self._interim.say(taken)
         # The first of each device that comes first: then the others are known to the fast lane.
         self._turns.round([queue[0] for queue in queues if queue])
         return [message for queue in queues for message in queue[1:]]
@@ -230,6 +236,7 @@ class Service:
         for name in names:
             self._silent.drop(name)
             self._load.drop(name)
+            self._left += [(now + LINGER_S, publisher) for publisher in self._interim.drop(name)]
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
             for message in self._turns.withdraw(device.name):
@@ -274,6 +281,7 @@ class Service:
         if self._peers.company or self._resumed.goes_on(key):
             device.overtaken = Overtaken(batch.sequence)
         self._silent.drop(name)
+        self._interim.hand_over(device)
         self._devices[name] = device
         return device
 

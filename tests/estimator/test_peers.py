@@ -1,4 +1,4 @@
-"""Devices of one that is gone are taken over a few at a time: each is said to be ours before anything of it is."""
+"""Devices of one that is gone are taken over in portions, each said to be ours first, and handled in smaller ones."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -10,10 +10,10 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import Owned
 from bridge.wire.refusal import Tally
-from estimator.service.peers import AT_ONCE, Peers
+from estimator.service.peers import AT_ONCE, TAKEN_AT_ONCE, Peers
 from estimator.service.silent import Silent
 
-WARD, DEVICES, ROUND_S = "w", 4 * AT_ONCE, 0.02
+WARD, DEVICES, ROUND_S = "w", 2 * TAKEN_AT_ONCE + AT_ONCE, 0.02
 
 
 @dataclass
@@ -52,25 +52,29 @@ def test_devices_are_taken_over_in_portions_each_said_first(
     raw = [Message(keys.build(WARD, "raw", bridge="b", device=f"d{n}"), b"x") for n in range(DEVICES)]
     devices: dict[str, Taken] = {}
     said: set[str] = set()
-    portions: list[int] = []
+    at_once, portions = list[int](), list[int]()
     for n in range(300):
         clock.now += ROUND_S
         if "e3" in others and n % 10 == 0:  # e2 says nothing: it is gone
             e3.put(codec.encode_owned(Owned("e3", 1, 0, 0.0, (), (), 0, 1)))
         peers.look(clock.now, heard=True)
-        queues = peers.taken_over(devices, silent, clock.now)  # type: ignore[arg-type]
+        over = peers.taken_over(devices, silent, clock.now)  # type: ignore[arg-type]
+        queues = peers.turn()
         assert n not in looked, "there is no time to have sessions take in what was corrected ahead of them"
         for message in heard.drain(1000, 0.0):
             owned = codec.decode_owned(message.key, message.payload)
             said |= {holding.device for holding in owned.holdings if owned.estimator == "e1"}
         taken = {keys.parse(queue[0].key).device for queue in queues}
-        assert taken <= said
+        assert {one.device for one in over} <= said
+        assert not over or len(over) == TAKEN_AT_ONCE or queues
+        at_once += [len(over)] if over else []
         portions += [len(taken)] if taken else []
         devices |= dict.fromkeys(taken, Taken())
         peers.sift(raw, clock.now)
         peers.say(devices, clock.now)  # type: ignore[arg-type]
     assert looked
     assert max(portions) == AT_ONCE
+    assert AT_ONCE < max(at_once) <= TAKEN_AT_ONCE
     reasons = [move.reason for move in peers._moves]
     assert reasons == ["heard for the first time", "e2 is gone"]
     assert sum(move.came for move in peers._moves) == len(devices) == sum(portions)

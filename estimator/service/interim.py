@@ -1,0 +1,141 @@
+"""What devices that are taken over have sent since is corrected and published at once, by what was said of them last.
+
+Whoever had them is gone, and a hundred sessions take longer to begin than a subscriber should wait. They follow, take all of it
+in their turn, and only do not publish it again.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import islice, takewhile
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.bus.contract import Bus, Message, Publisher
+from bridge.wire import keys
+from bridge.wire.refusal import Tally
+from estimator.remembered import correction
+from estimator.service.device import CACHES, Device
+from estimator.service.published import Encoder
+from estimator.service.replicas import Replicas
+from estimator.service.senders import Sender, Senders
+from estimator.service.together import Round
+from estimator.session_knobs import SessionKnobs
+
+#: of a device that could not be corrected before its session is there
+FAILED = "devices not corrected at once"
+
+
+class Taken(NamedTuple):
+    """A device that is ours from now on, since an epoch, and what of it came and is not known to be done, in its order."""
+
+    device: str
+    epoch: int
+    messages: list[Message]
+
+
+class _Said(NamedTuple):
+    publisher: Publisher
+    boot: int
+    #: the number that follows the last sample that was published
+    end: int
+
+
+class _Run(NamedTuple):
+    """Messages of a round, from the first to the last, of one device that only goes on in them."""
+
+    of: Taken
+    boot: int
+    first: int
+    last: int
+
+
+class Interim:
+    """Of devices whose sessions are to be made; knobs: how each is treated. What fails is counted in `counts`."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        ward: str,
+        replicas: Replicas,
+        knobs: Callable[[str], SessionKnobs],
+        now_ns: Callable[[], int],
+        counts: Tally,
+    ) -> None:
+        self._bus, self._ward, self._replicas, self._knobs = bus, ward, replicas, knobs
+        self._now_ns, self._counts = now_ns, counts
+        self._said = dict[str, _Said]()
+
+    def say(self, taken: Sequence[Taken]) -> None:
+        """Publish what came of them, of each up to the first message that is out of the ordinary."""
+        senders, places = Senders(len(taken)), list[int]()
+        for place, one in enumerate(taken):
+            key = ""
+            if bridge := self._replicas.bridge(one.device):
+                key = keys.build(self._ward, "raw", bridge=bridge, device=one.device)
+                senders.admit(place, Sender.of(one.device, bridge))
+            places += [place if message.key == key else -1 for message in one.messages]
+        whole = Round([m.payload for one in taken for m in one.messages], places, senders, goes_on=False)
+        runs, begin = list[_Run](), 0
+        for place, one in enumerate(taken):
+            try:
+                run = _run(whole, one, begin)
+                if run is not None and self._corrects(senders, place, whole, run):
+                    runs.append(run)
+            except Exception:  # noqa: BLE001 - whatever it is, its session will meet it, too
+                self._counts.add(FAILED)
+            begin += len(one.messages)
+        said = iter(whole.corrected_ahead(np.array([n for run in runs for n in range(run.first, run.last)], np.int64)))
+        for run in runs:
+            self._publish(run, whole, list(islice(said, run.last - run.first)))
+
+    def _corrects(self, senders: Senders, place: int, whole: Round, run: _Run) -> bool:
+        """Have what was said of a device last correct what comes of its place; whether it can, and nobody did."""
+        (name, epoch, _), known = run.of, self._replicas.of(run.of.device)
+        if name in self._said or known is None or known.boot != run.boot:
+            return False
+        remembered = self._replicas.recall(name, run.boot, self._now_ns())
+        if known.calibration is not None and (remembered is None or remembered.calibration is None):
+            return False  # of an earlier boot: whether it still holds is for its session to say
+        best = correction(remembered, whole.span(run.last - 1).last_s, self._knobs(name))
+        return best is not None and senders.corrects(place, best, Encoder(epoch).stencil(name, run.boot, best))
+
+    def _publish(self, run: _Run, whole: Round, said: list[bytes]) -> None:
+        """Up to what the wire does not take."""
+        fit = list(takewhile(len, said))
+        if fit:
+            name = run.of.device
+            publisher = self._bus.publisher(keys.build(self._ward, "corrected", device=name), cache=CACHES["corrected"])
+            for payload in fit:
+                publisher.put(payload)
+            self._said[name] = _Said(publisher, run.boot, whole.following(run.first + len(fit) - 1))
+
+    def hand_over(self, device: Device) -> None:
+        """Its session is there."""
+        if (said := self._said.pop(device.name, None)) is not None:
+            device.foretold(*said)
+
+    def drop(self, device: str) -> list[Publisher]:
+        """It is another's before it had a session: what was said of it may still be asked for."""
+        said = self._said.pop(device, None)
+        return [] if said is None else [said.publisher]
+
+    def close(self) -> None:
+        """Take back the publishers that nobody took over."""
+        for device in list(self._said):
+            for publisher in self.drop(device):
+                publisher.close()
+
+
+def _run(whole: Round, of: Taken, begin: int) -> _Run | None:
+    """The messages of a device that begin there, up to the first that is unfit or does not go on from the one before."""
+    end = begin + len(of.messages)
+    if begin == end or not whole.fit(begin):
+        return None
+    before, at = whole.span(begin), begin + 1
+    boot = before.boot
+    while at < end and whole.fit(at):
+        here = whole.span(at)
+        if here.boot != boot or here.sequence != whole.following(at - 1) or here.first_s <= before.last_s:
+            break
+        before, at = here, at + 1
+    return _Run(of, boot, begin, at)

@@ -1,0 +1,165 @@
+"""What a device that is taken over has sent since is published before it has a session, once, and as its session would have."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.bus.memory_bus import MemoryBus
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.batches import MAX_RATE
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag
+from estimator.service.interim import FAILED
+from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
+from tests.estimator.stream import NAME, calibration
+
+LAST = 20
+
+
+class Ward:
+    """SECOND has the device and is killed; the last batches are sent, but FIRST does not come to its session before `go_on`."""
+
+    def __init__(self, both: Both, monkeypatch: pytest.MonkeyPatch, batches: list[SampleBatch]) -> None:
+        self.both, self._patch = both, monkeypatch
+        self._heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
+        both.start(FIRST)
+        both.start(SECOND)
+        both.pass_(1.2)
+        both.send(batches[:-LAST])
+        assert both.has() == [SECOND]
+        self.before = self.said()
+        self.first, self.theirs = both.services[FIRST], both.services[SECOND]._devices[NAME].session
+
+    def kill(self, batches: list[SampleBatch]) -> list[CorrectedBatch]:
+        """What was published then."""
+        self.both.kill(SECOND)
+        with self._patch.context() as busy:
+            busy.setattr(self.first._peers, "turn", list)
+            self.both.send(batches)
+        assert self.both.has() == []
+        return self.said()
+
+    def go_on(self) -> list[CorrectedBatch]:
+        self.both.pass_(1.0)
+        assert self.both.has() == [FIRST]
+        return self.said()
+
+    def said(self) -> list[CorrectedBatch]:
+        return [codec.decode_corrected(m.key, m.payload) for m in self._heard.drain(10_000, 0.0)]
+
+
+@pytest.fixture
+def batches() -> list[SampleBatch]:
+    return calibration(seed=1, after=[Still(30.0)]).batches()
+
+
+@pytest.fixture
+def ward(both: Both, monkeypatch: pytest.MonkeyPatch, batches: list[SampleBatch]) -> Iterator[Ward]:
+    made = Ward(both, monkeypatch, batches)
+    yield made
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+    session = made.first._devices[NAME].session.sequence
+    assert made.first._devices[NAME].told == session.samples_out
+
+
+def numbers(said: list[CorrectedBatch]) -> list[int]:
+    return [batch.sequence + n for batch in said for n in range(len(batch))]
+
+
+def test_it_is_published_before_there_is_a_session_and_not_again(ward: Ward, batches: list[SampleBatch]) -> None:
+    (made,) = ward.both.stores[SECOND].calibrations(NAME)
+    at_once = ward.kill(batches[-LAST:])
+    assert numbers(at_once)[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+    assert numbers(at_once) == list(range(at_once[0].sequence, numbers(at_once)[-1] + 1))
+    assert {(b.quality, b.calibration) for b in at_once} == {(Quality.GOOD, made.id)}
+    assert {b.epoch for b in at_once} == {ward.first._peers.cluster.held[NAME]}
+    assert min(b.epoch for b in at_once) > max(b.epoch for b in ward.before)
+    assert ward.go_on() == []
+    ward.both.send([more := replace(batches[-1], sequence=numbers(at_once)[-1] + 1, ticks=batches[-1].ticks + 100_000)])
+    (after,) = ward.said()
+    assert (after.sequence, len(after), after.epoch) == (more.sequence, len(more), at_once[0].epoch)
+    given = ward.both.stream.drain()
+    assert numbers(given) == list(range(more.sequence + len(more)))
+
+
+def test_it_is_corrected_as_who_had_it_did(ward: Ward, batches: list[SampleBatch]) -> None:
+    at_once, of = ward.kill(batches[-LAST:])[-1], ward.theirs.applied.apply(batches[-1], 0, len(batches[-1]))
+    for what in ("rate", "bias"):
+        assert (np.abs(getattr(at_once, what) - getattr(of, what)) < at_once.bias_std).all()
+    # What was said of it last is some seconds old.
+    assert (at_once.bias_std > of.bias_std).all()
+    assert (at_once.bias_std < 5 * of.bias_std).all()
+    for what in ("scale_std", "cross_std", "ticks", "start_time_ns"):
+        np.testing.assert_array_equal(getattr(at_once, what), getattr(of, what))
+    ward.go_on()
+
+
+@pytest.mark.parametrize("odd", ["marked", "missing", "another boot", "beyond the wire"])
+def test_what_is_out_of_the_ordinary_waits_for_its_session(
+    ward: Ward, batches: list[SampleBatch], odd: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last, at = batches[-LAST:], 12
+    one = last[at]
+    if odd == "marked":
+        last[at] = replace(one, flags=one.flags | np.uint32(SampleFlag.CLIPPED))
+    elif odd == "missing":
+        del last[at]
+    elif odd == "another boot":
+        last[at:] = [replace(batch, boot=batch.boot + 1) for batch in last[at:]]
+    else:
+        gyro = one.gyro.copy()
+        gyro[3] = MAX_RATE
+        last[at] = replace(one, gyro=gyro)
+        monkeypatch.setattr("estimator.service.together.MAX_CORRECTED", 0.9 * MAX_RATE)
+    at_once = ward.kill(last)
+    assert numbers(at_once)[-1] == one.sequence - 1
+    later = ward.go_on()
+    assert later
+    said = [(b.boot, n) for b in at_once + later for n in numbers([b])]
+    assert said == sorted(set(said), key=said.index)
+    sent = {(b.boot, n) for b in last for n in numbers([b])}  # type: ignore[list-item]
+    assert sent <= set(said)
+
+
+def test_nothing_is_said_by_a_calibration_of_which_only_a_session_knows_whether_it_holds(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    replicas = ward.first._peers.replicas
+    known = replicas.of(NAME)
+    assert known is not None
+    assert known.calibration is not None
+    earlier = replace(known, calibration=replace(known.calibration, boot=known.boot - 1))
+    replicas.note(replace(earlier, epoch=known.epoch))
+    assert ward.kill(batches[-LAST:]) == []
+    assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+
+
+def test_of_what_it_is_not_known_what_it_is_nothing_is_said(ward: Ward, batches: list[SampleBatch]) -> None:
+    ward.first._peers.replicas._latest.clear()
+    assert ward.kill(batches[-LAST:]) == []
+    assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+
+
+def test_one_that_fails_waits_for_its_session_and_is_counted(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("estimator.service.interim.correction", fails)
+    assert ward.kill(batches[-LAST:]) == []
+    assert ward.first.counts.as_dict()[FAILED] == 1
+    assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+
+
+def test_what_was_said_of_one_that_is_anothers_before_it_has_a_session_may_still_be_asked_for(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    ward.kill(batches[-LAST:])
+    said = ward.first._interim._said[NAME]
+    ward.first._give_away([NAME], ward.both.now)
+    assert ward.first._interim._said == {}
+    assert [publisher for _, publisher in ward.first._left] == [said.publisher]
+    ward.go_on()
