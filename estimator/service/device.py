@@ -83,8 +83,8 @@ class Device:
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = published.Encoder(epoch)
-        #: boot and number up to which its samples were published before it had a session
-        self._foretold: tuple[int, int] | None = None
+        #: boot, and numbers from which and up to which its samples were published before it had a session
+        self._foretold: tuple[int, int, int] | None = None
 
     @property
     def session(self) -> DeviceSession:
@@ -177,21 +177,28 @@ class Device:
             self.ahead.put(self.stencil(boot, correction).enclose(samples))
             self.published(n)
 
-    def foretold(self, publisher: Publisher, boot: int, end: int) -> None:
+    def foretold(self, publisher: Publisher, boot: int, begin: int, end: int) -> None:
         """Samples of this boot up to this number were published with it before there was a session."""
-        self._publishers["corrected"], self._foretold = publisher, (boot, end)
+        self._publishers["corrected"], self._foretold = publisher, (boot, begin, end)
         self.ahead.put = publisher.put
+
+    def forget_said(self) -> None:
+        """Another boot begins, or numbers begin anew: what comes was not published before."""
+        self._foretold = None
 
     def repeats(self, following: int) -> bool:
         """Whether what comes from this number on was published before."""
-        return self._foretold is not None and following < self._foretold[1]
+        return self._foretold is not None and following < self._foretold[2]
 
     def _said_before(self, boot: int, sequence: int, n: int) -> bool:
         """Whether n samples were published before; then they are counted now."""
         if self._foretold is None:
             return False
-        if boot != self._foretold[0] or sequence + n > self._foretold[1]:
+        its, begin, end = self._foretold
+        if boot != its or sequence + n > end:
             self._foretold = None
+            return False
+        if sequence < begin:
             return False
         self._said += n
         return True

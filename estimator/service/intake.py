@@ -150,6 +150,7 @@ class Intake:
             for late in overtaken.drop():
                 session.sequence.refuse(late, Reason.OLD_BOOT)
             if session.boot is not None:
+                device.forget_said()
                 device.overtaken = overtaken = Overtaken()  # where this one begins is not known
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))

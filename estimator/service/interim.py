@@ -10,10 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bridge.bus.contract import Bus, Message, Publisher
+from bridge.bus.contract import Bus, BusError, Message, Publisher
 from bridge.wire import keys
+from bridge.wire.messages import DeviceInfo
 from bridge.wire.refusal import Tally
+from estimator.course import PLAIN_S
 from estimator.remembered import correction
+from estimator.restore import changed
 from estimator.service.device import CACHES, Device
 from estimator.service.published import Encoder
 from estimator.service.replicas import Replicas
@@ -36,7 +39,8 @@ class Taken(NamedTuple):
 class _Said(NamedTuple):
     publisher: Publisher
     boot: int
-    #: the number that follows the last sample that was published
+    #: the number of the first sample that was published, and the one that follows the last
+    begin: int
     end: int
 
 
@@ -60,7 +64,9 @@ class Interim:
         knobs: Callable[[str], SessionKnobs],
         now_ns: Callable[[], int],
         counts: Tally,
+        info: Callable[[str, str], DeviceInfo | None],
     ) -> None:
+        self._info = info
         self._bus, self._ward, self._replicas, self._knobs = bus, ward, replicas, knobs
         self._now_ns, self._counts = now_ns, counts
         self._said = dict[str, _Said]()
@@ -86,7 +92,13 @@ class Interim:
             begin += len(one.messages)
         said = iter(whole.corrected_ahead(np.array([n for run in runs for n in range(run.first, run.last)], np.int64)))
         for run in runs:
-            self._publish(run, whole, list(islice(said, run.last - run.first)))
+            parts = list(islice(said, run.last - run.first))
+            try:
+                self._publish(run, whole, parts)
+            except BusError:
+                raise
+            except Exception:  # noqa: BLE001 - as above
+                self._counts.add(FAILED)
 
     def _corrects(self, senders: Senders, place: int, whole: Round, run: _Run) -> bool:
         """Have what was said of a device last correct what comes of its place; whether it can, and nobody did."""
@@ -96,6 +108,10 @@ class Interim:
         remembered = self._replicas.recall(name, run.boot, self._now_ns())
         if known.calibration is not None and (remembered is None or remembered.calibration is None):
             return False  # of an earlier boot: whether it still holds is for its session to say
+        info = self._info(known.bridge, name)
+        used = None if remembered is None else remembered.calibration
+        if used is not None and info is not None and info.boot == run.boot and changed(used, info, within_boot=True):
+            return False
         best = correction(remembered, whole.span(run.last - 1).last_s, self._knobs(name))
         return best is not None and senders.corrects(place, best, Encoder(epoch).stencil(name, run.boot, best))
 
@@ -105,9 +121,10 @@ class Interim:
         if fit:
             name = run.of.device
             publisher = self._bus.publisher(keys.build(self._ward, "corrected", device=name), cache=CACHES["corrected"])
-            for payload in fit:
+            begin = whole.span(run.first).sequence
+            for at, payload in enumerate(fit, run.first):
                 publisher.put(payload)
-            self._said[name] = _Said(publisher, run.boot, whole.following(run.first + len(fit) - 1))
+                self._said[name] = _Said(publisher, run.boot, begin, whole.following(at))
 
     def hand_over(self, device: Device) -> None:
         """Its session is there."""
@@ -133,9 +150,13 @@ def _run(whole: Round, of: Taken, begin: int) -> _Run | None:
         return None
     before, at = whole.span(begin), begin + 1
     boot = before.boot
+    if before.last_s - before.first_s >= PLAIN_S:
+        return None
     while at < end and whole.fit(at):
         here = whole.span(at)
         if here.boot != boot or here.sequence != whole.following(at - 1) or here.first_s <= before.last_s:
+            break
+        if here.last_s >= before.last_s + PLAIN_S:  # as Course.goes_on
             break
         before, at = here, at + 1
     return _Run(of, boot, begin, at)

@@ -96,9 +96,11 @@ class Service:
         self._left = deque[tuple[float, Publisher]]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
-        self._interim = Interim(data, ward, self._peers.replicas, self._treatment.of, now_ns, self.counts)
         self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
+        self._interim = Interim(
+            data, ward, self._peers.replicas, self._treatment.of, now_ns, self.counts, self._devices.info
+        )
         self._stock = Stock(self._devices, self.counts, vitals or Vitals())
         self._intake = Intake(
             self._devices,
@@ -146,7 +148,7 @@ class Service:
         while not stop.is_set():
             self.step(0.05)
         deadline = time.monotonic() + DRAIN_S
-        while self.step(0.0) and time.monotonic() < deadline:
+        while (self.step(0.0) or self._peers.pressing) and time.monotonic() < deadline:
             pass
         self._intake.give_up()
         self._quiet.finish()
