@@ -163,3 +163,24 @@ def test_what_was_said_of_one_that_is_anothers_before_it_has_a_session_may_still
     assert ward.first._interim._said == {}
     assert [publisher for _, publisher in ward.first._left] == [said.publisher]
     ward.go_on()
+
+
+def test_one_that_cannot_be_published_does_not_end_the_service(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(ward.first._interim, "_publish", fails)
+    assert ward.kill(batches[-LAST:]) == []
+    assert ward.first.counts.as_dict()[FAILED] == 1
+    assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+
+
+def test_a_leap_of_its_clock_waits_for_its_session(ward: Ward, batches: list[SampleBatch]) -> None:
+    last, at = batches[-LAST:], 12
+    last[at:] = [replace(batch, ticks=batch.ticks + np.uint64(10**12)) for batch in last[at:]]
+    at_once = ward.kill(last)
+    assert numbers(at_once)[-1] == last[at].sequence - 1
+    assert {batch.quality for batch in at_once} == {Quality.GOOD}
+    ward.go_on()
