@@ -178,7 +178,7 @@ class Device:
             self.published(n)
 
     def foretold(self, publisher: Publisher, boot: int, begin: int, end: int) -> None:
-        """Samples of this boot up to this number were published with it before there was a session."""
+        """Samples of this boot from `begin` up to before `end` were published with it before there was a session."""
         self._publishers["corrected"], self._foretold = publisher, (boot, begin, end)
         self.ahead.put = publisher.put
 

@@ -45,7 +45,7 @@ class _Said(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Messages of a round, from the first to the last, of one device that only goes on in them."""
+    """Messages of a round, from the first up to before the last, of one device that only goes on in them."""
 
     of: Taken
     boot: int
@@ -54,7 +54,10 @@ class _Run(NamedTuple):
 
 
 class Interim:
-    """Of devices whose sessions are to be made; knobs: how each is treated. What fails is counted in `counts`."""
+    """Of devices whose sessions are to be made; knobs: how each is treated, info: what a bridge says of a device it has.
+
+    What fails is counted in `counts`, and costs one device its turn here.
+    """
 
     def __init__(
         self,
@@ -66,9 +69,8 @@ class Interim:
         counts: Tally,
         info: Callable[[str, str], DeviceInfo | None],
     ) -> None:
-        self._info = info
         self._bus, self._ward, self._replicas, self._knobs = bus, ward, replicas, knobs
-        self._now_ns, self._counts = now_ns, counts
+        self._now_ns, self._counts, self._info = now_ns, counts, info
         self._said = dict[str, _Said]()
 
     def say(self, taken: Sequence[Taken]) -> None:

@@ -154,7 +154,7 @@ class Lane:
         boot, following = session.boot, session.sequence.next
         if self._devices.get(place, _NOBODY)[0] is not device or boot is None or following is None:
             return
-        if device.repeats(following):
+        if device.repeats(following):  # what goes ahead is published without asking whether it was
             return
         if ahead.place != place:
             if ahead.place >= 0:

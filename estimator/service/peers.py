@@ -233,7 +233,7 @@ class Peers:
         return taken
 
     def turn(self) -> list[list[Message]]:
-        """What came of some of those that were taken over, of each in its order, once no more are to be."""
+        """What came of some of those that were taken over, of each in its order, once no more are to be taken over."""
         if self._more:
             return []
         return [self._taken.pop(device) for device in list(islice(self._taken, AT_ONCE))]
