@@ -203,6 +203,17 @@ class Device:
         self._said += n
         return True
 
+    def _foretold_of(self, lost: int, uncounted: int) -> int:
+        """How many of these samples, the last before the next number and the first from it on, were published before."""
+        if self._foretold is None:
+            return 0
+        boot, begin, end = self._foretold
+        sequence = self._session.sequence
+        if sequence.boot not in (None, boot):
+            return 0
+        following = begin if sequence.next is None else sequence.next
+        return max(0, min(following + uncounted, end) - max(following - lost, begin))
+
     def stencil(self, boot: int, correction: Correction) -> Stencil:
         """What encloses samples of a boot that are corrected so."""
         return self._encoder.stencil(self.name, boot, correction)
@@ -302,7 +313,9 @@ class Device:
     def restart(self, lost: int, uncounted: int, follows: int = 0) -> None:
         """A session without a boot: the next batch, with this number or a later one, begins it. See Sequence.anew."""
         self.overtaken = Overtaken(max(follows, self.session.sequence.next or 0))
-        sequence = self.session.sequence.anew(lost, uncounted)
+        said = self._foretold_of(lost, uncounted)
+        self._said += said
+        sequence = self.session.sequence.anew(lost - said, uncounted)
         self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:

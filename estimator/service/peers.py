@@ -17,7 +17,7 @@ from estimator.service.interim import Taken
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
 from estimator.service.silent import Silent
-from estimator.service.standby import Standby
+from estimator.service.standby import MOST, Standby
 
 log = logging.getLogger(__name__)
 
@@ -194,6 +194,8 @@ class Peers:
                 ours.append(message)  # the door refuses it, too, and counts it
                 continue
             if device in cluster.held:
+                if len(self._taken.get(device, ())) >= MOST:
+                    ours += self._taken.pop(device)  # who sends that much is seen to as all are who do
                 self._taken.get(device, ours).append(message)
                 self._ours.hold(device, message, now)
             elif self._standby.hold(device, message, now):

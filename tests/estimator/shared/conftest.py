@@ -10,7 +10,7 @@ import pytest
 from bridge.bus.contract import Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Command, CommandReply, SampleBatch
+from bridge.wire.messages import Checkpoint, Command, CommandReply, DeviceInfo, SampleBatch
 from estimator.client import Client
 from estimator.config import Estimator
 from estimator.service.ownership import owner
@@ -73,8 +73,9 @@ class Both:
                 if name != still:
                     service.step(0.0)
 
-    def send(self, batches: list[SampleBatch], still: str = "") -> None:
-        self._info.put(codec.encode_info(info()))
+    def send(self, batches: list[SampleBatch], still: str = "", what: DeviceInfo | None = None) -> None:
+        """Batches of a device, and what it is."""
+        self._info.put(codec.encode_info(what or info()))
         for at in range(0, len(batches), 20):
             for batch in batches[at : at + 20]:
                 self._raw.put(codec.encode_samples(batch))

@@ -1,5 +1,6 @@
 """What a device that is taken over has sent since is published before it has a session, once, and as its session would have."""
 
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -10,10 +11,13 @@ from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.batches import MAX_RATE
-from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag
+from bridge.wire.messages import CorrectedBatch, DeviceInfo, Quality, SampleBatch, SampleFlag
+from estimator.service.device import Device
+from estimator.service.intake import Intake
 from estimator.service.interim import FAILED
+from estimator.service.lane import Lane
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
-from tests.estimator.stream import NAME, calibration
+from tests.estimator.stream import NAME, calibration, info
 
 LAST = 20
 
@@ -32,12 +36,12 @@ class Ward:
         self.before = self.said()
         self.first, self.theirs = both.services[FIRST], both.services[SECOND]._devices[NAME].session
 
-    def kill(self, batches: list[SampleBatch]) -> list[CorrectedBatch]:
+    def kill(self, batches: list[SampleBatch], what: DeviceInfo | None = None) -> list[CorrectedBatch]:
         """What was published then."""
         self.both.kill(SECOND)
         with self._patch.context() as busy:
             busy.setattr(self.first._peers, "turn", list)
-            self.both.send(batches)
+            self.both.send(batches, what=what)
         assert self.both.has() == []
         return self.said()
 
@@ -184,3 +188,75 @@ def test_a_leap_of_its_clock_waits_for_its_session(ward: Ward, batches: list[Sam
     assert numbers(at_once)[-1] == last[at].sequence - 1
     assert {batch.quality for batch in at_once} == {Quality.GOOD}
     ward.go_on()
+
+
+@pytest.mark.parametrize(
+    ("of", "name", "after"), [(Lane, "_go_on", 8), (Lane, "_stand", 0), (Intake, "_handle_one", 0), (Device, "say_rates", 8)]
+)
+def test_what_a_session_that_fails_had_not_taken_in_yet_is_not_lost_where_it_was_published(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch, of: type, name: str, after: int
+) -> None:
+    last = batches[-LAST:]
+    at_once = ward.kill(last)
+    work, fails = getattr(of, name), iter([False] * after + [True])
+
+    def works(*args: object, **more: object) -> object:
+        if next(fails, False):
+            raise ZeroDivisionError
+        return work(*args, **more)
+
+    monkeypatch.setattr(of, name, works)
+    assert ward.go_on() == []
+    assert list(fails) == []
+    assert numbers(at_once)[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+    sequence = ward.first._devices[NAME].session.sequence
+    assert "session failed" not in sequence.dropped.as_dict()
+    assert sequence.events.as_dict()["session failed"] == 1
+
+
+def test_a_boot_that_begins_anew_under_its_number_is_published(ward: Ward, batches: list[SampleBatch]) -> None:
+    at_once = ward.kill(batches[-LAST:])
+    ward.go_on()
+    anew = [
+        replace(batch, receive_time_ns=batch.receive_time_ns + 10**11, start_time_ns=batch.start_time_ns + 10**11)
+        for batch in batches[-3 * LAST :]
+    ]
+    for batch in anew:  # what comes again is taken for a repetition until it persists
+        ward.both.send([batch])
+    said = numbers(ward.said())
+    assert said == list(range(said[0], numbers(anew)[-1] + 1))  # type: ignore[arg-type]
+    assert set(said) & set(numbers(at_once))
+
+
+def test_numbers_before_those_published_at_once_are_published_when_they_come(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    last = batches[-LAST:]
+    first, then = last[LAST // 2 - 1], last[LAST // 2 :]
+    at_once = ward.kill(then)
+    assert first.sequence not in numbers(at_once)
+    ward.both.send([first])
+    later = ward.go_on()
+    assert set(numbers([first])) <= set(numbers(later))  # type: ignore[list-item]
+    assert not set(numbers(later)) & set(numbers(at_once))
+
+
+def test_nothing_is_said_by_a_calibration_that_another_range_in_this_boot_has_made_void(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    assert ward.kill(batches[-LAST:], replace(info(), gyro_range=4.4)) == []
+    later = ward.go_on()
+    assert numbers(later)[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
+    assert Quality.GOOD not in {batch.quality for batch in later}
+
+
+def test_it_stops_when_all_that_was_published_at_once_is_handled(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = ward.kill(batches[-LAST:])
+    stop = threading.Event()
+    stop.set()
+    ward.first.run(stop)
+    assert ward.said() == []
+    sequence = ward.first._devices[NAME].session.sequence
+    assert sequence.next == at_once[-1].sequence + len(at_once[-1])
