@@ -27,6 +27,8 @@ class Boots:
     def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
+        same = same and batch.boot != device.repeated
+        device.repeated = None if same else batch.boot
         if session.boot is None and session.sequence.samples_in == 0:
             session.sequence.recall(partial(self._before, device.name, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None

@@ -167,7 +167,7 @@ class Cluster:
             for part in [part for part in peer.parts if part >= owned.parts]:
                 del peer.parts[part], peer.busy[part]
         self.hear(owned.epoch, *(h.epoch for h in owned.holdings))
-        return [h.device for h in owned.holdings if h.epoch > self.held.get(h.device, h.epoch)]
+        return [h.device for h in owned.holdings if BEYOND > h.epoch > self.held.get(h.device, h.epoch)]
 
     def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
         """Whether a device that is not ours is to be taken now; what came of it first, and nobody has done, waits for so long."""

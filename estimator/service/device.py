@@ -9,12 +9,13 @@ from dataclasses import replace
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.batches import Stencil
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.correction import Correction
 from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.ahead import Ahead
+from estimator.service.foretold import Foretold
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.sources import Source
 from estimator.session import DeviceSession
@@ -78,13 +79,17 @@ class Device:
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self._session = DeviceSession(name, knobs, began)
         self.overtaken = Overtaken()
+        #: of the session that failed last: boot, the number that follows what it took in, and when the last of that was received
+        self._came_to = 0, 0, 0
+        #: the boot number under which another power-up came, until that one is calibrated
+        self.repeated: int | None = None
         self._waiting: list[CorrectedBatch] = []
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = published.Encoder(epoch)
-        #: boot, and numbers from which and up to which its samples were published before it had a session
-        self._foretold: tuple[int, int, int] | None = None
+        #: what was published before it had a session
+        self._foretold: Foretold | None = None
 
     @property
     def session(self) -> DeviceSession:
@@ -179,7 +184,7 @@ class Device:
 
     def foretold(self, publisher: Publisher, boot: int, begin: int, end: int) -> None:
         """Samples of this boot from `begin` up to before `end` were published with it before there was a session."""
-        self._publishers["corrected"], self._foretold = publisher, (boot, begin, end)
+        self._publishers["corrected"], self._foretold = publisher, Foretold(boot, begin, end)
         self.ahead.put = publisher.put
 
     def forget_said(self) -> None:
@@ -188,31 +193,35 @@ class Device:
 
     def repeats(self, following: int) -> bool:
         """Whether what comes from this number on was published before."""
-        return self._foretold is not None and following < self._foretold[2]
+        return self._foretold is not None and self._foretold.reaches(following)
+
+    def known(self, batch: SampleBatch) -> bool:
+        """Whether the session has no boot, as the one before it has failed, and that one had taken in all of the batch."""
+        boot, following, received_ns = self._came_to
+        before = batch.boot == boot and batch.sequence + len(batch) <= following
+        return self._session.boot is None and before and batch.receive_time_ns <= received_ns
+
+    def refuse(self, batch: SampleBatch, reason: str) -> None:
+        """Count a batch that is not to be used at all, and was perhaps published before."""
+        sequence, n = self.session.sequence, len(batch)
+        if self._foretold is None or not self._foretold.has(batch.boot, batch.sequence, n):
+            sequence.refuse(batch, reason)
+            return
+        sequence.samples_in += n
+        sequence.samples_out += n
+        self._said += n
 
     def _said_before(self, boot: int, sequence: int, n: int) -> bool:
         """Whether n samples were published before; then they are counted now."""
         if self._foretold is None:
             return False
-        its, begin, end = self._foretold
-        if boot != its or sequence + n > end:
+        if self._foretold.over(boot, sequence + n):
             self._foretold = None
             return False
-        if sequence < begin:
+        if not self._foretold.has(boot, sequence, n):
             return False
         self._said += n
         return True
-
-    def _foretold_of(self, lost: int, uncounted: int) -> int:
-        """How many of these samples, the last before the next number and the first from it on, were published before."""
-        if self._foretold is None:
-            return 0
-        boot, begin, end = self._foretold
-        sequence = self._session.sequence
-        if sequence.boot not in (None, boot):
-            return 0
-        following = begin if sequence.next is None else sequence.next
-        return max(0, min(following + uncounted, end) - max(following - lost, begin))
 
     def stencil(self, boot: int, correction: Correction) -> Stencil:
         """What encloses samples of a boot that are corrected so."""
@@ -312,10 +321,13 @@ class Device:
 
     def restart(self, lost: int, uncounted: int, follows: int = 0) -> None:
         """A session without a boot: the next batch, with this number or a later one, begins it. See Sequence.anew."""
-        self.overtaken = Overtaken(max(follows, self.session.sequence.next or 0))
-        said = self._foretold_of(lost, uncounted)
+        before = self.session.sequence
+        self.overtaken = Overtaken(max(follows, before.next or 0))
+        if before.boot is not None:
+            self._came_to = before.boot, max(follows, before.next or 0), self._session.last_heard_ns
+        said = 0 if self._foretold is None else self._foretold.settle(before, lost, uncounted)
         self._said += said
-        sequence = self.session.sequence.anew(lost - said, uncounted)
+        sequence = before.anew(lost - said, uncounted)
         self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:

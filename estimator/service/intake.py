@@ -92,7 +92,7 @@ class Intake:
         self._lane.dismiss(device)
         self._holding.pop(device.name, None)
         for late in device.overtaken.drop():
-            device.session.sequence.refuse(late, MOVED)
+            device.refuse(late, MOVED)
         device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
@@ -130,6 +130,9 @@ class Intake:
 
     def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
         session, overtaken = device.session, device.overtaken
+        if device.known(batch):
+            session.sequence.refuse(batch, Reason.DUPLICATE)
+            return
         ruling = device.source.judge(batch, session.sequence, now)
         if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
             device.outdated = batch.boot, now
@@ -148,7 +151,7 @@ class Intake:
             session.sequence.jump(batch)
         elif ruling is not Ruling.TAKE:
             for late in overtaken.drop():
-                session.sequence.refuse(late, Reason.OLD_BOOT)
+                device.refuse(late, Reason.OLD_BOOT)
             if session.boot is not None:
                 device.forget_said()
                 device.overtaken = overtaken = Overtaken()  # where this one begins is not known

@@ -27,6 +27,8 @@ SAY_S, SAY_ALONE_S = 0.2, 1.0
 HELD_UP_S = 0.5
 #: devices that are taken over in one round: then it is those' turn that we have, and that come back first
 TAKEN_AT_ONCE = 64
+#: and more only once fewer than these wait for their turn: where names are made up there is no end of them
+TAKEN_MOST = 1024
 #: and of which what came meanwhile is handled in one
 AT_ONCE = 16
 #: how often it is looked whether there is a router, when no token has changed
@@ -94,6 +96,11 @@ class Peers:
     def pressing(self) -> bool:
         """Whether there are more devices to be taken over at once, or to be handled that were."""
         return self._more or bool(self._taken)
+
+    @property
+    def waiting(self) -> int:
+        """Devices that were taken over, and have no session yet."""
+        return len(self._taken)
 
     def refused(self) -> dict[str, int]:
         """What was not understood or had no room, counted."""
@@ -218,13 +225,14 @@ class Peers:
             if known.device not in self._standby and self.cluster.orphaned(known.device, known.epoch):
                 silent.take(known, self._begin(known.device), self._now_ns())
         wants, waits_s = self.cluster.wants, self._standby.waits_s
-        wanted = dict.fromkeys(islice((d for d in self._standby if wants(d, now, waits_s(d, now))), TAKEN_AT_ONCE))
+        most = max(0, min(TAKEN_AT_ONCE, TAKEN_MOST - len(self._taken)))
+        wanted = dict.fromkeys(islice((d for d in self._standby if wants(d, now, waits_s(d, now))), most))
         for h in self.cluster.claims() if wanted else ():
             if h.device in wanted:  # what came since its owner spoke last may be long past: a bridge's cache
                 self._standby.done(h.device, h.boot, h.next, now, h.epoch)
         taken = [self._take(device) for device in wanted]
-        self._more = len(taken) == TAKEN_AT_ONCE
-        if self._more:
+        self._more = 0 < most == len(taken)
+        if self._more or not most:
             self._next_scan = now
         if taken:
             self._next_say = now

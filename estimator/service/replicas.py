@@ -27,6 +27,8 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         return None
     state, asked = session.checkpoint(), session.learnt.asked or ("", "")
     used = session.calibration or session.prior
+    if session.calibration is None and used is not None and used.boot == session.boot:
+        used = None  # of another power-up under this number: who restores it would take it for this one's
     known = state is not None and bool(np.isfinite(state.x).all() and np.isfinite(state.P).all())
     return Checkpoint(
         device=device.name,

@@ -227,7 +227,7 @@ class Service:
         if not taken and not queues:
             return ours
         self._turns.round(ours)  # to take over takes long
-        if taken:
+        if taken and self._devices.roomy(self._peers.waiting):
             self._interim.say(taken)
         # The first of each device that comes first: then the others are known to the fast lane.
         self._turns.round([queue[0] for queue in queues if queue])
@@ -273,6 +273,7 @@ class Service:
     def _newcomer(self, batch: SampleBatch, key: str, now: float) -> Device | None:
         """A device not known before: with the bridge another estimator heard it from, and from the first sample there is."""
         if not self._devices.room(now, len(batch)):
+            self._left += [(now + LINGER_S, publisher) for publisher in self._interim.drop(batch.device)]
             return None
         name, knobs, epoch = batch.device, self._treatment.of(batch.device), self._peers.epoch(batch.device)
         device = Device(
@@ -311,6 +312,8 @@ class Service:
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
         if outcome.calibration is not None:
+            if device.session.calibration is outcome.calibration:
+                device.repeated = None
             self._record.calibration(device, outcome.calibration, time.monotonic())
         device.say_corrected(outcome.corrected)
         if outcome.seconds:

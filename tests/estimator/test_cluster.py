@@ -324,6 +324,8 @@ def test_an_epoch_that_nobody_could_go_above_is_not_gone_by() -> None:
     world.assert_shared()
     world.all["e1"].hear(MAX_EPOCH)
     assert world.all["e1"].highest == max(max(one.held.values()) for one in world.all.values())
+    device = next(iter(world.all["e1"].held))
+    assert world.all["e1"].said(Owned("e3", 0, 0, 0.0, (Holding(device, MAX_EPOCH, 0, 0),)), world.now) == []
 
 
 def test_one_who_does_not_know_of_another_does_not_fight_with_it() -> None:

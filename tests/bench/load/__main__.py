@@ -1,4 +1,4 @@
-"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices: a bare relay, one that recodes, one that filters, the estimator in turn.
+"""Throughput, latency, CPU and memory for 1, 10, 100 and 1000 devices: relays that do ever more, and the estimator, in turn.
 
 Writes out/load.png: how all of it grows with the number of devices. With --devices one run: what becomes of more than it can do.
 """

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.batches import MAX_RATE
 from bridge.wire.messages import CorrectedBatch, DeviceInfo, Quality, SampleBatch, SampleFlag
+from estimator.service.boots import Boots
 from estimator.service.device import Device
 from estimator.service.intake import Intake
 from estimator.service.interim import FAILED
 from estimator.service.lane import Lane
+from estimator.service.roster import TOO_MANY
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.stream import NAME, calibration, info
 
@@ -74,6 +77,20 @@ def numbers(said: list[CorrectedBatch]) -> list[int]:
 
 def fails(*_: object) -> None:
     raise ZeroDivisionError
+
+
+def powered_up_again(batches: list[SampleBatch]) -> list[SampleBatch]:
+    """The same readings under the same boot number, which begin anew a little later."""
+    begun, later_ns = batches[0].sequence, 100_000_000_000
+    return [
+        replace(
+            batch,
+            sequence=batch.sequence - begun,
+            receive_time_ns=batch.receive_time_ns + later_ns,
+            start_time_ns=batch.start_time_ns + later_ns,
+        )
+        for batch in batches
+    ]
 
 
 def test_it_is_published_before_there_is_a_session_and_not_again(ward: Ward, batches: list[SampleBatch]) -> None:
@@ -263,3 +280,95 @@ def test_it_stops_when_all_that_was_published_at_once_is_handled(
     assert ward.said() == []
     sequence = ward.first._devices[NAME].session.sequence
     assert sequence.next == at_once[-1].sequence + len(at_once[-1])
+
+
+def test_what_fails_again_and_again_after_it_counts_as_dropped(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last, more = batches[-LAST:-5], batches[-5:]
+    ward.kill(last)
+    monkeypatch.setattr(Boots, "begin", fails)
+    ward.go_on()
+    ward.both.send(more)
+    ward.both.pass_(1.0)
+    assert ward.said() == []
+    dropped = ward.first._devices[NAME].session.sequence.dropped.as_dict()
+    assert dropped == {"session failed": len(numbers(more))}  # type: ignore[arg-type]
+
+
+def test_what_was_published_at_once_is_not_dropped_where_another_boot_begins_after_a_fault(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = batches[-LAST:]
+    last[12:] = [replace(batch, boot=batch.boot + 1) for batch in last[12:]]
+    at_once = ward.kill(last)
+    work, failures = Boots.begin, iter([True])
+
+    def begin(*args: Any, **more: Any) -> Any:
+        if next(failures, False):
+            raise ZeroDivisionError
+        return work(*args, **more)
+
+    monkeypatch.setattr(Boots, "begin", begin)
+    said = at_once + ward.go_on()
+    boots = [{(b.boot, n) for b in some for n in numbers([b])} for some in (said, last)]  # type: ignore[list-item]
+    assert boots[0] >= boots[1]
+    assert ward.first._devices[NAME].session.sequence.dropped.as_dict() == {}
+
+
+def test_of_a_device_with_no_room_nothing_is_published(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as full:
+        full.setattr("estimator.service.roster.MAX_DEVICES", 0)
+        assert ward.kill(batches[-LAST:]) == []
+        ward.both.pass_(1.0)
+        assert ward.first.counts.as_dict()[TOO_MANY] >= len(numbers(batches[-LAST:]))  # type: ignore[arg-type]
+    ward.both.pass_(1.0)
+    ward.both.send(batches[-1:])
+
+
+def test_its_publisher_is_taken_back_where_there_is_no_room_any_more(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ward.kill(batches[-LAST:])
+    with monkeypatch.context() as full:
+        full.setattr("estimator.service.roster.MAX_DEVICES", 0)
+        ward.both.pass_(1.0)
+    assert ward.first._interim._said == {}
+    ward.both.pass_(1.0)
+    ward.both.send(batches[-1:])
+
+
+def test_a_power_up_under_the_same_boot_number_has_no_calibration_with_whoever_takes_it_over(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    again = powered_up_again(batches[-200:])
+    for batch in again[:80]:  # known long ago, again and again
+        ward.both.send([batch])
+    assert ward.said()[-1].quality is Quality.BIAS_ONLY
+    ward.both.pass_(6.0)  # it is said to the others
+    said = ward.kill(again[80:100]) + ward.go_on()
+    ward.both.send(again[100:])
+    said += ward.said()
+    assert numbers(said)[-1] == numbers(again)[-1]  # type: ignore[arg-type]
+    assert Quality.GOOD not in {batch.quality for batch in said}
+
+
+def test_nobody_keeps_those_taken_over_waiting_by_making_up_names(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("estimator.service.roster.MAX_DEVICES", 100)
+    monkeypatch.setattr("estimator.service.peers.TAKEN_AT_ONCE", 16)
+    monkeypatch.setattr("estimator.service.peers.TAKEN_MOST", 64)
+    ward.both.kill(SECOND)
+    stranger = MemoryBus(ward.both.broker)
+    for number, batch in enumerate(batches[-LAST:]):
+        for n in range(20):
+            name = f"made-up-{20 * number + n}"
+            publisher = stranger.publisher(keys.build(WARD, "raw", bridge="x", device=name))
+            publisher.put(codec.encode_samples(replace(batch, device=name)))
+            publisher.close()
+        ward.both.send([batch])
+    assert NAME in ward.first._devices
+    assert ward.first._peers.waiting <= 64
