@@ -45,7 +45,7 @@ class ClusterKnobs:
     retry_most_s: float = 48.0
     calm_s: float = 120.0
     #: but after so long where who has it does nothing with what comes of it here: its line carries what it says, and it hears
-    #: nothing of the device. Sooner than what came meanwhile is kept no more
+    #: nothing of the device. Then it is the next one's if that has it who should. Sooner than what came meanwhile is kept no more
     stands_s: float = 6.0
     #: a device that is being calibrated is left to who does it, for so long; where that one says nothing, for `hangs_most_s`
     busy_s: float = 600.0
@@ -170,14 +170,22 @@ class Cluster:
         return [h.device for h in owned.holdings if BEYOND > h.epoch > self.held.get(h.device, h.epoch)]
 
     def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
-        """Whether a device that is not ours is to be taken now; what came of it first, and nobody has done, waits for so long."""
-        if not self.settled(now) or self._owner(device, self.members) != self.own:
+        """Whether a device that is not ours is to be taken now; who has it has done nothing with what came of it for so long."""
+        if not self.settled(now) or not (self._owner(device, self.members) == self.own or self._steps_in(device, waits_s)):
             return False
         lost = self._lost.get(device)
         if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
             return False
         self._lost.pop(device, None)
         return not self._busy(device, now)
+
+    def _steps_in(self, device: str, waits_s: float) -> bool:
+        """Whether the one that should have a device hears nothing of it, and we are the next."""
+        if waits_s < self.knobs.stands_s:
+            return False
+        first = self._owner(device, self.members)
+        others = tuple(name for name in self.members if name != first)
+        return bool(others) and self._owner(device, others) == self.own
 
     def _busy(self, device: str, now: float) -> bool:
         """Whether another is about to calibrate it, and lives."""

@@ -44,6 +44,9 @@ class _Queue:
     held: deque[_Held] = field(default_factory=deque)
     size: int = 0
     epoch: int = 0
+    #: how far who has it has come, boot and number, and since when it has not come any further
+    reached: tuple[int, int] = -1, 0
+    reached_s: float = float("-inf")
 
     def drop(self) -> int:
         size = len(self.held.popleft().message.payload)
@@ -93,9 +96,9 @@ class Standby:
         return len(queue.held) <= 1
 
     def waits_s(self, device: str, now: float) -> float:
-        """How long the first that is kept of a device, and is not done by who has it, has waited."""
+        """How long something of a device has been kept with which who has it does nothing, nor with what is before it."""
         queue = self._queues.get(device)
-        return now - queue.held[0].came_s if queue is not None and queue.held else 0.0
+        return now - max(queue.held[0].came_s, queue.reached_s) if queue is not None and queue.held else 0.0
 
     def done(self, device: str, boot: int, next_: int, now: float, epoch: int = 0) -> None:
         """Who has a device since this epoch has corrected all of this boot below this number.
@@ -106,6 +109,8 @@ class Standby:
         if queue is None or epoch < queue.epoch:
             return
         queue.epoch = epoch
+        if (boot, next_) != queue.reached:
+            queue.reached, queue.reached_s = (boot, next_), now
         # What a bridge kept for us comes all at once, however old it is.
         last, recent_ns = -1, queue.held[-1].read()[2] - round(OVERLAP_S * 1e9) if queue.held else 0
         for at, held in enumerate(queue.held):

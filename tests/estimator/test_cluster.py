@@ -249,6 +249,18 @@ def test_who_does_nothing_with_what_comes_of_a_device_has_it_no_longer_than_that
     assert two.wants(device, later_s + 0.1, waits_s=KNOBS.stands_s)
 
 
+def test_of_one_that_hears_nothing_of_a_device_the_next_takes_it_and_nobody_else() -> None:
+    world = World("e1", "e2", "e3")
+    world.run(1.5)
+    for device in DEVICES:
+        first = owner(device, list(world.all))
+        others = [name for name in world.all if name != first]
+        for name in others:
+            waits_s = KNOBS.stands_s
+            assert world.all[name].wants(device, world.now, waits_s) == (name == owner(device, others))
+            assert not world.all[name].wants(device, world.now, waits_s - 0.1)
+
+
 def test_what_is_being_calibrated_stays_where_it_is_until_it_is() -> None:
     world = World("e1")
     world.run(1.0)

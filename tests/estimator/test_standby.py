@@ -45,6 +45,15 @@ def test_what_is_corrected_goes_but_for_the_last_moments() -> None:
     assert firsts(kept.take("d1")) == [(7, 20)]
 
 
+def test_who_is_behind_and_comes_further_keeps_nothing_waiting() -> None:
+    kept = held(*(message(10 * n) for n in range(5)))
+    kept.done("d1", 7, 10, 4.0)
+    kept.done("d1", 7, 10, 8.0)
+    assert kept.waits_s("d1", 10.0) == 6.0
+    kept.done("d1", 7, 20, 10.0)
+    assert kept.waits_s("d1", 10.5) == 0.5
+
+
 def test_of_what_a_bridge_kept_and_says_at_once_only_the_last_moments_are_not_done() -> None:
     """An estimator that was back corrected 15 s of all its devices again."""
     begun_ns = 1_700_000_000_000_000_000

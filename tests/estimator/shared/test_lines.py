@@ -63,6 +63,27 @@ def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -
     assert len(set(epochs)) == 3
 
 
+def test_who_should_have_a_device_and_hears_nothing_of_it_leaves_it_to_the_next(both: Both) -> None:
+    batches, worn = calibrated(both)
+    both.send(batches[worn : worn + 400])  # the last turn in it
+    theirs = both.services[SECOND]
+    line = theirs._raw = Cut(theirs._raw)  # type: ignore[assignment]
+    for at in range(worn + 400, worn + 600, 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [FIRST]
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches[: worn + 600]))))
+    line.cut = False
+    for at in range(worn + 600, len(batches), 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [SECOND], "it hears of it again"
+    given += both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+
+
 def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.start(FIRST)
     both.start(SECOND)
