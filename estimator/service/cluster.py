@@ -171,7 +171,9 @@ class Cluster:
 
     def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
         """Whether a device that is not ours is to be taken now; who has it has done nothing with what came of it for so long."""
-        if not self.settled(now) or not (self._owner(device, self.members) == self.own or self._steps_in(device, waits_s)):
+        if not self.settled(now) or not (
+            self._owner(device, self.members) == self.own or self._steps_in(device, waits_s)
+        ):
             return False
         lost = self._lost.get(device)
         if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
