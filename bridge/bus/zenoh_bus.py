@@ -19,7 +19,7 @@ from bridge.bus.keyexpr import check_key, check_pattern, matches
 from bridge.bus.knock import knock
 from bridge.bus.routers import Routers
 from bridge.bus.zenoh_session import Declared, as_bus_error, close_session, each, is_zenohs, open_session, said
-from bridge.bus.zenoh_subscription import Repaired, Subscription
+from bridge.bus.zenoh_subscription import PAST_S, Repaired, Subscription
 
 _log = logging.getLogger(__name__)
 
@@ -29,7 +29,6 @@ _CHANNEL = 65536  # between zenoh and our thread, which always drains; a full on
 _HEARTBEAT_S, _STREAM = 0.25, 64
 _JOIN_S = 1.0
 _MAX_KNOWN = 8192
-_PAST_S = 2.0
 # After a reconnection; zenoh knows who listens some 25 ms later here, over slow lines and to a router that is back later, later.
 _REMIND_S = (0.5, 2.0)
 # So often, and for so long after its last message, a publisher says which that was: lines between routers may have been cut.
@@ -197,7 +196,7 @@ class ZenohBus:
             handlers.FifoChannel(_CHANNEL + self._cached),  # our own caches answer before this returns
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
-            timeout=_PAST_S,
+            timeout=PAST_S,
         )
 
     def _remind(self, event: zenoh.TransportEvent) -> None:

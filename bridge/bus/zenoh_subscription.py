@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import NamedTuple, Self
 
 import zenoh
 from zenoh import handlers
@@ -26,6 +27,24 @@ _TURN_S = 0.005
 _UNREAD_S = 1.0
 #: how often it is looked whether it was read
 _READ_S = 0.02
+#: how long caches are asked, and when that is over although zenoh does not say so: what is behind it would wait for ever
+PAST_S = 2.0
+_OVER_S = 2 * PAST_S
+
+
+class _Asked(NamedTuple):
+    """A question to caches, what has been answered, and when nothing more comes of it."""
+
+    replies: Channel[zenoh.Reply]
+    found: list[zenoh.Sample]
+    over_s: float
+
+    @classmethod
+    def now(cls, replies: Channel[zenoh.Reply]) -> Self:
+        return cls(replies, [], time.monotonic() + _OVER_S)
+
+    def over(self) -> bool:
+        return _drained(self.replies, self.found) or time.monotonic() >= self.over_s
 
 
 class Subscription(Reading, Declared):
@@ -111,7 +130,8 @@ class Repaired(Subscription):
 
     def _begin(self) -> None:
         first: list[zenoh.Sample] = []
-        while not _drained(self._first, first):
+        over_s = time.monotonic() + _OVER_S
+        while not _drained(self._first, first) and time.monotonic() < over_s:
             time.sleep(_TURN_S)
         self._hand_on(lambda: newest_last([past for one in _by_source(first).items() if (past := self._past_of(*one))]))
         self._past_came = True
@@ -175,17 +195,17 @@ class Repaired(Subscription):
 
     def _repair(self) -> None:
         """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
-        asked: dict[str, tuple[Channel[zenoh.Reply], list[zenoh.Sample]]] = {}
+        asked: dict[str, _Asked] = {}
         while not self._inbox.closed:
             if self._away.is_set() and _EVERYBODY not in asked:
                 self._away.clear()
-                asked[_EVERYBODY] = (self._bus.past(f"{self._pattern}/@adv/**", "_max=1"), [])
+                asked[_EVERYBODY] = _Asked.now(self._bus.past(f"{self._pattern}/@adv/**", "_max=1"))
             with self._order:
                 gaps = self._sequences.due(self._read_to_s()) if self._past_came else []
             for gap in gaps:
-                asked[gap.source] = (self._bus.past(f"{gap.source}/**", self._what(gap)), [])
-            for source in [source for source, answer in asked.items() if _drained(*answer)]:
-                self._answered(source, asked.pop(source)[1])
+                asked[gap.source] = _Asked.now(self._bus.past(f"{gap.source}/**", self._what(gap)))
+            for source in [source for source, answer in asked.items() if answer.over()]:
+                self._answered(source, asked.pop(source).found)
             with self._order:
                 due_s = self._sequences.next_due_s() if self._past_came else None
             wait_s = _TURN_S if asked else None if due_s is None else max(due_s - time.monotonic(), 0.0)

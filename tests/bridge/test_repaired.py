@@ -139,3 +139,27 @@ def test_what_waits_here_unread_is_not_asked_for_again_for_a_while(
         Stopped.may.set()
         came = [subscription.receive(5.0) for _ in range(5)]
         assert [int(message.payload) for message in came if message] == list(range(5))
+
+
+def test_a_question_that_never_ends_keeps_nothing_waiting_for_ever(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bridge.bus.zenoh_subscription._OVER_S", 0.3)
+    with ZenohBus([endpoint]) as a, Asking([endpoint]) as b:
+        publisher, subscription = a.publisher("t/some", cache=50), b.subscribe("t/*", history=True)
+        assert isinstance(subscription, Repaired)
+        eventually(lambda: subscription.caught_up)
+        time.sleep(0.2)
+        publisher.put(b"0")
+        assert (first := subscription.receive(5.0)) is not None
+        assert first.payload == b"0"
+        with monkeypatch.context() as deaf:
+            lost = list[object]()
+            deaf.setattr(subscription, "_take", lost.extend)
+            publisher.put(b"1")
+            eventually(lambda: bool(lost))
+        publisher.put(b"2")
+        eventually(lambda: len(b.asked) > 2)
+        b.may.set()
+        assert [one.payload for _ in range(2) if (one := subscription.receive(5.0))] == [b"1", b"2"]
+        assert subscription.missed == 0
