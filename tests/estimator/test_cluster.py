@@ -310,6 +310,18 @@ def test_our_own_sleep_is_not_held_against_the_others() -> None:
     assert world.all["e1"].look(world.now) == ([], [])
 
 
+def test_who_has_slept_for_long_gives_the_others_longer_to_speak() -> None:
+    knobs = ClusterKnobs(settle_s=0.0)
+    one = Cluster("e1", ["e2"], 0.0, knobs)
+    for slept_s, gone in ((0.9 * knobs.hangs_s, ["e2"]), (4.0, [])):
+        one.change("e2", 100.0, alive=True)
+        one.look(100.0)
+        one.held_up(slept_s)
+        now = 100.0 + slept_s
+        assert one.look(now + knobs.hangs_s + 0.1)[1] == gone
+    assert one.look(now + knobs.hangs_most_s + 0.1)[1] == ["e2"]
+
+
 def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:
     world = World("e1", "e2")
     world.run(1.5)
