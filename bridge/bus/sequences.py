@@ -17,6 +17,8 @@ _T = TypeVar("_T")
 TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 #: a heartbeat may overtake the last message inside this process
 GRACE_S = 0.02
+#: however long the tries themselves take
+LAST_S = sum(TRIES_S)
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
 #: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: the one that is nearest is meant
@@ -41,6 +43,8 @@ class _Source(Generic[_T]):
     begun: bool = False
     held: dict[int, _T] = field(default_factory=dict)
     tries: int = 0
+    #: since when it has been asked about what is lacking, and nothing came of it
+    since_s: float = 0.0
     due_s: float | None = None
     asked: bool = False
 
@@ -117,7 +121,7 @@ class Sequences(Generic[_T]):
         ready = self._fill(state, found)
         state.asked, state.due_s = False, None
         state.tries = 0 if state.next > before else state.tries + 1
-        if state.tries == len(TRIES_S):
+        if state.tries == len(TRIES_S) or (state.tries and now_s - state.since_s >= LAST_S):
             ready += self._settle(state, state.newest)
             state.newest = state.next - 1  # what was only told of, and may be a lie, is not waited for
         self._review(source, state, now_s)
@@ -166,4 +170,5 @@ class Sequences(Generic[_T]):
             return
         self._lacking[source] = state
         if state.due_s is None and not state.asked:
+            state.since_s = state.since_s if state.tries else from_s
             state.due_s = from_s + TRIES_S[state.tries]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, MOST_HELD, TRIES_S, WRAP, Sequences
+from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, TRIES_S, WRAP, Sequences
 
 A, KEY = "publisher-a", "t/a"
 
@@ -101,6 +101,22 @@ def test_nobody_answering_is_asked_again_and_given_up() -> None:
     assert given_up(sequences) == [5]
     assert sequences.missed == {KEY: 4}
     assert live(sequences, 6) == [6]
+
+
+def test_what_came_meanwhile_waits_no_longer_where_each_question_takes_long() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0, 5, now_s=100.0)
+    now_s, found = 100.0, list[int]()
+    while not found:
+        now_s = max(sequences.next_due_s() or 0.0, now_s)
+        assert asked(sequences, now_s) == [1]
+        now_s += 2.0
+        found += sequences.answered(A, {}, now_s)
+    assert found == [5]
+    assert LAST_S <= now_s - 100.0 <= LAST_S + max(TRIES_S) + 2.0
+    live(sequences, 7, now_s=200.0)
+    assert asked(sequences, 200.0) == [6]
+    assert sequences.answered(A, {}, 202.0) == [], "another gap has its own time"
 
 
 def test_who_was_out_of_reach_for_long_is_asked_again_soon() -> None:
