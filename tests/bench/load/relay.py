@@ -24,7 +24,7 @@ from tests.bench.load.stream import WARD
 _THREE = np.ones(3, "<f4").tobytes()
 #: states of a bias and its slope by temperature, and what a rest measures of them
 _STATES, _MEASURED = 6, 3
-_SECOND_NS = 1_000_000_000
+_SECOND_NS, _SAMPLE_BYTES = 1_000_000_000, 12
 Put = Callable[[bytes], None]
 
 
@@ -74,7 +74,7 @@ def recode(
         if filters and raw.start_time_ns >= device.due_ns:
             device.due_ns = raw.start_time_ns + _SECOND_NS
             device.filter.predict()
-            device.filter.update(reading[end - 1])
+            device.filter.update(reading[begin // _SAMPLE_BYTES - 1])
 
 
 def main(endpoint: str, how: str = "") -> None:
