@@ -112,6 +112,7 @@ def main() -> int:
             try:
                 ward.until(ward.current, 60.0)
             except RuntimeError as error:
+                broken += 1
                 console.print(f"{name}: {error}")
             whole_s = time.monotonic() - mended_s
             time.sleep(4.0)
