@@ -129,7 +129,7 @@ def main() -> int:
                     f"{max(0.0, owner_s):.1f} s",
                     str(ward.moves(viewer, since_s)),
                     *(str(n) for n in (found.lost, found.twice, found.out_of_order, found.late, found.unmarked)),
-                    "" if found.kept else f"broken; GOOD twice {found.good_twice}, of an older epoch {found.older}",
+                    found.broken,
                 )
             console.print(f"{name}: done")
     console.print(table)

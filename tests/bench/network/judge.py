@@ -22,9 +22,22 @@ class Verdict:
     gap_s: float
 
     @property
+    def broken(self) -> str:
+        """Which promises were, each with its samples or batches; empty where all were kept."""
+        counts = {
+            "lost": self.lost,
+            "given twice": self.twice,
+            "out of order": self.out_of_order,
+            "GOOD twice": self.good_twice,
+            "of an older epoch": self.older,
+            "late and not marked": self.unmarked,
+        }
+        return ", ".join(f"{n:,} {what}" for what, n in counts.items() if n)
+
+    @property
     def kept(self) -> bool:
         """Whether every promise was."""
-        return not (self.lost or self.twice or self.out_of_order or self.good_twice or self.older or self.unmarked)
+        return not self.broken
 
 
 def judged(heard: Heard, since_s: float) -> Verdict:
