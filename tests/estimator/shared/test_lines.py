@@ -84,6 +84,28 @@ def test_who_should_have_a_device_and_hears_nothing_of_it_leaves_it_to_the_next(
     assert len(set(epochs)) == 3
 
 
+def test_what_waited_at_who_should_have_a_device_and_comes_with_a_hole_is_said_by_the_next(both: Both) -> None:
+    """A bridge's cache does not answer: what comes waits for what is missing, and is handed on when that is given up."""
+    batches, worn = calibrated(both)
+    both.send(batches[worn : worn + 200])  # the last turn in it
+    theirs = both.services[SECOND]
+    line = theirs._raw = Cut(theirs._raw)  # type: ignore[assignment]
+    for at in range(worn + 200, worn + 700, 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [FIRST]
+    line.cut = False
+    assert len(line.drain(100, 0.0)) == 100, "lost to it"
+    for at in range(worn + 700, len(batches), 2):
+        both.send(batches[at : at + 2])
+    assert both.has() == [SECOND]
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+
+
 def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
     both.start(FIRST)
     both.start(SECOND)
