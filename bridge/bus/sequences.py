@@ -19,6 +19,8 @@ TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 GRACE_S = 0.02
 #: however long the tries themselves take
 LAST_S = sum(TRIES_S)
+#: after so many tries that found nobody, 4 s or more, that is to be said
+IN_VAIN = 6
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
 #: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: the one that is nearest is meant
@@ -62,6 +64,8 @@ class Sequences(Generic[_T]):
         self._lacking: dict[str, _Source[_T]] = {}
         #: how many messages are lost for good, by key
         self.missed: Counter[str] = Counter()
+        #: keys of publishers that have been asked in vain, for whoever says so
+        self.in_vain: list[str] = []
 
     def take(self, source: str, key: str, number: int, message: _T, now_s: float) -> Sequence[_T]:
         """A message that came live."""
@@ -121,6 +125,8 @@ class Sequences(Generic[_T]):
         ready = self._fill(state, found)
         state.asked, state.due_s = False, None
         state.tries = 0 if state.next > before else state.tries + 1
+        if state.tries == IN_VAIN:
+            self.in_vain.append(state.key)
         if state.tries == len(TRIES_S) or (state.tries and now_s - state.since_s >= LAST_S):
             ready += self._settle(state, state.newest)
             state.newest = state.next - 1  # what was only told of, and may be a lie, is not waited for

@@ -242,6 +242,9 @@ class Repaired(Subscription):
             for key, count in self._sequences.missed.items():
                 self._inbox.add_missed(count, key)
             self._sequences.missed.clear()
+            in_vain, self._sequences.in_vain = self._sequences.in_vain, []
+        for key in in_vain:
+            _log.warning("%s: what is missing of it is asked for in vain; what came since waits for it half a minute", key)
 
     def close(self) -> None:
         """See contract.Subscription."""

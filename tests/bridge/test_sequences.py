@@ -119,6 +119,20 @@ def test_what_came_meanwhile_waits_no_longer_where_each_question_takes_long() ->
     assert sequences.answered(A, {}, 202.0) == [], "another gap has its own time"
 
 
+def test_that_nobody_answers_is_said_once_long_before_it_is_given_up() -> None:
+    sequences: Sequences[int] = Sequences()
+    live(sequences, 0, 5, now_s=100.0)
+    said_s, due_s = list[float](), sequences.next_due_s()
+    while due_s is not None:
+        assert asked(sequences, due_s) == [1]
+        sequences.answered(A, {}, due_s)
+        said_s += [due_s - 100.0 for _ in sequences.in_vain]
+        sequences.in_vain.clear()
+        due_s = sequences.next_due_s()
+    assert len(said_s) == 1
+    assert 3.0 < said_s[0] < LAST_S / 3
+
+
 def test_who_was_out_of_reach_for_long_is_asked_again_soon() -> None:
     assert sum(TRIES_S) > 30.0, "as long as a bridge keeps what it has sent"
     assert max(TRIES_S) <= 4.0, "what came meanwhile waits for it"
