@@ -60,8 +60,6 @@ LINGER_S = 40.0
 #: messages of a device that are asked for of what a bridge keeps where others are there already: what may wait with them to be
 #: corrected, 12 s of the usual 50 ms. All of it, of some hundred devices, would keep us behind them for as long
 PAST_IN_COMPANY = 240
-#: no device's name: what is done after all devices were looked after
-_WARD = ""
 
 
 class Service:
@@ -354,15 +352,13 @@ class Service:
                 device.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
-        self._quiet.finish(Kind.LOOK)  # where there was no quiet moment
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
         self._silent.say(self._now_ns())
         self._record.tend(now)
         counts = self._count_all()
         self._totals.tell(now, counts)
-        note = partial(self._stock.note, now, self._record.trouble, counts)
-        self._quiet.add(Kind.LOOK, _WARD, partial(note, connected=connected, busy=self._load.busy))
+        self._stock.note(now, self._record.trouble, counts, connected=connected, busy=self._load.busy)
 
     def _look_after(self, device: Device) -> None:
         if self._devices.get(device.name) is device:
@@ -372,6 +368,7 @@ class Service:
         self._load.tell(device, now)
         self._lost.look(device, now, self._raw.waited_s)
         device.say_status(self._now_ns())
+        self._stock.see(device)
         device.look_round()
         self._record.checkpoint(device, now)
 

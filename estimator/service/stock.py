@@ -22,6 +22,7 @@ class Stock:
         self._devices, self._counts, self._vitals = devices, counts, vitals
         self._law = Conservation()
         self._decoded = 0
+        self._seen: dict[str, DeviceVitals] = {}
 
     def decode(self, key: str, payload: bytes) -> SampleBatch:
         """A batch of samples, counted."""
@@ -48,21 +49,18 @@ class Stock:
     def leave(self, device: str) -> None:
         """A device goes; it was looked at just now."""
         self._law.leave(device)
+        self._seen.pop(device, None)
+
+    def see(self, device: Device) -> None:
+        """One that was looked after just now, and has been announced."""
+        if device.latest is not None:
+            nis, violations = device.session.tracker.doubt.consistency.nis, self._law.violations.get(device.name, 0)
+            self._seen[device.name] = DeviceVitals(device.latest, nis, device.delay(), violations)
 
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
-        """Tell the vitals; of those devices that have been announced."""
-        devices = {
-            name: DeviceVitals(
-                device.latest,
-                device.session.tracker.doubt.consistency.nis,
-                device.delay(),
-                self._law.violations.get(name, 0),
-            )
-            for name, device in self._devices.items()
-            if device.latest is not None
-        }
+        """Tell the vitals; of devices as each was seen last."""
         violations = sum(self._law.violations.values())
-        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy))
+        self._vitals.note(Note(now, connected, store, dict(self._seen), self._law.total, violations, counts, busy))
 
 
 def _account(device: Device) -> Account:

@@ -7,7 +7,7 @@ import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire.messages import CorrectedBatch, Quality
-from estimator.service.quiet import AT_ONCE_S, Kind, Quiet
+from estimator.service.quiet import AT_ONCE_S, LATE_AFTER_S, LATE_S, Kind, Quiet
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration
 
@@ -60,10 +60,32 @@ def test_what_takes_long_is_last() -> None:
     desk.add(Kind.CALIBRATE, "x")
     desk.add(Kind.LOOK, "y")
     desk.add(Kind.LEARN, "z")
-    desk.quiet.finish(Kind.LOOK)
-    assert desk.done == "y"
     desk.quiet.work()
-    assert desk.done == "yabcdezx"
+    assert desk.done == "abcdezyx"
+
+
+def test_who_was_not_looked_after_for_a_second_is_soon_whatever_waits_and_a_few_at_a_time() -> None:
+    desk = Desk(cost_s=LATE_S / 2, samples_at=0.0)
+    for name in "uvwxyz":
+        desk.add(Kind.LOOK, name)
+    desk.now += 0.9 * LATE_AFTER_S
+    desk.quiet.work()
+    assert not desk.done, "samples are first"
+    desk.now += 0.1 * LATE_AFTER_S
+    for name in "uvwxyz":
+        desk.add(Kind.LOOK, name)  # it is due again, and as late as it was
+    desk.quiet.work()
+    assert desk.done == "uvwxyz", "where a round takes long it has a part of that"
+    for name in "uvwxyz":
+        desk.add(Kind.LOOK, name)
+    desk.quiet.work()
+    assert desk.done == "uvwxyz"
+    desk.now += LATE_AFTER_S
+    desk.quiet._worked = desk.now
+    desk.quiet.work()
+    assert desk.done == "uvwxyzuv", "else so much"
+    desk.quiet.work()
+    assert desk.done == "uvwxyzuvwx"
 
 
 @pytest.mark.parametrize("late", [0.02, 0.3, 1.0], ids=["soon", "late", "when it must"])

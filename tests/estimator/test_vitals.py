@@ -23,11 +23,18 @@ def watched(ward: Ward, *, expects: bool = True) -> Vitals:
     return vitals
 
 
+def a_second(ward: Ward) -> None:
+    """Pass, in which every device is looked after."""
+    ward.service._every_second(time.monotonic())
+    ward.service._quiet.finish()
+    ward.service._every_second(time.monotonic())
+
+
 def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     ward.send(once.batches()[:-1], info(1))
     ward.send(once.batches()[-4:])  # three of them repeated
-    ward.latest()
+    a_second(ward)
     with Health(("127.0.0.1", 0), vitals.asked) as health:
         code, said = get(health.port, "/metrics")
         assert get(health.port, "/readyz") == (200, "ok\n")
@@ -46,7 +53,7 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
     assert float(values[f'truerate_latency_seconds{{device="{NAME}"}}']) > 0
     assert float(values[f'truerate_evidence_age_seconds{{device="{NAME}"}}']) >= 0
     assert 0 < float(values[f'truerate_bias_std_rad_s{{device="{NAME}"}}']) < math.radians(0.2)
-    ward.latest()
+    a_second(ward)
     assert not any(f.name == "latency_seconds" and f.values for f in vitals.families()), (
         "nothing was published meanwhile"
     )
@@ -55,11 +62,11 @@ def test_metrics_of_a_device_that_is_calibrated(ward: Ward, once: Stream) -> Non
 def test_a_rest_that_never_was_has_no_age(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     ward.send(once.batches()[:2], info(1))
-    ward.latest()
+    a_second(ward)
     (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
     assert not ages
     ward.send(once.batches()[2:])
-    ward.latest()
+    a_second(ward)
     (ages,) = (f.values for f in vitals.families() if f.name == "evidence_age_seconds")
     assert list(ages) == [(NAME,)]
 
@@ -69,37 +76,32 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     assert vitals.unready() == ["no router yet"]
     assert [(f.name, f.values) for f in vitals.families()] == [("bus_connected", {(): 0.0})]
     assert vitals.sick() == []
-    ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    a_second(ward)
     assert vitals.unready() == ["no device is heard"]
     assert ready(ward, expects=False) == []
     vitals = watched(ward)
     ward.send(once.batches()[:20], info(1))
-    ward.latest()
+    a_second(ward)
     assert vitals.unready() == []
     ward.broker.stop()
-    ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    a_second(ward)
     assert vitals.unready() == ["the router is gone"]
     ward.broker.start()
     session = ward.service._devices[NAME].session
     session.silence("its samples are refused as old", Event.OUTDATED)
-    ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    a_second(ward)
     assert vitals.unready() == ["nothing that comes of a device can be used"]
     session.life.on(Event.HEARD)
     with full_disk():
         ward.service._record.boot(ward.service._devices[NAME].session, info(7))
-        ward.service._every_second(time.monotonic())
-        ward.service._quiet.finish()
+        a_second(ward)
     (why,) = vitals.unready()
     assert "store" in why
 
 
 def ready(ward: Ward, *, expects: bool) -> list[str]:
     vitals = watched(ward, expects=expects)
-    ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    a_second(ward)
     return vitals.unready()
 
 
