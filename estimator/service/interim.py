@@ -5,7 +5,7 @@ in their turn, and only do not publish it again.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import islice, takewhile
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,10 @@ from estimator.session_knobs import SessionKnobs
 
 #: of a device that could not be corrected before its session is there
 FAILED = "devices not corrected at once"
+#: what came last, ns of the bridge's clock, is published first, of all devices: whoever is gone has most likely done the rest
+RECENT_NS = 150_000_000
+#: unless there is so much of it that who had them hung: then nothing of it is done, and subscribers do not wait that long
+HUNG_NS = 1_000_000_000
 
 
 class Taken(NamedTuple):
@@ -92,15 +96,10 @@ class Interim:
             except Exception:  # noqa: BLE001 - whatever it is, its session will meet it, too
                 self._counts.add(FAILED)
             begin += len(one.messages)
-        said = iter(whole.corrected_ahead(np.array([n for run in runs for n in range(run.first, run.last)], np.int64)))
-        for run in runs:
-            parts = list(islice(said, run.last - run.first))
-            try:
-                self._publish(run, whole, parts)
-            except BusError:
-                raise
-            except Exception:  # noqa: BLE001 - as above
-                self._counts.add(FAILED)
+        recent = [run._replace(first=_recent(whole, run)) for run in runs]
+        self._publish(whole, recent)
+        older = [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
+        self._publish(whole, [run for run in older if run.of.device in self._said])
 
     def _corrects(self, senders: Senders, place: int, whole: Round, run: _Run) -> bool:
         """Have what was said of a device last correct what comes of its place; whether it can, and nobody did."""
@@ -117,16 +116,32 @@ class Interim:
         best = correction(remembered, whole.span(run.last - 1).last_s, self._knobs(name))
         return best is not None and senders.corrects(place, best, Encoder(epoch).stencil(name, run.boot, best))
 
-    def _publish(self, run: _Run, whole: Round, said: list[bytes]) -> None:
-        """Up to what the wire does not take."""
-        fit = list(takewhile(len, said))
-        if fit:
-            name = run.of.device
-            publisher = self._bus.publisher(keys.build(self._ward, "corrected", device=name), cache=CACHES["corrected"])
-            begin = whole.span(run.first).sequence
-            for at, payload in enumerate(fit, run.first):
-                publisher.put(payload)
+    def _publish(self, whole: Round, runs: Sequence[_Run]) -> None:
+        """Of each run up to what the wire does not take."""
+        numbers = [n for run in runs for n in range(run.first, run.last)]
+        said = dict(zip(numbers, whole.corrected_ahead(np.array(numbers, np.int64)), strict=True))
+        for run in runs:
+            fit = list(takewhile(len, (said[n] for n in range(run.first, run.last))))
+            try:
+                self._put(whole, run, fit)
+            except BusError:
+                raise
+            except Exception:  # noqa: BLE001 - as above
+                self._counts.add(FAILED)
+
+    def _put(self, whole: Round, run: _Run, said: Sequence[bytes]) -> None:
+        if not said:
+            return
+        name, before = run.of.device, self._said.get(run.of.device)
+        key = keys.build(self._ward, "corrected", device=name)
+        publisher = self._bus.publisher(key, cache=CACHES["corrected"]) if before is None else before.publisher
+        begin = whole.span(run.first).sequence
+        for at, payload in enumerate(said, run.first):
+            publisher.put(payload)
+            if before is None:
                 self._said[name] = _Said(publisher, run.boot, begin, whole.following(at))
+        if before is not None and whole.following(run.first + len(said) - 1) == before.begin:
+            self._said[name] = before._replace(begin=begin)
 
     def hand_over(self, device: Device) -> None:
         """Its session is there."""
@@ -162,3 +177,13 @@ def _run(whole: Round, of: Taken, begin: int) -> _Run | None:
             break
         before, at = here, at + 1
     return _Run(of, boot, begin, at)
+
+
+def _recent(whole: Round, run: _Run) -> int:
+    """The first of its messages that are to be published before those of other devices."""
+    last_ns, first = whole.span(run.last - 1).received_ns, run.last
+    if last_ns - whole.span(run.first).received_ns > HUNG_NS:
+        return run.first
+    while first > run.first and whole.span(first - 1).received_ns >= last_ns - RECENT_NS:
+        first -= 1
+    return first

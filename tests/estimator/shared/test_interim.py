@@ -16,7 +16,7 @@ from bridge.wire.messages import CorrectedBatch, DeviceInfo, Quality, SampleBatc
 from estimator.service.boots import Boots
 from estimator.service.device import Device
 from estimator.service.intake import Intake
-from estimator.service.interim import FAILED
+from estimator.service.interim import FAILED, HUNG_NS, RECENT_NS
 from estimator.service.lane import Lane
 from estimator.service.roster import TOO_MANY
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
@@ -109,6 +109,24 @@ def test_it_is_published_before_there_is_a_session_and_not_again(ward: Ward, bat
     assert numbers(given) == list(range(more.sequence + len(more)))
 
 
+def test_what_came_last_is_published_first_and_what_was_before_it_at_once_too(
+    ward: Ward, batches: list[SampleBatch]
+) -> None:
+    """Who is killed has most likely done what was before it; subscribers wait for a moment if not."""
+    ward.both.send(batches[-LAST:-4])
+    ward.said()
+    last = batches[-4:]
+    at_once = ward.kill(last)
+    sent = [batch for batch in batches if batch.sequence >= min(at.sequence for at in at_once)]
+    assert sent[-1].receive_time_ns - sent[0].receive_time_ns < HUNG_NS
+    first = [batch.sequence for batch in last if batch.receive_time_ns >= last[-1].receive_time_ns - RECENT_NS]
+    assert [batch.sequence for batch in at_once][: len(first)] == first
+    assert sorted(numbers(at_once)) == numbers(sent)  # type: ignore[arg-type]
+    assert 0 < len(first) < len(last) <= len(sent)
+    assert ward.go_on() == []
+    assert numbers(ward.both.stream.drain()) == list(range(numbers(sent)[-1] + 1))  # type: ignore[arg-type]
+
+
 def test_it_is_corrected_as_who_had_it_did(ward: Ward, batches: list[SampleBatch]) -> None:
     at_once, of = ward.kill(batches[-LAST:])[-1], ward.theirs.applied.apply(batches[-1], 0, len(batches[-1]))
     for what in ("rate", "bias"):
@@ -190,7 +208,7 @@ def test_what_was_said_of_one_that_is_anothers_before_it_has_a_session_may_still
 def test_one_that_cannot_be_published_does_not_end_the_service(
     ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ward.first._interim, "_publish", fails)
+    monkeypatch.setattr(ward.first._interim, "_put", fails)
     assert ward.kill(batches[-LAST:]) == []
     assert ward.first.counts.as_dict()[FAILED] == 1
     assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
@@ -251,7 +269,7 @@ def test_numbers_before_those_published_at_once_are_published_where_they_begin_a
     first, then = last[LAST // 2 - 1], last[LAST // 2 :]
     ward.both.pass_(1.0)
     at_once = ward.kill(then)
-    assert numbers(at_once) == numbers(then)  # type: ignore[arg-type]
+    assert sorted(numbers(at_once)) == numbers(then)  # type: ignore[arg-type]
     with monkeypatch.context() as failing:
         failing.setattr(Intake, "_handle_one", fails)
         assert ward.go_on() == []
