@@ -244,7 +244,9 @@ class Repaired(Subscription):
             self._sequences.missed.clear()
             in_vain, self._sequences.in_vain = self._sequences.in_vain, []
         for key in in_vain:
-            _log.warning("%s: what is missing of it is asked for in vain; what came since waits for it half a minute", key)
+            _log.warning(
+                "%s: what is missing of it is asked for in vain; what came since waits for it half a minute", key
+            )
 
     def close(self) -> None:
         """See contract.Subscription."""

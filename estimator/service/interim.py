@@ -26,6 +26,8 @@ from estimator.session_knobs import SessionKnobs
 
 #: of a device that could not be corrected before its session is there
 FAILED = "devices not corrected at once"
+#: devices that are looked at together: those of them need not wait until all have been
+AT_ONCE = 16
 #: what came last, ns of the bridge's clock, is published first, of all devices: whoever is gone has most likely done the rest
 RECENT_NS = 150_000_000
 #: unless there is so much of it that who had them hung: then nothing of it is done, and subscribers do not wait that long
@@ -79,6 +81,12 @@ class Interim:
 
     def say(self, taken: Sequence[Taken]) -> None:
         """Publish what came of them, of each up to the first message that is out of the ordinary."""
+        older = [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
+        for whole, runs in older:
+            self._publish(whole, [run for run in runs if run.of.device in self._said])
+
+    def _say_recent(self, taken: Sequence[Taken]) -> tuple[Round, list[_Run]]:
+        """Publish what came last of some of them; what came before that, still to be published."""
         senders, places = Senders(len(taken)), list[int]()
         for place, one in enumerate(taken):
             key = ""
@@ -98,8 +106,7 @@ class Interim:
             begin += len(one.messages)
         recent = [run._replace(first=_recent(whole, run)) for run in runs]
         self._publish(whole, recent)
-        older = [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
-        self._publish(whole, [run for run in older if run.of.device in self._said])
+        return whole, [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
 
     def _corrects(self, senders: Senders, place: int, whole: Round, run: _Run) -> bool:
         """Have what was said of a device last correct what comes of its place; whether it can, and nobody did."""
