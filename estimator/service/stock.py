@@ -49,7 +49,6 @@ class Stock:
     def leave(self, device: str) -> None:
         """A device goes; it was looked at just now."""
         self._law.leave(device)
-        self._seen.pop(device, None)
 
     def see(self, device: Device) -> None:
         """One that was looked after just now, and has been announced."""
@@ -58,9 +57,11 @@ class Stock:
             self._seen[device.name] = DeviceVitals(device.latest, nis, device.delay(), violations)
 
     def note(self, now: float, store: str, counts: dict[str, int], *, connected: bool, busy: float) -> None:
-        """Tell the vitals; of devices as each was seen last."""
+        """Tell the vitals; of devices as each was seen last, unless it was forgotten."""
+        devices = {name: seen for name, seen in self._seen.items() if name in self._devices}
+        self._seen = dict(devices)
         violations = sum(self._law.violations.values())
-        self._vitals.note(Note(now, connected, store, dict(self._seen), self._law.total, violations, counts, busy))
+        self._vitals.note(Note(now, connected, store, devices, self._law.total, violations, counts, busy))
 
 
 def _account(device: Device) -> Account:

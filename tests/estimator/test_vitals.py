@@ -71,6 +71,19 @@ def test_a_rest_that_never_was_has_no_age(ward: Ward, once: Stream) -> None:
     assert list(ages) == [(NAME,)]
 
 
+def test_a_device_that_was_forgotten_has_none(ward: Ward, once: Stream) -> None:
+    vitals = watched(ward)
+    ward.send(once.batches()[:2], info(1))
+    a_second(ward)
+    assert vitals._note is not None
+    assert list(vitals._note.devices) == [NAME]
+    ward.service._devices[NAME].heard = -ward.service.settings.silence_s
+    assert ward.service._devices._forget(time.monotonic())
+    a_second(ward)
+    assert not vitals._note.devices
+    assert not ward.service._stock._seen
+
+
 def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     vitals = watched(ward)
     assert vitals.unready() == ["no router yet"]
