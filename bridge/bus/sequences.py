@@ -19,7 +19,7 @@ TRIES_S = (0.0, 0.05, 0.2, 0.5, 1.0, 2.0, *(7 * [4.0]))
 GRACE_S = 0.02
 #: however long the tries themselves take
 LAST_S = sum(TRIES_S)
-#: after so many tries that found nobody, 4 s or more, that is to be said
+#: after so many tries that found nobody, some 4 s at least, that is to be said
 IN_VAIN = 6
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16

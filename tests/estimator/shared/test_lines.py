@@ -21,24 +21,42 @@ def calibrated(both: Both) -> tuple[list[SampleBatch], int]:
     return batches, worn
 
 
+def passes(both: Both, batches: list[SampleBatch]) -> None:
+    """They come two at a time, and time goes on with them."""
+    for at in range(0, len(batches), 2):
+        both.send(batches[at : at + 2])
+
+
+def cut(both: Both, name: str) -> Cut:
+    """The line that an estimator hears devices over, from now on."""
+    service = both.services[name]
+    line = service._raw = Cut(service._raw)  # type: ignore[assignment]
+    return line
+
+
+def whole(both: Both, batches: list[SampleBatch], before: list[CorrectedBatch] | None = None) -> None:
+    """A subscriber was given each sample once and in order, of three turns; before: what it was given already."""
+    given: list[CorrectedBatch] = [*(before or ()), *both.stream.drain()]
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    epochs = [batch.epoch for batch in given]
+    assert epochs == sorted(epochs)
+    assert len(set(epochs)) == 3
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+
+
 def test_what_nobody_listened_to_is_said_again_where_it_was_not_said_by_who_had_the_device(both: Both) -> None:
     batches, worn = calibrated(both)
     lines = both.part()
     both.send(batches[worn : worn + 600])
     assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
-    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    cut(both, FIRST)
     both.send(batches[worn + 600 : worn + 700])  # SECOND says them; who has heard FIRST does not listen
     for line in lines:
         line.cut = False
     both.send(batches[worn + 700 :])
     both.pass_(4.0)
     assert both.has() == [SECOND]
-    given: list[CorrectedBatch] = both.stream.drain()
-    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
-    epochs = [batch.epoch for batch in given]
-    assert epochs == sorted(epochs)
-    assert len(set(epochs)) == 3
-    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+    whole(both, batches)
 
 
 def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -> None:
@@ -49,61 +67,41 @@ def test_who_has_a_device_and_hears_nothing_of_it_does_not_keep_it(both: Both) -
     lines = both.part()
     both.send(batches[worn : worn + 600])
     assert sorted(both.has()) == sorted([FIRST, SECOND]), "neither hears the other"
-    both.services[FIRST]._raw = Cut(both.services[FIRST]._raw)  # type: ignore[assignment]
+    cut(both, FIRST)
     for line in lines:
         line.cut = False
-    for at in range(worn + 600, len(batches), 2):
-        both.send(batches[at : at + 2])
+    passes(both, batches[worn + 600 :])
     assert both.has() == [SECOND]
     assert both.services[SECOND]._peers._moves[-1].reason == "shared out anew"
-    given: list[CorrectedBatch] = both.stream.drain()
-    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
-    epochs = [batch.epoch for batch in given]
-    assert epochs == sorted(epochs)
-    assert len(set(epochs)) == 3
+    whole(both, batches)
 
 
 def test_who_should_have_a_device_and_hears_nothing_of_it_leaves_it_to_the_next(both: Both) -> None:
     batches, worn = calibrated(both)
     both.send(batches[worn : worn + 400])  # the last turn in it
-    theirs = both.services[SECOND]
-    line = theirs._raw = Cut(theirs._raw)  # type: ignore[assignment]
-    for at in range(worn + 400, worn + 600, 2):
-        both.send(batches[at : at + 2])
+    line = cut(both, SECOND)
+    passes(both, batches[worn + 400 : worn + 600])
     assert both.has() == [FIRST]
     given: list[CorrectedBatch] = both.stream.drain()
     assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches[: worn + 600]))))
     line.cut = False
-    for at in range(worn + 600, len(batches), 2):
-        both.send(batches[at : at + 2])
+    passes(both, batches[worn + 600 :])
     assert both.has() == [SECOND], "it hears of it again"
-    given += both.stream.drain()
-    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
-    epochs = [batch.epoch for batch in given]
-    assert epochs == sorted(epochs)
-    assert len(set(epochs)) == 3
+    whole(both, batches, given)
 
 
 def test_what_waited_at_who_should_have_a_device_and_comes_with_a_hole_is_said_by_the_next(both: Both) -> None:
     """A bridge's cache does not answer: what comes waits for what is missing, and is handed on when that is given up."""
     batches, worn = calibrated(both)
     both.send(batches[worn : worn + 200])  # the last turn in it
-    theirs = both.services[SECOND]
-    line = theirs._raw = Cut(theirs._raw)  # type: ignore[assignment]
-    for at in range(worn + 200, worn + 700, 2):
-        both.send(batches[at : at + 2])
+    line = cut(both, SECOND)
+    passes(both, batches[worn + 200 : worn + 700])
     assert both.has() == [FIRST]
     line.cut = False
     assert len(line.drain(100, 0.0)) == 100, "lost to it"
-    for at in range(worn + 700, len(batches), 2):
-        both.send(batches[at : at + 2])
+    passes(both, batches[worn + 700 :])
     assert both.has() == [SECOND]
-    given: list[CorrectedBatch] = both.stream.drain()
-    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
-    epochs = [batch.epoch for batch in given]
-    assert epochs == sorted(epochs)
-    assert len(set(epochs)) == 3
-    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+    whole(both, batches)
 
 
 def test_without_a_router_all_stays_as_it_is(both: Both) -> None:
