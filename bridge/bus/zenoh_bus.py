@@ -12,6 +12,7 @@ import zenoh
 from zenoh import ext, handlers
 
 from bridge.bus import zenoh_settings
+from bridge.bus.announced import Announced
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
@@ -33,6 +34,8 @@ _MAX_KNOWN = 8192
 _REMIND_S = (0.5, 2.0)
 # So often, and for so long after its last message, a publisher says which that was: lines between routers may have been cut.
 _REPEAT_S, _REPEATED_S = 2.0, 40.0
+# How often it is announced anew that we keep what we said.
+_ANNOUNCE_S = 3.0
 
 
 class ZenohBus:
@@ -61,6 +64,8 @@ class ZenohBus:
         self.declared: set[Declared] = set()  # zenoh takes back what nobody holds
         self._threads: set[threading.Thread] = set()
         self._cached = 0
+        #: keys below which our caches answer
+        self._caches: set[str] = set()
         self._closed = False
         self._over = threading.Event()
         links = self._session.info.declare_transport_events_listener(handlers.FifoChannel(256))
@@ -78,6 +83,7 @@ class ZenohBus:
                 plain = self._session.declare_publisher(key, congestion_control=block)
                 return _Publisher(self, plain, key, plain)
             self._cached += cache
+            self._caches.add(f"{key.rpartition('/')[0]}/*/@adv/pub/{self._session.zid()}/*")
             publisher = ext.declare_advanced_publisher(
                 self._session,
                 self._session.declare_keyexpr(key),  # a third less work in every put
@@ -215,8 +221,13 @@ class ZenohBus:
 
     def _repeat(self) -> None:
         """Say again what was last of publishers that say nothing more: nothing that follows tells who did not hear it."""
+        announced, announce_s = Announced(self, self._session), time.monotonic() + _ANNOUNCE_S
         while not self._over.wait(_HEARTBEAT_S):
             now_s = time.monotonic()
+            if now_s >= announce_s:
+                announce_s = now_s + _ANNOUNCE_S
+                with contextlib.suppress(zenoh.ZError):  # closed meanwhile
+                    announced.anew(sorted(self._caches))
             for one in list(self.declared):
                 if isinstance(one, _Publisher) and one.due(now_s):
                     one.remind(self._session)
