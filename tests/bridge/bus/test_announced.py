@@ -7,6 +7,7 @@ import zenoh
 
 from bridge.bus import announced, zenoh_bus
 from bridge.bus.zenoh_bus import ZenohBus
+from bridge.bus.zenoh_subscription import PAST_S
 from tests.bridge.bus.worlds import ZenohWorld, eventually
 
 
@@ -78,9 +79,7 @@ def test_nothing_of_the_past_is_lost_or_late_while_announcements_come_and_go(mon
             answers.append(_ask(b, "t/kept/*/@adv/**"))
             took_s.append(time.monotonic() - began_s)
         assert answers == [20] * 200
-        assert (
-            sorted(took_s)[100] < zenoh_bus.PAST_S / 2
-        )  # else they end by their timeout: who is announced says nothing
+        assert sorted(took_s)[100] < PAST_S / 2  # else they end by their timeout: who is announced says nothing
     world.stop()
 
 
