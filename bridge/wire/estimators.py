@@ -85,6 +85,7 @@ def encode_checkpoint(checkpoint: Checkpoint) -> bytes:
         turned=checkpoint.turned,
         answers=[_answer_of(verb, reply) for verb, reply in checkpoint.answers[-MAX_ANSWERS:]],
         lag_k=checkpoint.lag_k,
+        boot_repeated=checkpoint.boot_repeated,
         calibration=None if checkpoint.calibration is None else calibration_message(checkpoint.calibration),
     ).SerializeToString()
 
@@ -121,6 +122,7 @@ def decode_checkpoint(key: str, payload: bytes) -> Checkpoint:
         turned=tuple(checks.whole(axis, "an axis", 2) for axis in raw.turned[:3]),
         answers=tuple(_answer(answer) for answer in raw.answers[-MAX_ANSWERS:]),
         lag_k=checks.number(raw.lag_k, "lag_k", -MAX_CELSIUS, MAX_CELSIUS),
+        boot_repeated=raw.boot_repeated,
     )
 
 

@@ -420,6 +420,7 @@ class Checkpoint:
     turned: tuple[int, ...] = ()  # axes whose turns were taken of a calibration under way
     answers: tuple[tuple[str, "CommandReply"], ...] = ()  # verbs of the last few commands, and what they were answered
     lag_k: float = 0.0  # by how much warmer the device was then than temperature_c, which is an average
+    boot_repeated: bool = False  # another power-up had this number, too, and this one is not calibrated yet
 
 
 @dataclass(frozen=True, slots=True)

@@ -464,7 +464,7 @@ class Move(_message.Message):
     def __init__(self, time_ns: _Optional[int] = ..., came: _Optional[int] = ..., left: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class Checkpoint(_message.Message):
-    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned", "answers", "lag_k")
+    __slots__ = ("version", "device", "boot", "epoch", "time_ns", "x", "covariance", "device_time_s", "temperature_c", "powered_s", "doubted", "asked_by", "asked_why", "calibration", "bridge", "turned", "answers", "lag_k", "boot_repeated")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -483,6 +483,7 @@ class Checkpoint(_message.Message):
     TURNED_FIELD_NUMBER: _ClassVar[int]
     ANSWERS_FIELD_NUMBER: _ClassVar[int]
     LAG_K_FIELD_NUMBER: _ClassVar[int]
+    BOOT_REPEATED_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -501,7 +502,8 @@ class Checkpoint(_message.Message):
     turned: _containers.RepeatedScalarFieldContainer[int]
     answers: _containers.RepeatedCompositeFieldContainer[Answer]
     lag_k: float
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., lag_k: _Optional[float] = ...) -> None: ...
+    boot_repeated: bool
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., epoch: _Optional[int] = ..., time_ns: _Optional[int] = ..., x: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., device_time_s: _Optional[float] = ..., temperature_c: _Optional[float] = ..., powered_s: _Optional[float] = ..., doubted: _Optional[bool] = ..., asked_by: _Optional[str] = ..., asked_why: _Optional[str] = ..., calibration: _Optional[_Union[Calibration, _Mapping]] = ..., bridge: _Optional[str] = ..., turned: _Optional[_Iterable[int]] = ..., answers: _Optional[_Iterable[_Union[Answer, _Mapping]]] = ..., lag_k: _Optional[float] = ..., boot_repeated: _Optional[bool] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("verb", "request_id", "accepted", "message")

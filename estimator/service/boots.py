@@ -27,12 +27,14 @@ class Boots:
     def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
-        same = same and batch.boot != device.repeated
+        again, same = not same, same and batch.boot != device.repeated
         device.repeated = None if same else batch.boot
         if session.boot is None and session.sequence.samples_in == 0:
             session.sequence.recall(partial(self._before, device.name, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, scratch = self._record.recall(device, batch.boot), ""
+        if again:
+            self._record.repeat(device, batch.boot, batch.start_time_ns)
         if info is not None:
             self._record.boot(session, info)
             if remembered is not None and remembered.calibration is not None:

@@ -126,6 +126,11 @@ class Record:
         if said is not None and said.calibration is not None:
             self.keep(device, said.calibration)
             return said
+        since_ns = self._replicas.repeated(device.name, boot)
+        if since_ns is not None:
+            device.repeated = boot
+            self.repeat(device, boot, since_ns)
+            return said
         try:
             if said is None:
                 return self._store.recall(device.name, boot, self._now_ns())
@@ -135,6 +140,10 @@ class Record:
             self._failed(device.session, error)
             return said
         return said if ours is None else replace(said, calibration=ours, turned=())
+
+    def repeat(self, device: Device, boot: int, since_ns: int) -> None:
+        """Another power-up has this boot number, since this host time, and is to be calibrated anew."""
+        self._keep(device.session, lambda: self._store.repeat(device.name, boot, since_ns))
 
     def keep(self, device: Device, calibration: Calibration) -> None:
         """Another's calibration, which may be gone for ever with it."""

@@ -48,6 +48,7 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
         turned=session.learnt.turned,
         answers=answers,
         lag_k=state.lag_k if state is not None and known else 0.0,
+        boot_repeated=device.repeated == session.boot,
     )
 
 
@@ -70,7 +71,8 @@ class Replicas:
         known = self._latest.get(checkpoint.device)
         if known is not None and checkpoint.epoch < known.epoch:
             # Who did not know yet that the device was another's may have calibrated it meanwhile.
-            if known.boot != checkpoint.boot or _calibrated(known) or not _calibrated(checkpoint):
+            of_it = known.boot == checkpoint.boot and not known.boot_repeated
+            if not of_it or _calibrated(known) or not _calibrated(checkpoint):
                 return
             checkpoint = replace(known, calibration=checkpoint.calibration)
         self._latest.pop(checkpoint.device, None)
@@ -116,6 +118,13 @@ class Replicas:
             return None
         asked = (known.asked_by, known.asked_why) if known.asked_by else None
         return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
+
+    def repeated(self, device: str, boot: int) -> int | None:
+        """The host time, ns, at which this very boot was not calibrated, where its number was that of another power-up before."""
+        known = self._latest.get(device)
+        if known is None or known.boot != boot or not known.boot_repeated or _calibrated(known):
+            return None
+        return known.time_ns
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The calibration last said of the same hardware, of an earlier boot."""

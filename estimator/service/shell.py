@@ -257,6 +257,8 @@ class Service:
         session = device.session
         if session.boot != calibration.boot or session.calibration is not None or session.life.away:
             return
+        if device.repeated == calibration.boot:
+            return  # it may be of the power-up before
 
         def adopted() -> None:
             session.adopt(calibration)

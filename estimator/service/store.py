@@ -29,6 +29,8 @@ __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
 #: what a temperature law is learnt from: so many boots, and so many points, the first, of each
 BOOTS, POINTS = 8, 300
+#: under this the audit has that a boot number came again
+REPEATED = "boot number repeated"
 #: of each device the audit keeps about so many lines, those of years; looked after every so many
 AUDITED, _LOOKED_AFTER = 10_000, 100
 #: which is the latest: what was written last, whatever time it says, by a clock that may have been wrong then
@@ -134,6 +136,12 @@ class Store:
         self.database.write(Change("audit", row), *trims)
         self._audited[device] += 1
 
+    def repeat(self, device: str, boot: int, since_ns: int) -> None:
+        """Another power-up came under a boot number, at this time: what was known under it is not of this one."""
+        words = "another power-up under the same boot number: to be calibrated anew"
+        self.add_audit(since_ns, device, REPEATED, _repeated(device, boot), "estimator", "", words, accepted=True)
+        self.database.remove("bias", "device = ? AND boot = ?", [(device, keys.boot_id(boot))])
+
     def boots(self, device: str, most: int) -> list[int]:
         """Its latest boots, in the order in which they were heard."""
         rows = self.database.rows("boots", "device = ?", (device,), "rowid DESC", most)
@@ -216,8 +224,9 @@ class Store:
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """The calibration of this very boot."""
-        name = keys.boot_id(boot)
-        return self._latest(device, lambda row: row["boot"] == name, "boot = ?", name)
+        name, rows = keys.boot_id(boot), self.database.rows("audit", "request_id = ?", (_repeated(device, boot),))
+        since_ns = max((row["time_ns"] for row in rows if row["verb"] == REPEATED), default=-1)
+        return self._latest(device, lambda row: row["boot"] == name and row["time_ns"] > since_ns, "boot = ?", name)
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int]]:
         """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.
@@ -289,6 +298,11 @@ class Store:
             self.database.refuse("calibrations", f"{row['id']}: its columns are not those of its content")
             return None
         return found
+
+
+def _repeated(device: str, boot: int) -> str:
+    """What the audit has of it is found by."""
+    return f"{device} {keys.boot_id(boot)}"
 
 
 def _point(device: str, boot: int, time_ns: int, state: BiasState) -> Row:

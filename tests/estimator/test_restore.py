@@ -93,6 +93,37 @@ def test_a_device_that_changes_within_a_boot_begins_from_scratch(
     assert words in ward.latest().reason
 
 
+def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_either(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
+    hour_ns = 3_600_000_000_000
+    again = [
+        replace(b, receive_time_ns=b.receive_time_ns + hour_ns, start_time_ns=b.start_time_ns + hour_ns)
+        for b in calibration(seed=2, before_s=20.0).batches()
+    ]
+    ward.send(once.batches(), info(1))
+    list(ward.subscriber)
+    for batch in again[:100]:
+        ward.send([batch])
+        now[0] += 0.1
+    assert {batch.quality for batch in ward.subscriber} <= {Quality.NONE, Quality.PRIOR, Quality.BIAS_ONLY}
+    restart(ward)
+    ward.send(again[100:150])
+    assert {batch.quality for batch in ward.subscriber} <= {Quality.NONE, Quality.PRIOR, Quality.BIAS_ONLY}
+    found = history.read(ward.store, NAME)
+    assert [row["verb"] for row in found.commands] == ["boot number repeated"]
+    (before,) = found.calibrations
+    ward.send(again[150:])
+    assert ward.latest().quality is Quality.GOOD
+    *_, made = history.read(ward.store, NAME).calibrations
+    assert (made.boot, made.id != before.id) == (before.boot, True)
+    restart(ward)
+    ward.send(again[-1:])
+    assert ward.latest().calibration == made.id
+
+
 def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
     list(ward.subscriber)

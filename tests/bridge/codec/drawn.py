@@ -138,7 +138,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
         draw(st.booleans()), draw(TEXT), draw(TEXT), draw(st.none() | calibrations(in_use=True)),
         draw(st.sampled_from(["", "b1"])), draw(st.sampled_from([(), (0,), (2, 1)])),
         tuple(draw(st.lists(st.tuples(TEXT, st.builds(CommandReply, TEXT, st.booleans(), TEXT)), max_size=8))),
-        draw(st.floats(-500, 500)),
+        draw(st.floats(-500, 500)), draw(st.booleans()),
     )  # fmt: skip
 
 
