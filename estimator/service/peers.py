@@ -145,7 +145,7 @@ class Peers:
         for device in lost:
             cluster.lose(device, now)
             self._taken.pop(device, None)
-            self._ours.move(device, self._standby)
+            self._ours.move(device, self._standby, now)
         return list(lost)
 
     def _look_for_double(self, came: Sequence[Message]) -> None:
@@ -230,7 +230,7 @@ class Peers:
         for h in self.cluster.claims() if wanted else ():
             if h.device in wanted:  # what came since its owner spoke last may be long past: a bridge's cache
                 self._standby.done(h.device, h.boot, h.next, now, h.epoch)
-        taken = [self._take(device) for device in wanted]
+        taken = [self._take(device, now) for device in wanted]
         self._more = 0 < most == len(taken)
         if self._more or not most:
             self._next_scan = now
@@ -261,8 +261,8 @@ class Peers:
         """Whether it is for us to answer a command; from any thread."""
         return self.cluster.answers(device)
 
-    def _take(self, device: str) -> Taken:
-        epoch, messages = self._begin(device), self._standby.move(device, self._ours)
+    def _take(self, device: str, now: float) -> Taken:
+        epoch, messages = self._begin(device), self._standby.move(device, self._ours, now)
         self._taken[device] = list(messages)  # and what comes meanwhile
         return Taken(device, epoch, messages)
 

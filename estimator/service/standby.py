@@ -136,11 +136,16 @@ class Standby:
         """Whether this very message is kept."""
         return device in self and any(held.message is message for held in self._queues[device].held)
 
-    def move(self, device: str, to: "Standby") -> list[Message]:
-        """What is kept of a device is kept there from now on; the messages, in the order in which they came."""
+    def move(self, device: str, to: "Standby", now: float) -> list[Message]:
+        """What is kept of a device is kept there from now on; the messages, in the order in which they came.
+
+        Whoever has it from now on is waited for from now on.
+        """
         queue = self._queues.get(device)
         for held in () if queue is None else queue.held:
             to.hold(device, held.message, held.came_s)
+        if device in to:
+            to._queues[device].reached_s = now
         return self.take(device)
 
     def tidy(self, now: float) -> None:

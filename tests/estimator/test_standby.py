@@ -78,7 +78,7 @@ def test_what_was_corrected_under_an_epoch_that_is_over_is_not_corrected() -> No
 
 def test_what_goes_over_to_another_has_the_time_at_which_it_came() -> None:
     to = held(message(0), at=0.0)
-    assert firsts(held(message(10), at=LATER).move("d1", to)) == [(7, 10)]
+    assert firsts(held(message(10), at=LATER).move("d1", to, LATER)) == [(7, 10)]
     to.done("d1", 7, 20, LATER + OVERLAP_S - 0.1)
     assert firsts(to.take("d1")) == [(7, 10)]
 

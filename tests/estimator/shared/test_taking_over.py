@@ -50,6 +50,28 @@ def test_it_goes_on_as_it_was_calibrated_and_all(both: Both) -> None:
     assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
 
 
+def test_who_gives_a_device_back_leaves_it_the_time_to_be_taken_up(both: Both) -> None:
+    """Else it is taken again at once by who had it for long, and goes to and fro for as long as a minute."""
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:-200])
+    assert both.has() == [SECOND]
+    both.kill(SECOND)
+    for batch in batches[-200:-90]:  # as they are made: FIRST keeps what came of its own devices, 12 s of it
+        both.send([batch])
+    assert both.has() == [FIRST]
+    both.start(SECOND)
+    for batch in batches[-90:]:
+        both.services[FIRST]._peers._next_scan = 0.0  # it may look at any time for what it is to take
+        both.send([batch])
+    assert both.has() == [SECOND]
+    given: list[CorrectedBatch] = both.stream.drain()
+    assert [n for _, n in numbers(given)] == list(range(sum(map(len, batches))))
+    assert len({batch.epoch for batch in given}) == 3
+
+
 def test_a_power_up_under_the_same_boot_number_is_not_good_by_what_is_in_the_takers_own_store(both: Both) -> None:
     heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
     batches = calibration(seed=1, after=[Still(30.0)]).batches()
