@@ -124,15 +124,18 @@ class Cluster:
         if not self.settled(now):
             self._settled_s = max(self._settled_s, min(now + self.knobs.behind_s, self._settled_by_s))
 
-    def held_up(self, seconds: float) -> None:
+    def held_up(self, seconds: float, now: float) -> None:
         """We did not get round to listening for so long: nobody's silence.
 
         Who slept for longer than it would wait for another has much to read first, not all of it came: it waits as at the start.
+        Its router has dropped it meanwhile, and with that line all tokens die, perhaps before it is seen to be gone.
         """
         for peer in self._peers.values():
             peer.heard_s += seconds
             if seconds > self.knobs.hangs_s:
                 peer.since_s = peer.heard_s
+        if seconds > self.knobs.hangs_s:
+            self.unreachable(now)
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
         """Who has come, and who is gone, since the last look."""

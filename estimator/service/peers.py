@@ -162,7 +162,7 @@ class Peers:
         """Nobody is silent while we do not get round to listening, nor while nothing at all comes over our own line."""
         late_s, self._looked = now - self._looked, now
         if late_s > HELD_UP_S or self._deaf_s > HELD_UP_S:
-            self.cluster.held_up(late_s)
+            self.cluster.held_up(late_s, now)
         self._deaf_s = 0.0 if heard else self._deaf_s + late_s
 
     def _hear(self, owned: Owned, lost: dict[str, None], now: float) -> None:

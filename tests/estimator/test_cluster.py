@@ -306,7 +306,7 @@ def test_our_own_sleep_is_not_held_against_the_others() -> None:
     world = World("e1", "e2")
     world.run(1.5)
     world.now += 10.0
-    world.all["e1"].held_up(10.0)
+    world.all["e1"].held_up(10.0, world.now)
     assert world.all["e1"].look(world.now) == ([], [])
 
 
@@ -316,10 +316,26 @@ def test_who_has_slept_for_long_gives_the_others_longer_to_speak() -> None:
     for slept_s, gone in ((0.9 * knobs.hangs_s, ["e2"]), (4.0, [])):
         one.change("e2", 100.0, alive=True)
         one.look(100.0)
-        one.held_up(slept_s)
         now = 100.0 + slept_s
+        one.held_up(slept_s, now)
         assert one.look(now + knobs.hangs_s + 0.1)[1] == gone
     assert one.look(now + knobs.hangs_most_s + 0.1)[1] == ["e2"]
+
+
+def test_who_has_slept_for_long_takes_nobody_for_gone_whose_token_its_own_router_took_along() -> None:
+    one = Cluster("e1", ["e2"], 0.0)
+    one.said(Owned("e2", 0, 1, 0.0, ()), 99.9)
+    one.look(100.0)
+    theirs = next(d for d in DEVICES if owner(d, ("e1", "e2")) == "e2")
+    one.held_up(4.0, 104.0)
+    one.change("e2", 104.0, alive=False)
+    assert one.look(104.0) == ([], [])
+    assert not one.wants(theirs, 104.0)
+    one.change("e2", 104.5, alive=True)
+    assert one.look(107.0) == ([], [])
+    one.change("e2", 107.1, alive=False)
+    assert one.look(107.1) == ([], ["e2"])
+    assert one.wants(theirs, 107.1)
 
 
 def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:
