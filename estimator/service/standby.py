@@ -137,16 +137,17 @@ class Standby:
         return device in self and any(held.message is message for held in self._queues[device].held)
 
     def move(self, device: str, to: "Standby", now: float) -> list[Message]:
-        """What is kept of a device is kept there from now on; the messages, in the order in which they came.
-
-        Whoever has it from now on is waited for from now on.
-        """
+        """What is kept of a device is kept there from now on; the messages, in the order in which they came."""
         queue = self._queues.get(device)
         for held in () if queue is None else queue.held:
             to.hold(device, held.message, held.came_s)
-        if device in to:
-            to._queues[device].reached_s = now
+        to.wait_anew(device, now)
         return self.take(device)
+
+    def wait_anew(self, device: str, now: float) -> None:
+        """Somebody else has it from now on: that one has done nothing with it yet."""
+        if (queue := self._queues.get(device)) is not None:
+            queue.reached_s = now
 
     def tidy(self, now: float) -> None:
         """Forget what is too old, and devices that send nothing."""
