@@ -34,7 +34,7 @@ _MAX_KNOWN = 8192
 _REMIND_S = (0.5, 2.0)
 # So often, and for so long after its last message, a publisher says which that was: lines between routers may have been cut.
 _REPEAT_S, _REPEATED_S = 2.0, 40.0
-# How often it is announced anew that we keep what we said.
+# How often it is announced anew that we keep streams; what else is kept is said again by itself.
 _ANNOUNCE_S = 3.0
 
 
@@ -64,8 +64,8 @@ class ZenohBus:
         self.declared: set[Declared] = set()  # zenoh takes back what nobody holds
         self._threads: set[threading.Thread] = set()
         self._cached = 0
-        #: keys below which our caches answer
-        self._caches: set[str] = set()
+        #: keys below which our caches of streams answer
+        self._streams: set[str] = set()
         self._closed = False
         self._over = threading.Event()
         links = self._session.info.declare_transport_events_listener(handlers.FifoChannel(256))
@@ -83,7 +83,8 @@ class ZenohBus:
                 plain = self._session.declare_publisher(key, congestion_control=block)
                 return _Publisher(self, plain, key, plain)
             self._cached += cache
-            self._caches.add(f"{key.rpartition('/')[0]}/*/@adv/pub/{self._session.zid()}/*")
+            if cache >= _STREAM:
+                self._streams.add(f"{key.rpartition('/')[0]}/*/@adv/pub/{self._session.zid()}/*")
             publisher = ext.declare_advanced_publisher(
                 self._session,
                 self._session.declare_keyexpr(key),  # a third less work in every put
@@ -227,7 +228,7 @@ class ZenohBus:
             if now_s >= announce_s:
                 announce_s = now_s + _ANNOUNCE_S
                 with contextlib.suppress(zenoh.ZError):  # closed meanwhile
-                    announced.anew(sorted(self._caches))
+                    announced.anew(sorted(self._streams))
             for one in list(self.declared):
                 if isinstance(one, _Publisher) and one.due(now_s):
                     one.remind(self._session)

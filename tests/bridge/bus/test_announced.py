@@ -32,7 +32,7 @@ def test_who_asks_one_cache_or_all_comes_by_an_announcement(asked: list[str], mo
     with world.bus() as a, world.bus() as b:
         assert isinstance(a, ZenohBus)
         assert isinstance(b, ZenohBus)
-        publisher = a.publisher("t/kept/d1", cache=3)
+        publisher = a.publisher("t/kept/d1", cache=64)
         publisher.put(b"0")
         session = a._session.zid()
         for question in ("t/kept/*/@adv/**", f"t/kept/d1/@adv/pub/{session}/1/**"):
@@ -69,7 +69,7 @@ def test_nothing_of_the_past_is_lost_or_late_while_announcements_come_and_go(mon
     world = ZenohWorld()
     with world.bus() as a, world.bus() as b:
         assert isinstance(b, ZenohBus)
-        publishers = [a.publisher(f"t/kept/d{n}", cache=10) for n in range(20)]
+        publishers = [a.publisher(f"t/kept/d{n}", cache=64) for n in range(20)]
         for publisher in publishers:
             publisher.put(b"0")
         eventually(lambda: _ask(b, "t/kept/*/@adv/**") == 20)
