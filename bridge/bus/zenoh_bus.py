@@ -34,8 +34,8 @@ _MAX_KNOWN = 8192
 _REMIND_S = (0.5, 2.0)
 # So often, and for so long after its last message, a publisher says which that was: lines between routers may have been cut.
 _REPEAT_S, _REPEATED_S = 2.0, 40.0
-# How often it is announced anew that we keep streams; what else is kept is said again by itself.
-_ANNOUNCE_S = 3.0
+# How often it is announced anew that we keep streams; of other things little is kept, and that rarely fetched again.
+_ANNOUNCE_S, _ANNOUNCED = 3.0, 16
 
 
 class ZenohBus:
@@ -83,7 +83,7 @@ class ZenohBus:
                 plain = self._session.declare_publisher(key, congestion_control=block)
                 return _Publisher(self, plain, key, plain)
             self._cached += cache
-            if cache >= _STREAM:
+            if cache >= _ANNOUNCED:
                 self._streams.add(f"{key.rpartition('/')[0]}/*/@adv/pub/{self._session.zid()}/*")
             publisher = ext.declare_advanced_publisher(
                 self._session,
@@ -227,7 +227,7 @@ class ZenohBus:
             now_s = time.monotonic()
             if now_s >= announce_s:
                 announce_s = now_s + _ANNOUNCE_S
-                with contextlib.suppress(zenoh.ZError):  # closed meanwhile
+                with contextlib.suppress(BusError), as_bus_error("closed meanwhile"):
                     announced.anew(sorted(self._streams))
             for one in list(self.declared):
                 if isinstance(one, _Publisher) and one.due(now_s):

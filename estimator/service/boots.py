@@ -27,14 +27,12 @@ class Boots:
     def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
-        again, same = not same, same and batch.boot != device.repeated
-        device.repeated = None if same else batch.boot
+        if batch.boot != device.repeated:
+            device.repeated = None
         if session.boot is None and session.sequence.samples_in == 0:
             session.sequence.recall(partial(self._before, device.name, batch.boot))
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, scratch = self._record.recall(device, batch.boot), ""
-        if again:
-            self._record.repeat(device, batch.boot, batch.start_time_ns)
         if info is not None:
             self._record.boot(session, info)
             if remembered is not None and remembered.calibration is not None:
@@ -49,9 +47,10 @@ class Boots:
                     scratch = scratch or self._record.scratch(session, info)
         now, celsius = float(batch.device_time[0]), temperature_at(batch, 0)
         outcome = session.begin_boot(batch.boot, now, remembered if same else None, None, celsius)
-        if remembered is not None and not same:
+        if not same:
             session.count_event("boot number repeated")
-            if remembered.calibration is not None:
+            self._record.repeat(device, batch.boot, *(c for c in (outcome.calibration,) if c is not None))
+            if remembered is not None and remembered.calibration is not None:
                 session.believe(remembered.calibration)
         if info is not None and scratch:
             outcome.said += self._from_scratch(device, info, scratch)

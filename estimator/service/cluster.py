@@ -83,6 +83,7 @@ class Cluster:
         self._peers = {name: _Peer(now, now) for name in peers if name != own}
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
+        self._slept_s = float("-inf")
         self._lost: dict[str, _Lost] = {}
         self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
         self._spared: dict[str, float] = {}
@@ -128,14 +129,17 @@ class Cluster:
         """We did not get round to listening for so long: nobody's silence.
 
         Who slept for longer than it would wait for another has much to read first, not all of it came: it waits as at the start.
-        Its router has dropped it meanwhile, and with that line all tokens die, perhaps before it is seen to be gone.
+        Its router may have dropped it meanwhile, and with that line all tokens die, perhaps before it is seen to be gone.
         """
         for peer in self._peers.values():
             peer.heard_s += seconds
             if seconds > self.knobs.hangs_s:
                 peer.since_s = peer.heard_s
         if seconds > self.knobs.hangs_s:
-            self.unreachable(now)
+            if now - seconds - self._slept_s > self.knobs.most_s:  # who sleeps again and again has to go on some time
+                self._settled_by_s = now + self.knobs.most_s
+            self._slept_s = now
+            self._settled_s = max(self._settled_s, min(now + self.knobs.return_s, self._settled_by_s))
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
         """Who has come, and who is gone, since the last look."""

@@ -119,6 +119,8 @@ class Record:
 
     def recall(self, device: Device, boot: int) -> Remembered | None:
         """What is known of this very boot, saved or not."""
+        if device.repeated == boot:
+            return None  # all of it is of another power-up
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
         if unsaved is not None:
             return Remembered(unsaved, None)
@@ -126,10 +128,8 @@ class Record:
         if said is not None and said.calibration is not None:
             self.keep(device, said.calibration)
             return said
-        since_ns = self._replicas.repeated(device.name, boot)
-        if since_ns is not None:
-            device.repeated = boot
-            self.repeat(device, boot, since_ns)
+        if self._replicas.repeated(device.name, boot):
+            self.repeat(device, boot)
             return said
         try:
             if said is None:
@@ -141,9 +141,17 @@ class Record:
             return said
         return said if ours is None else replace(said, calibration=ours, turned=())
 
-    def repeat(self, device: Device, boot: int, since_ns: int) -> None:
-        """Another power-up has this boot number, since this host time, and is to be calibrated anew."""
-        self._keep(device.session, lambda: self._store.repeat(device.name, boot, since_ns))
+    def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
+        """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, beside what is unsaved.
+
+        It is said at once: we could be killed, and whoever takes it over may have what was calibrated under that number.
+        """
+        device.repeated = boot
+        self._replicas.forget(device.name)
+        made = [c.id for c in (*device.unsaved, *more) if c.boot == boot]
+        time_ns = self._now_ns()
+        self._write_down(lambda: self._store.repeat(device.name, boot, time_ns, made))
+        self._tell(device)
 
     def keep(self, device: Device, calibration: Calibration) -> None:
         """Another's calibration, which may be gone for ever with it."""
@@ -251,6 +259,7 @@ class Record:
                 log.error("%s: a calibration cannot be said: %s", c.device, refusal)
             return
         if c.verdict is Verdict.ACCEPTED:
+            self._replicas.forget(device.name)
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
             device.hold(c.id, payload)
             self._due.append((now + HELD_S, device, c.id))

@@ -119,12 +119,14 @@ class Replicas:
         asked = (known.asked_by, known.asked_why) if known.asked_by else None
         return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
 
-    def repeated(self, device: str, boot: int) -> int | None:
-        """The host time, ns, at which this very boot was not calibrated, where its number was that of another power-up before."""
+    def repeated(self, device: str, boot: int) -> bool:
+        """Whether this very boot has a number that another power-up had, and was not calibrated."""
         known = self._latest.get(device)
-        if known is None or known.boot != boot or not known.boot_repeated or _calibrated(known):
-            return None
-        return known.time_ns
+        return known is not None and known.boot == boot and known.boot_repeated and not _calibrated(known)
+
+    def forget(self, device: str) -> None:
+        """We know better of a device of ours than anybody has said of it."""
+        self._latest.pop(device, None)
 
     def prior(self, info: DeviceInfo) -> Calibration | None:
         """The calibration last said of the same hardware, of an earlier boot."""

@@ -7,7 +7,7 @@ reported, never used.
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -136,11 +136,18 @@ class Store:
         self.database.write(Change("audit", row), *trims)
         self._audited[device] += 1
 
-    def repeat(self, device: str, boot: int, since_ns: int) -> None:
-        """Another power-up came under a boot number, at this time: what was known under it is not of this one."""
-        words = "another power-up under the same boot number: to be calibrated anew"
-        self.add_audit(since_ns, device, REPEATED, _repeated(device, boot), "estimator", "", words, accepted=True)
-        self.database.remove("bias", "device = ? AND boot = ?", [(device, keys.boot_id(boot))])
+    def repeat(self, device: str, boot: int, time_ns: int, made: Iterable[str] = ()) -> None:
+        """Another power-up came under a boot number: what is kept under it is not of this one.
+
+        made: ids of calibrations of the one before that may be kept later.
+        """
+        name = keys.boot_id(boot)
+        kept = self.database.rows("calibrations", "device = ? AND boot = ?", (device, name))
+        row: Row = {"time_ns": time_ns, "device": device, "verb": REPEATED, "request_id": _repeated(device, boot)}
+        row |= {"who": "estimator", "reason": " ".join(sorted({*made, *(c["id"] for c in kept)})), "accepted": 1}
+        row |= {"message": "another power-up under the same boot number: to be calibrated anew"}
+        nothing: Row = {"device": device, "boot": name, "time_ns": time_ns, "state": "[]"}
+        self.database.write(Change("audit", row), Change("bias", nothing, "REPLACE"))
 
     def boots(self, device: str, most: int) -> list[int]:
         """Its latest boots, in the order in which they were heard."""
@@ -225,8 +232,8 @@ class Store:
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """The calibration of this very boot."""
         name, rows = keys.boot_id(boot), self.database.rows("audit", "request_id = ?", (_repeated(device, boot),))
-        since_ns = max((row["time_ns"] for row in rows if row["verb"] == REPEATED), default=-1)
-        return self._latest(device, lambda row: row["boot"] == name and row["time_ns"] > since_ns, "boot = ?", name)
+        before = {made for row in rows if row["verb"] == REPEATED for made in row["reason"].split()}
+        return self._latest(device, lambda row: row["boot"] == name and row["id"] not in before, "boot = ?", name)
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int]]:
         """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.

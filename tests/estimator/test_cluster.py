@@ -338,6 +338,19 @@ def test_who_has_slept_for_long_takes_nobody_for_gone_whose_token_its_own_router
     assert one.wants(theirs, 107.1)
 
 
+def test_who_is_held_up_again_and_again_takes_over_all_the_same() -> None:
+    one, now = Cluster("e1", ["e2"], 0.0, KNOBS), 100.0
+    one.said(Owned("e2", 0, 1, 0.0, ()), now)
+    one.look(now)
+    one.change("e2", now, alive=False)
+    gone = list[str]()
+    while not gone and now < 100.0 + 2 * KNOBS.most_s:
+        now += 1.1 * KNOBS.hangs_s
+        one.held_up(1.1 * KNOBS.hangs_s, now)
+        gone = one.look(now)[1]
+    assert gone == ["e2"]
+
+
 def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:
     world = World("e1", "e2")
     world.run(1.5)

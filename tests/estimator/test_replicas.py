@@ -70,6 +70,21 @@ def test_a_later_turn_is_not_undone_by_an_earlier_one_that_speaks_later() -> Non
     assert replicas.bridge(NAME) == "b9"
 
 
+def test_a_calibration_said_late_is_not_of_a_boot_whose_number_came_again() -> None:
+    device, _ = calibrated()
+    said = checkpoint_of(device, NOW_NS)
+    assert said is not None
+    replicas = Replicas(10)
+    replicas.note(replace(said, epoch=9, calibration=None, boot_repeated=True))
+    replicas.note(replace(said, epoch=8))
+    assert replicas.repeated(NAME, 1)
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert remembered.calibration is None
+    replicas.note(replace(said, epoch=9, boot_repeated=False))
+    assert not replicas.repeated(NAME, 1)
+
+
 def test_a_calibration_said_late_is_not_forgotten_for_a_later_turn_without_one() -> None:
     device, _ = calibrated()
     said = checkpoint_of(device, NOW_NS)

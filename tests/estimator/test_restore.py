@@ -10,6 +10,7 @@ import pytest
 from bridge.sim.motion import Still
 from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import history
+from estimator.database import StoreError
 from estimator.restore import changed
 from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
@@ -36,6 +37,11 @@ def second(of: Stream) -> list[SampleBatch]:
         replace(b, receive_time_ns=b.receive_time_ns + later, start_time_ns=b.start_time_ns + later)
         for b in of.batches(boot=2)
     ]
+
+
+def an_hour_later(batches: list[SampleBatch]) -> list[SampleBatch]:
+    ns = 3_600_000_000_000
+    return [replace(b, receive_time_ns=b.receive_time_ns + ns, start_time_ns=b.start_time_ns + ns) for b in batches]
 
 
 def restart(ward: Ward) -> None:
@@ -98,11 +104,7 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
 ) -> None:
     now = [1000.0]
     monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
-    hour_ns = 3_600_000_000_000
-    again = [
-        replace(b, receive_time_ns=b.receive_time_ns + hour_ns, start_time_ns=b.start_time_ns + hour_ns)
-        for b in calibration(seed=2, before_s=20.0).batches()
-    ]
+    again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
     ward.send(once.batches(), info(1))
     list(ward.subscriber)
     for batch in again[:100]:
@@ -122,6 +124,34 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
     restart(ward)
     ward.send(again[-1:])
     assert ward.latest().calibration == made.id
+
+
+def test_that_a_boot_number_came_again_is_kept_once_the_store_works(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: object) -> None:
+        raise StoreError("full")
+
+    now, database = [1000.0], ward.store.database
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
+    ward.send(once.batches(), info(1))
+    again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
+    with monkeypatch.context() as broken:
+        broken.setattr(database, "_must_write", full)
+        for batch in again[:70]:
+            ward.send([batch])
+            now[0] += 0.1
+        assert ward.service._devices[NAME].repeated is not None
+    ward.latest()
+    for batch in again[70:140]:
+        ward.send([batch])
+        now[0] += 0.1
+        ward.latest()
+    assert [row["verb"] for row in history.read(ward.store, NAME).commands] == ["boot number repeated"]
+    list(ward.subscriber)
+    restart(ward)
+    ward.send(again[140:170])
+    assert Quality.GOOD not in {batch.quality for batch in ward.subscriber}
 
 
 def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:

@@ -11,7 +11,7 @@ from estimator import history
 from estimator.database import APPLICATION_ID, SCHEMA_VERSION
 from estimator.database.database import RETRY_S
 from estimator.service import store as service_store
-from estimator.service.store import Store, StoreError
+from estimator.service.store import REPEATED, Store, StoreError
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
@@ -93,6 +93,25 @@ def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:
     store.add_calibration(GOOD)
     assert store.recall(NAME, 2, 0) is None
     assert store.recall("other", 1, 0) is None
+
+
+@pytest.mark.parametrize("later_ns", [-AHEAD_NS, 5], ids=["clock set back", "later"])
+def test_nothing_of_before_is_of_a_boot_whose_number_came_again(store: Store, later_ns: int) -> None:
+    """Whatever clocks say; what was not kept yet is named."""
+    unsaved, new = replace(GOOD, id="unsaved"), replace(GOOD, id="new", time_ns=max(0, GOOD.time_ns + later_ns))
+    store.add_calibration(GOOD)
+    with store.database.together():
+        store.save_bias(NAME, 1, 5, BIAS, history=False, reached=(1000, 5))
+        store.repeat(NAME, 1, 6, [unsaved.id])
+    store.add_calibration(unsaved)
+    assert store.recall(NAME, 1, 0) is None
+    assert store.reached(0) == {}
+    assert [row["verb"] for row in history.read(store, NAME).commands] == [REPEATED]
+    store.add_calibration(new)
+    assert same(store.calibrated(NAME, 1), new)
+    remembered = store.recall(NAME, 1, 0)
+    assert remembered is not None
+    assert remembered.bias is None
 
 
 @pytest.mark.parametrize("verdict", [Verdict.REPEAT, Verdict.REFUSED, Verdict.UNKNOWN])

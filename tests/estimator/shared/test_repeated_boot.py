@@ -1,0 +1,112 @@
+"""A boot number that came again, where there are several estimators: GOOD only by a calibration of this power-up."""
+
+import pytest
+
+from bridge.bus.memory_bus import MemoryBus
+from bridge.sim.motion import Still
+from bridge.wire import codec, keys
+from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
+from estimator.service.device import Device
+from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
+from tests.estimator.shared.test_interim import fails, powered_up_again
+from tests.estimator.stream import NAME, calibration
+from tests.estimator.test_restore import an_hour_later
+
+
+class Handed:
+    """FIRST has calibrated the device, whose calibration is in the stores of both; then it went to SECOND."""
+
+    def __init__(self, both: Both) -> None:
+        self.both, self.batches = both, calibration(seed=1, after=[Still(30.0)]).batches()
+        both.start(FIRST)
+        both.send(self.batches[:-60])
+        (self.made,) = both.stores[FIRST].calibrations(NAME)
+        both.start(SECOND)
+        both.pass_(3.0)
+        both.send(self.batches[-60:-30])
+        assert both.has() == [SECOND]
+        self.heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
+
+    def device(self, name: str) -> Device:
+        return self.both.services[name]._devices[NAME]
+
+    def calibrated(self, name: str) -> Calibration:
+        """The one that is in use, which is a new one."""
+        made = self.device(name).session.calibration
+        assert made is not None
+        assert made.id != self.made.id
+        assert not self.device(name).unsaved
+        return made
+
+    def fail(self, name: str) -> None:
+        self.both.services[name]._guarded(self.device(name), fails)
+
+    def slowly(self, batches: list[SampleBatch]) -> None:
+        """As they are made: what is known long ago, again and again, is another power-up."""
+        for batch in batches:
+            self.both.send([batch])
+
+    def said(self) -> list[CorrectedBatch]:
+        return [codec.decode_corrected(m.key, m.payload) for m in self.heard.drain(10_000, 0.0)]
+
+
+@pytest.fixture
+def handed(both: Both) -> Handed:
+    return Handed(both)
+
+
+@pytest.fixture
+def again() -> list[SampleBatch]:
+    """An hour later, under the same boot number: a rest of 20 s, turns, and a rest."""
+    return an_hour_later(calibration(seed=2, before_s=20.0, after=[Still(20.0)]).batches())
+
+
+def test_who_is_alone_does_not_go_back_to_what_another_said_when_its_session_fails(
+    handed: Handed, both: Both, again: list[SampleBatch]
+) -> None:
+    both.pass_(6.0)
+    both.kill(SECOND)
+    both.send(handed.batches[-30:])
+    handed.slowly(again[:80])
+    assert handed.device(FIRST).repeated is not None
+    both.send(again[80:-40])
+    new = handed.calibrated(FIRST)
+    handed.fail(FIRST)
+    handed.said()
+    both.send(again[-40:])
+    assert {batch.calibration for batch in handed.said()} == {new.id}
+
+
+def test_who_takes_it_over_and_calibrates_it_keeps_that_when_its_session_fails(
+    handed: Handed, both: Both, again: list[SampleBatch]
+) -> None:
+    handed.slowly(again[:80])
+    both.pass_(6.0)
+    both.kill(SECOND)
+    both.send(again[80:-40])
+    new = handed.calibrated(FIRST)
+    assert handed.device(FIRST).repeated is None
+    handed.fail(FIRST)
+    both.send(again[-40:])
+    assert handed.calibrated(FIRST).id == new.id
+
+
+def test_who_is_killed_as_soon_as_it_knows_has_said_so(handed: Handed, both: Both) -> None:
+    again, n = powered_up_again(handed.batches[-200:]), 0
+    while handed.device(SECOND).repeated is None:
+        both.send([again[n]])
+        n += 1
+    both.kill(SECOND)
+    handed.said()
+    handed.slowly(again[n:])
+    both.pass_(1.0)
+    assert handed.device(FIRST).repeated is not None
+    assert Quality.GOOD not in {batch.quality for batch in handed.said()}
+    # Its own store knows, too.
+    assert both.stores[FIRST].calibrated(NAME, handed.made.boot) is None
+
+
+def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: Both) -> None:
+    handed.slowly(powered_up_again(handed.batches[-200:])[:80])
+    both.services[SECOND]._adopt(handed.made)
+    assert handed.device(SECOND).session.calibration is None
