@@ -7,6 +7,7 @@ not to all of them, while samples pass. It does again once anything is declared 
 
 from collections import defaultdict, deque
 from collections.abc import Iterable
+from functools import partial
 from itertools import count
 
 import zenoh
@@ -32,7 +33,7 @@ class Announced:
         name = f"again-{next(self._numbers) % (_AT_ONCE + 1)}"
         for place in places:
             queryable = self._session.declare_queryable(f"{place}/{name}", handlers.RingChannel(_QUESTIONS))
-            self._home.run(lambda queryable=queryable: each(queryable.handler, _nothing), f"{name} of {place}")  # type: ignore[misc]
+            self._home.run(partial(each, queryable.handler, _nothing), f"{name} of {place}")
             there = self._there[place]
             there.append(queryable)
             if len(there) > _AT_ONCE:

@@ -150,7 +150,12 @@ class Record:
         self._replicas.forget(device.name)
         made = [c.id for c in (*device.unsaved, *more) if c.boot == boot]
         time_ns = self._now_ns()
-        self._write_down(lambda: self._store.repeat(device.name, boot, time_ns, made))
+
+        def once() -> None:
+            if device.repeated == boot:  # where the store failed meanwhile, it may have been calibrated anew
+                self._store.repeat(device.name, boot, time_ns, made)
+
+        self._write_down(once)
         self._tell(device)
 
     def keep(self, device: Device, calibration: Calibration) -> None:

@@ -154,6 +154,34 @@ def test_that_a_boot_number_came_again_is_kept_once_the_store_works(
     assert Quality.GOOD not in {batch.quality for batch in ward.subscriber}
 
 
+def test_a_calibration_made_while_it_could_not_be_kept_that_a_boot_number_came_again_holds(
+    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: object) -> None:
+        raise StoreError("full")
+
+    now = [1000.0]
+    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
+    ward.send(once.batches(), info(1))
+    again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
+    with monkeypatch.context() as broken:
+        broken.setattr(ward.store.database, "_must_write", full)
+        for batch in again:
+            ward.send([batch])
+            now[0] += 0.1
+        device = ward.service._devices[NAME]
+        made = device.session.calibration
+    assert made is not None
+    ward.service._record.checkpoint(device, now[0], force=True)  # it may be kept before that is
+    for _ in range(4):
+        now[0] += 6.0
+        ward.latest()
+    assert history.read(ward.store, NAME).calibrations[-1].id == made.id
+    restart(ward)
+    ward.send(again[-1:])
+    assert ward.latest().calibration == made.id
+
+
 def test_a_device_with_a_clock_may_be_told_another_rate(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
     list(ward.subscriber)
