@@ -29,6 +29,8 @@ from estimator.under_way import UnderWay
 AsMessage = Callable[[Result, str, int], Calibration]
 #: for so many seconds it is said that a calibration was cancelled; then again how it is
 CANCELLED_S = 60.0
+#: samples whose windows taught nothing of the bias, for which there was no time, are counted under this
+COASTED = "samples coasted"
 _GOES_ON = "calibrated; the calibration of this boot goes on"
 
 
@@ -109,9 +111,10 @@ class Learnt:
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
-    def learn(self, parts: list[Part], course: Course, outcome: Outcome) -> bool:
-        """Take the samples of a block; whether there is anything new to apply."""
+    def learn(self, parts: list[Part], course: Course, outcome: Outcome, *, coast: bool = False) -> bool:
+        """Take the samples of a block; whether there is anything new to apply. coast: the bias is only predicted if it may be."""
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
+        coast = coast and self.may_coast
         tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
         warm = any(has_celsius(part.of) for part in parts)
         seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
@@ -125,7 +128,8 @@ class Learnt:
                 continue
             if seconds is None:
                 others = windows.part(i)
-                seconds = deque((i + at, second) for at, second in tracker.seconds.take(others))
+                taken = () if coast else tracker.seconds.take(others)
+                seconds = deque((i + at, second) for at, second in taken)
                 if self.under_way is not None:
                     self.under_way.add(others)
             while seconds and seconds[0][0] == i:
@@ -142,7 +146,18 @@ class Learnt:
                 used, (batch, _) = self._belief, where(*course.place(last))
                 outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
             tracked = tracker.time
-        return tracked != begin or self._belief is not belief
+        if coast and len(windows):
+            self._coast(windows, course, outcome)
+        return tracker.time != begin or self._belief is not belief
+
+    def _coast(self, windows: Windows, course: Course, outcome: Outcome) -> None:
+        self.tracker.coast(windows)
+        first, rows = windows.samples
+        self._events.add(COASTED, len(rows))
+        self._second([], outcome)
+        last = first + len(rows) - 1
+        self._past.note(self.tracker.time, *course.place(last))
+        course.forget(last)
 
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
         """A window while the device warms up."""
@@ -227,6 +242,11 @@ class Learnt:
             outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
 
     # ---- what is known now ----------------------------------------------------------------------------------------
+
+    @property
+    def may_coast(self) -> bool:
+        """Whether the bias may go on for a while without learning: it is known, and nobody calibrates or asked to."""
+        return not self.turned and not self.asked and self._life.state is not State.WARMING and self.tracker.settled
 
     @property
     def near(self) -> bool:

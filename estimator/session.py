@@ -56,6 +56,8 @@ class DeviceSession:
         self.last_heard_ns = 0
         #: whether somebody looks at windows of it: then what they are made of is kept
         self.windowed = False
+        #: whether there is no time to learn of its bias
+        self.coasts = False
         self._begin(began)
         self._unused = True  # since it was begun
 
@@ -293,7 +295,9 @@ class DeviceSession:
         parts, self._lesson = self._lesson, []
         if self.windowed:
             outcome.seconds.append(Second(joined(parts), self._lesson_applied))
-        if self.learnt.learn(parts, self._course, outcome):  # where nothing is learnt batches stay whole
+        if self.learnt.learn(
+            parts, self._course, outcome, coast=self.coasts
+        ):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:

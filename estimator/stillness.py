@@ -170,6 +170,17 @@ class Windows:
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
+    @property
+    def ended(self) -> float:
+        """When the last of them did, s."""
+        return float(self.found.item(-1, 1))
+
+    @property
+    def moved(self) -> float | None:
+        """When the last of them did that was not still, s; None where all were."""
+        moving = self.found[self.found[:, 4] == 0.0, 1]
+        return float(moving[-1]) if len(moving) else None
+
     def noise_std(self, index: int) -> Floats:
         """(3,) rad/s, white noise of one reading, as it was known when a window closed."""
         return self.found[index, NOISE]

@@ -18,9 +18,10 @@ def nothing_gathered() -> tuple[Floats, Floats]:
     return state, np.empty((_WAITING, 6))
 
 
-def let_go(state: Floats) -> None:
-    """Of a state: what is gathered, and what waits, go by."""
+def let_go(state: Floats, moved: float | None) -> None:
+    """Of a state: what is gathered, what waits, and windows of which the last that was not still ended then, go by."""
     state[1] = state[2] = 0.0
+    state[0] = state[0] if moved is None else moved
 
 
 @compiled("f8[:, ::1](f8[:, :], i8, i8, f8[:, ::1], f8[:], UniTuple(f8, 3))")

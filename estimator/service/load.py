@@ -1,4 +1,4 @@
-"""What comes to a service against what it can do: how busy it is, and, of more than that, whose messages are left out."""
+"""What comes to a service against what it can do: how busy it is; of more than that who is not learnt from, or left out."""
 
 import time
 from collections.abc import Callable, Collection, Sequence
@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from bridge.bus.contract import Message, Subscription
 from bridge.wire.refusal import Tally
 from estimator.lifecycle import Event
+from estimator.service.coasting import Coasting
 from estimator.service.device import Device
 from estimator.service.overload import OVERLOADED, Overload
 from estimator.service.roster import Roster
@@ -30,6 +31,7 @@ class Load:
         self._queue, self._devices, self._floods, self._counts = queue, devices, floods, counts
         self._silence_s = silence_s
         self._overload = Overload(time.monotonic())
+        self._coasting = Coasting(self._able)
         self._shedding, self._shed = Shedding(room, self._least, self._flooding), 0
 
     @property
@@ -52,13 +54,14 @@ class Load:
     def look(self, now: float, *, connected: bool, unkept: bool) -> None:
         """Once a second. unkept: what is learnt of devices is not written down."""
         overflowed, waiting = self._queue.overflowed, self._queue.waiting
-        over_s = self._overload.look(
-            now, overflowed=overflowed, waited_s=self._queue.waited_s, shedding=bool(self._shedding)
-        )
+        waited_s, less = self._queue.waited_s, bool(self._shedding or self._coasting)
+        over_s = self._overload.look(now, overflowed=overflowed, waited_s=waited_s, shedding=less)
         for name in [name for name in self._shedding if name not in self._devices]:
             self._shedding.drop(name)
         if connected:
-            self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=self._overload.ratio)
+            busy = self._overload.ratio
+            self._coasting.look(now, waited_s=waited_s, busy=busy, shedding=bool(self._shedding))
+            self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=busy)
         else:
             self._shedding.hold(now)
         if shed := self._shedding.messages - self._shed:
@@ -69,6 +72,7 @@ class Load:
         for device in self._devices.values():
             device.overloaded_s, device.unkept = self._overload.seconds, unkept
             device.left_out = device.name in self._shedding
+            device.behind.coasts = device.name in self._coasting
 
     def tell(self, device: Device, now: float) -> None:
         """A device what of it was left out: it is heard, and not looked at."""
@@ -79,6 +83,10 @@ class Load:
                 device.source.hold(now)
             if device.left_out:
                 device.session.silence(WHY, Event.SHED)
+
+    def _able(self) -> list[str]:
+        """Devices whose bias may be only predicted for a while."""
+        return [device.name for device in self._devices.values() if device.behind.learnt.may_coast]
 
     def _least(self) -> list[str]:
         """Devices that are heard, those first that can be done without: not calibrated, and not being so; that came last."""

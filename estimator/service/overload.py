@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 from bridge.wire.messages import Status
 from bridge.wording import count
+from estimator.learnt import COASTED
 from estimator.service.shedding import WHY
 
 log = logging.getLogger(__name__)
@@ -43,7 +44,7 @@ class Overload:
         """How long it did not keep up since the last look, s.
 
         overflowed: messages that were dropped unread, in all; waited_s: how long the oldest that is there has waited;
-        shedding: whether some devices are left out.
+        shedding: whether some devices are left out, or not learnt from.
         """
         passed_s, begin, self._looked = now - self._looked, self._looked, now
         if passed_s <= 0:
@@ -80,7 +81,8 @@ def found(statuses: Iterable[Status]) -> list[str]:
     said = list(statuses)
     seconds = max((status.events.get(OVERLOADED, 0) for status in said), default=0)
     shed = sum(status.reason.startswith(WHY) for status in said)
-    out = f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
+    out = ", and does not learn from all that comes" if any(COASTED in status.events for status in said) else ""
+    out += f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
     return [f"the estimator has not kept up with its devices for {seconds} s{out}: {_DO}"] if seconds else []
 
 

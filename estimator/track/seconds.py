@@ -104,7 +104,7 @@ class Seconds:
 
     def skip(self, windows: Windows) -> None:
         """Let the next windows go by, and those that wait."""
-        let_go(self._state)
+        let_go(self._state, windows.moved)
         self._parts, self._before = [], windows.samples[1][-1]
 
     def _between(self, begin: int, end: int) -> Floats:

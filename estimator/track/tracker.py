@@ -86,6 +86,7 @@ class Tracker:
         self._evidenced = False  # whether a rest has ever been seen in this boot, as far as is known
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
+        self._coasted = -np.inf  # until then
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
@@ -143,6 +144,11 @@ class Tracker:
         """Whether anything worth telling is known of this boot's bias."""
         most = self.knobs.bias_std / self.doubt.consistency.inflation
         return all(var < most * most for var in self._filter.cov.diagonal()[BIAS].tolist())
+
+    @property
+    def settled(self) -> bool:
+        """Whether it knows the bias, undoubted, and nothing comes that it knew before: it may coast for a while."""
+        return self.sure and self._kept is None and not self.doubt.stands
 
     def evidence_age(self, now: float) -> float:
         """Seconds since a rest was last accepted; infinite where none is known of: what was restored does not tell."""
@@ -224,6 +230,16 @@ class Tracker:
         """Take no notice of the next windows."""
         self.seconds.skip(windows)
 
+    def coast(self, windows: Windows) -> None:
+        """Go on over the next windows by prediction alone: an eighth of what it takes to learn from them."""
+        self.seconds.skip(windows)
+        self._lost_way()
+        end = windows.ended
+        steps = self._filter.predict(end, self.thermometer.at(end))
+        if steps is not None:
+            self._history.add(end, self._filter.x, self._filter.cov, steps, self._filter.bent)
+        self._coasted, self._gap = end, None
+
     def take(self, windows: Windows) -> list[Receipt]:
         """Take the next windows; receipts of what rest there was in seconds they complete."""
         receipts = []
@@ -252,9 +268,7 @@ class Tracker:
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
         if second.flaw:
-            # Before time goes on: what waits to be judged was measured before the gap.
-            self._zaru.moved(self._filter)
-            self._bounded.broken()
+            self._lost_way()
         # Known whole only later, over a gap much later: it was as warm as it was then.
         steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
@@ -270,11 +284,18 @@ class Tracker:
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, steps, self._filter.bent)
         if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
-            if second.end - self._evidence_time >= self.knobs.gap_s:
-                begin = self._evidence_time if self._gap is None else self._gap[0]
+            since = max(self._evidence_time, self._coasted)
+            if second.end - since >= self.knobs.gap_s:
+                begin = since if self._gap is None else self._gap[0]
                 self._gap = begin, second.end
             self._evidence_time, self._evidenced = second.end, True
         return receipts
+
+    def _lost_way(self) -> None:
+        """Before time goes on over what nobody saw: what waits to be judged was measured before that."""
+        self._gravity.lose()
+        self._zaru.moved(self._filter)
+        self._bounded.broken()
 
     def _without_accelerometer(self) -> None:
         """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
