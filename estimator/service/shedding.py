@@ -29,7 +29,8 @@ FILLED, PATIENCE_S = 0.5, 4.0
 SPARE, MOST = 0.1, 0.25
 #: who is looked at after so long was stopped, which tells nothing of what it can do
 STALLED_S = 2.0
-#: devices come back where the loop will not be busier than this with them, or one where it is not quite busy all the time
+#: devices come back where the loop will not be busier than this with them; where it is, not quite all the time, one, then two,
+#: four and so on, as long as that goes well and it will not be that busy
 BUSY, FULLY = 0.9, 0.97
 #: so long is looked at how busy it is; for twice as long each time that devices had to go again soon after some came back
 CALM_S, MOST_CALM_S, SOON_S = 10.0, 640.0, 120.0
@@ -60,6 +61,7 @@ class Shedding:
         self._shortest: int | None = None  # the queue, since it was half full
         self._looked = self._since = self._readmitted = float("-inf")
         self._calm_s, self._busy_s, self._seen_s = CALM_S, 0.0, 0.0
+        self._tried = 0  # how many came back last
 
     def __len__(self) -> int:
         return len(self._shed)
@@ -133,6 +135,7 @@ class Shedding:
         leaving = list(flooding) or heard[: math.ceil(share * (len(heard) - 1))]  # one stays, whatever it sends
         if not leaving:
             return
+        self._tried = 0
         if not flooding:
             if now - self._readmitted < SOON_S:
                 self._calm_s, self._readmitted = min(2 * self._calm_s, MOST_CALM_S), float("-inf")
@@ -157,8 +160,9 @@ class Shedding:
         self._watch(None, now)
         able = [device for device in reversed(self._shed) if device not in self._still]
         heard = sum(device not in self._shed for device in self._least())
-        room = math.floor(heard * (BUSY / max(busy, 0.01) - 1.0))
-        back = list(islice(able, max(room, int(busy < FULLY))))
+        room, most = (math.floor(heard * (limit / max(busy, 0.01) - 1.0)) for limit in (BUSY, FULLY))
+        back = list(islice(able, max(room, min(2 * self._tried or 1, max(most, 1)) if busy < FULLY else 0)))
+        self._tried = len(back)
         for device in back:
             del self._shed[device]
             self._flooding.pop(device, None)
