@@ -80,6 +80,7 @@ class Peers:
         self._again = False
         #: devices that were taken over, and what came of each that is still to be handled
         self._taken = dict[str, list[Message]]()
+        self._came_meanwhile: list[Message] = []
         #: whether more of what is taken over now follows in the next round, and whether the last move is the begin of it
         self._more = self._taking = False
         self._newcomer = False
@@ -203,7 +204,11 @@ class Peers:
             if device in cluster.held:
                 if len(self._taken.get(device, ())) >= MOST:
                     ours += self._taken.pop(device)  # who sends that much is seen to as all are who do
-                self._taken.get(device, ours).append(message)
+                if (waiting := self._taken.get(device)) is None:
+                    ours.append(message)
+                else:
+                    waiting.append(message)
+                    self._came_meanwhile.append(message)
                 self._ours.hold(device, message, now)
             elif self._standby.hold(device, message, now):
                 self._next_scan = now  # it may be ours, and is said to be first
@@ -241,6 +246,11 @@ class Peers:
         elif self._taking or (not self._came and self.cluster.settled(now)):
             self._taking, self._why = False, ""  # what comes later has another reason
         return taken
+
+    def meanwhile(self) -> list[Message]:
+        """What came, since this was asked last, of those that were taken over and still wait for their turn."""
+        came, self._came_meanwhile = self._came_meanwhile, []
+        return came
 
     def turn(self) -> list[list[Message]]:
         """What came of some of those that were taken over, of each in its order, once no more are to be taken over."""

@@ -220,6 +220,7 @@ class Service:
         for calibration in self._peers.calibrated():
             self._adopt(calibration)
         ours = self._load.sift(self._peers.sift(messages, now))
+        self._interim.go_on(self._peers.meanwhile())
         taken = self._peers.taken_over(self._devices, self._silent, now)
         queues = self._peers.turn()
         if not taken and not queues:

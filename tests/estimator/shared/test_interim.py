@@ -39,12 +39,13 @@ class Ward:
         self.before = self.said()
         self.first, self.theirs = both.services[FIRST], both.services[SECOND]._devices[NAME].session
 
-    def kill(self, batches: list[SampleBatch], what: DeviceInfo | None = None) -> list[CorrectedBatch]:
-        """What was published then."""
+    def kill(self, *batches: list[SampleBatch], what: DeviceInfo | None = None) -> list[CorrectedBatch]:
+        """What was published then, of what came in some rounds before there was a session."""
         self.both.kill(SECOND)
         with self._patch.context() as busy:
             busy.setattr(self.first._peers, "turn", list)
-            self.both.send(batches, what=what)
+            for some in batches:
+                self.both.send(some, what=what)
         assert self.both.has() == []
         return self.said()
 
@@ -125,6 +126,36 @@ def test_what_came_last_is_published_first_and_what_was_before_it_at_once_too(
     assert 0 < len(first) < len(last) <= len(sent)
     assert ward.go_on() == []
     assert numbers(ward.both.stream.drain()) == list(range(numbers(sent)[-1] + 1))  # type: ignore[arg-type]
+
+
+def test_what_comes_until_there_is_a_session_is_published_as_it_comes(ward: Ward, batches: list[SampleBatch]) -> None:
+    """A hundred sessions take some tenths of a second."""
+    begun, later = batches[-LAST:-12], [[batch] for batch in batches[-12:-4]]
+    at_once = ward.kill(begun, *later, batches[-4:])
+    assert numbers(at_once) == list(range(at_once[0].sequence, numbers(batches)[-1] + 1))  # type: ignore[arg-type]
+    assert {b.epoch for b in at_once} == {ward.first._peers.cluster.held[NAME]}
+    assert {b.quality for b in at_once} == {Quality.GOOD}
+    assert ward.go_on() == []
+    assert not ward.first._interim._from
+    assert numbers(ward.both.stream.drain()) == list(range(numbers(batches)[-1] + 1))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("odd", ["marked", "missing", "another boot", "again"])
+def test_from_what_is_out_of_the_ordinary_then_on_all_waits_for_its_session(
+    ward: Ward, batches: list[SampleBatch], odd: str
+) -> None:
+    begun, (first, then, *after) = batches[-LAST:-8], batches[-8:]
+    if odd == "marked":
+        then = replace(then, flags=np.full(len(then), SampleFlag.CLIPPED, np.uint32))
+    elif odd == "another boot":
+        then, *after = (replace(batch, boot=then.boot + 1) for batch in (then, *after))
+    later = [[first], after] if odd == "missing" else [[first], [first if odd == "again" else then], after]
+    at_once = ward.kill(begun, *later)
+    assert numbers(at_once)[-1] == numbers([first])[-1]  # type: ignore[list-item]
+    said = [(batch.boot, n) for batch in ward.go_on() for n in numbers([batch])]
+    expected = after if odd in {"missing", "again"} else [then, *after]
+    assert said == [(batch.boot, n) for batch in expected for n in numbers([batch])]  # type: ignore[list-item]
+    assert not ward.first._interim._from
 
 
 def test_it_is_corrected_as_who_had_it_did(ward: Ward, batches: list[SampleBatch]) -> None:
@@ -280,7 +311,7 @@ def test_numbers_before_those_published_at_once_are_published_where_they_begin_a
 def test_nothing_is_said_by_a_calibration_that_another_range_in_this_boot_has_made_void(
     ward: Ward, batches: list[SampleBatch]
 ) -> None:
-    assert ward.kill(batches[-LAST:], replace(info(), gyro_range=4.4)) == []
+    assert ward.kill(batches[-LAST:], what=replace(info(), gyro_range=4.4)) == []
     later = ward.go_on()
     assert numbers(later)[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
     assert Quality.GOOD not in {batch.quality for batch in later}
