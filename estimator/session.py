@@ -166,6 +166,11 @@ class DeviceSession:
         return self.learnt.tracker
 
     @property
+    def may_coast(self) -> bool:
+        """Whether its bias may be only predicted for a while."""
+        return not self.life.away and self.learnt.may_coast
+
+    @property
     def applied(self) -> Correction:
         """What is applied to the samples that come next."""
         return self._applied

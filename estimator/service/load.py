@@ -60,7 +60,8 @@ class Load:
             self._shedding.drop(name)
         if connected:
             busy = self._overload.ratio
-            self._coasting.look(now, waited_s=waited_s, busy=busy, shedding=bool(self._shedding))
+            lacking = self._shedding.lacking
+            self._coasting.look(now, waiting=waiting, waited_s=waited_s, busy=busy, shedding=lacking)
             self._shedding.look(now, waiting=waiting, overflowed=overflowed, busy=busy)
         else:
             self._shedding.hold(now)
@@ -85,19 +86,21 @@ class Load:
                 device.session.silence(WHY, Event.SHED)
 
     def _able(self) -> list[str]:
-        """Devices whose bias may be only predicted for a while."""
-        return [device.name for device in self._devices.values() if device.behind.learnt.may_coast]
+        """Devices that are heard, and whose bias may be only predicted for a while."""
+        return [device.name for device in self._heard() if not device.left_out and device.behind.may_coast]
+
+    def _heard(self) -> list[Device]:
+        since = time.monotonic() - self._queue.waited_s - self._silence_s
+        return [device for device in self._devices.values() if device.heard >= since]
 
     def _least(self) -> list[str]:
         """Devices that are heard, those first that can be done without: not calibrated, and not being so; that came last."""
-        since = time.monotonic() - self._queue.waited_s - self._silence_s
 
         def wanting(device: Device) -> tuple[bool, bool]:
             learnt = device.session.learnt
             return not (learnt.turned or learnt.asked), learnt.calibration is None and learnt.prior is None
 
-        heard = [device for device in self._devices.values() if device.heard >= since]
-        return [device.name for device in sorted(heard, key=wanting)[::-1]]
+        return [device.name for device in sorted(self._heard(), key=wanting)[::-1]]
 
     def _flooding(self, devices: Collection[str]) -> list[str]:
         return [name for name in devices if (d := self._devices.get(name)) is not None and self._floods(d.key)]

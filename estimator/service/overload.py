@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from bridge.wire.messages import Status
 from bridge.wording import count
-from estimator.learnt import COASTED
 from estimator.service.shedding import WHY
 
 log = logging.getLogger(__name__)
@@ -81,8 +80,7 @@ def found(statuses: Iterable[Status]) -> list[str]:
     said = list(statuses)
     seconds = max((status.events.get(OVERLOADED, 0) for status in said), default=0)
     shed = sum(status.reason.startswith(WHY) for status in said)
-    out = ", and does not learn from all that comes" if any(COASTED in status.events for status in said) else ""
-    out += f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
+    out = f", {count(shed, 'device is', 'devices are')} left out" if shed else ""
     return [f"the estimator has not kept up with its devices for {seconds} s{out}: {_DO}"] if seconds else []
 
 

@@ -72,6 +72,11 @@ class Shedding:
     def __contains__(self, device: str) -> bool:
         return device in self._shed
 
+    @property
+    def lacking(self) -> bool:
+        """Whether any is left out for want of room, and not for flooding."""
+        return len(self._shed) > len(self._flooding)
+
     def sift(self, messages: Sequence[Message]) -> Sequence[Message]:
         """Those of devices that are not left out."""
         if self._shed:
@@ -139,7 +144,7 @@ class Shedding:
         if not flooding:
             if now - self._readmitted < SOON_S:
                 self._calm_s, self._readmitted = min(2 * self._calm_s, MOST_CALM_S), float("-inf")
-            elif len(self._shed) == len(self._flooding):
+            elif not self.lacking:
                 self._calm_s = CALM_S
         self._shed |= dict.fromkeys(leaving)
         self._flooding |= dict.fromkeys(flooding, 0)

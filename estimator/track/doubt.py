@@ -43,6 +43,10 @@ class Doubt:
         """Nothing speaks against what is believed from now on."""
         self._contradictions, self.why = 0, ""
 
+    def interrupted(self) -> None:
+        """What follows is not seen: rests in a row end here."""
+        self._contradictions = 0
+
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt]) -> None:
         """Note receipts of rests; surprises: what the filter was told to expect before it took any of them."""
         for receipt in (*surprises, *receipts):

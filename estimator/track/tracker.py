@@ -86,7 +86,6 @@ class Tracker:
         self._evidenced = False  # whether a rest has ever been seen in this boot, as far as is known
         self._began = self._evidence_time = began
         self._gap: tuple[float, float] | None = None  # without evidence from, to
-        self._coasted = -np.inf  # until then
         self._law = law
         #: whether this boot goes otherwise with temperature than earlier ones did
         self.law_refuted = False
@@ -231,14 +230,14 @@ class Tracker:
         self.seconds.skip(windows)
 
     def coast(self, windows: Windows) -> None:
-        """Go on over the next windows by prediction alone: an eighth of what it takes to learn from them."""
+        """Go on over the next windows by prediction alone: a seventh of what it takes to learn from them."""
         self.seconds.skip(windows)
         self._lost_way()
         end = windows.ended
         steps = self._filter.predict(end, self.thermometer.at(end))
         if steps is not None:
             self._history.add(end, self._filter.x, self._filter.cov, steps, self._filter.bent)
-        self._coasted, self._gap = end, None
+        self.doubt.interrupted()
 
     def take(self, windows: Windows) -> list[Receipt]:
         """Take the next windows; receipts of what rest there was in seconds they complete."""
@@ -284,9 +283,8 @@ class Tracker:
                 self._history.doubt(widened, since, second.end)
             self._history.add(second.end, self._filter.x, self._filter.cov, steps, self._filter.bent)
         if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
-            since = max(self._evidence_time, self._coasted)
-            if second.end - since >= self.knobs.gap_s:
-                begin = since if self._gap is None else self._gap[0]
+            if second.end - self._evidence_time >= self.knobs.gap_s:
+                begin = self._evidence_time if self._gap is None else self._gap[0]
                 self._gap = begin, second.end
             self._evidence_time, self._evidenced = second.end, True
         return receipts

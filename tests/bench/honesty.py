@@ -95,8 +95,8 @@ SCENES: Mapping[str, Scene] = {
     "twice the noise": Scene(noise_dps=0.1),
     "less than half of it": Scene(noise_dps=0.02),
     "a slower walk": Scene(walk_dps=8e-4),
-    "learns a tenth of the time": Scene(seconds=590.0, coasts=(10.0, 90.0)),
-    "learns half of the time": Scene(seconds=300.0, coasts=(10.0, 10.0)),
+    "learns a tenth of the time": Scene(seconds=1190.0, coasts=(60.0, 540.0)),
+    "learns half of the time": Scene(seconds=590.0, coasts=(60.0, 60.0)),
     "temperature steps": Scene(seconds=590.0, step_k=0.5),
     # Outside the model: a leap of over 2 K is not believed for ten seconds, while the bias has followed it at once.
     "temperature leaps (*)": Scene(seconds=590.0, step_k=2.0),
