@@ -104,8 +104,8 @@ class Bus(Protocol):
 
         Of what publishers' caches hold now the last most_past come, by default all; of who is heard of later, all.
 
-        A full queue drops its oldest message and counts it in `missed`; of what caches held none is
-        dropped, but with all_past=False.
+        A full queue drops its oldest messages, a large one most at once, and counts them in `missed`; of what caches held
+        none is dropped, but with all_past=False.
         """
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> Declared:

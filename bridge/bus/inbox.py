@@ -8,10 +8,13 @@ from collections.abc import Iterable, Sequence
 from bridge.bus.contract import Message
 
 MOST_KEYS = 1024
+#: a queue with room for so many messages, once it is full, keeps this part of them: what comes of each key then has one hole, and
+#: not one after the other, each of which costs who reads it a wait for what may still come
+LARGE, KEPT = 4096, 0.25
 
 
 class Inbox:
-    """First in, first out; when full the oldest message makes room and is counted as missed.
+    """First in, first out; when full the oldest make room and are counted as missed, of a large one most at once.
 
     With all_past the past has room of its own until it is read: caches of a large ward hold more than a queue that is short.
     """
@@ -43,7 +46,10 @@ class Inbox:
             self._came.append((time.monotonic(), self._in))
             if past and self._all_past:
                 self._past += len(self._messages) - before
-            while len(self._messages) > self._capacity + self._past:
+            room = self._capacity + self._past
+            if len(self._messages) > room and self._capacity >= LARGE and not (past or self._past):
+                room = round(KEPT * self._capacity)
+            while len(self._messages) > room:
                 self._count(self._messages.popleft().key, 1)
                 self._overflowed += 1
                 self._out += 1

@@ -24,8 +24,8 @@ WHY = (
 )
 #: a queue that is fuller than this share, and was never shorter for so long, ...
 FILLED, PATIENCE_S = 0.5, 4.0
-#: ... is one to which too much comes, and by this share more: what waits is to be done, too. So much at once at most: it may be
-#: something else that takes our time
+#: ... is one to which too much comes, as is one of which anything was dropped, and by this share more: what waits is to be done,
+#: too. So much at once at most: it may be something else that takes our time
 SPARE, MOST = 0.1, 0.25
 #: who is looked at after so long was stopped, which tells nothing of what it can do
 STALLED_S = 2.0
@@ -114,10 +114,12 @@ class Shedding:
         passed_s, self._looked = now - self._looked, now
         self._still = {device for device, n in self._flooding.items() if n > A_SECOND * passed_s}
         self._flooding = dict.fromkeys(self._flooding, 0)
-        self._lost += overflowed - self._overflowed
-        self._overflowed = overflowed
+        lost, self._overflowed = overflowed - self._overflowed, overflowed
+        self._lost += lost
         full = waiting > FILLED * self._room
-        if passed_s > STALLED_S or full is (self._shortest is None):
+        if lost and passed_s <= STALLED_S:
+            self._too_much(waiting, now)
+        elif passed_s > STALLED_S or full is (self._shortest is None):
             self._watch(waiting if full else None, now)
         elif not full:
             self._busy_s, self._seen_s = self._busy_s + busy * passed_s, self._seen_s + passed_s
@@ -125,9 +127,12 @@ class Shedding:
         elif waiting < (self._shortest or 0):
             self._watch(waiting, now)
         elif now - self._since >= PATIENCE_S:
-            more = waiting - (self._shortest or 0) + self._lost
-            self._leave_out(min(more / max(more + self._done, 1) + SPARE, MOST), now)
-            self._watch(waiting, now)
+            self._too_much(waiting, now)
+
+    def _too_much(self, waiting: int, now: float) -> None:
+        more = max(0, waiting - (self._shortest or 0)) + self._lost
+        self._leave_out(min(more / max(more + self._done, 1) + SPARE, MOST), now)
+        self._watch(waiting if waiting > FILLED * self._room else None, now)
 
     def _watch(self, waiting: int | None, now: float) -> None:
         """From now on: a queue that is as long as that, or one that is short."""
