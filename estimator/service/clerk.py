@@ -18,6 +18,8 @@ log = logging.getLogger(__name__)
 MOST = 10_000
 #: so many are one transaction
 TOGETHER = 500
+#: how long what need not be written soon waits for more, s: to wait for the disk costs as much for one as for hundreds
+GATHER_S = 0.25
 #: how long the last writes are waited for, s
 PATIENCE_S = 10.0
 
@@ -29,8 +31,8 @@ Done = Callable[[StoreError | None], None]
 class Writes(Protocol):
     """Where Record leaves what is to be written."""
 
-    def do(self, write: Write, done: Done) -> None:
-        """Write, now or soon; done is called on the caller's own thread, at once or in `collect`."""
+    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
+        """Write, now, soon, or when there is more; done is called on the caller's own thread, at once or in `collect`."""
 
     def look_up(self, read: Write, done: Done) -> None:
         """The same of what only reads and takes its time; none when it is over before."""
@@ -45,7 +47,7 @@ class Writes(Protocol):
 class Inline:
     """Writes at once."""
 
-    def do(self, write: Write, done: Done) -> None:
+    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:  # noqa: ARG002
         """See Writes."""
         done(_tried(write))
 
@@ -73,18 +75,20 @@ class Clerk:
         self._waiting: deque[_Waiting] = deque()
         self._written: deque[tuple[Done, StoreError | None]] = deque()
         self._more = threading.Condition()
-        self._over = False
+        self._hurry = self._over = False
         self._reader = ThreadPoolExecutor(1, "reader")
         self._thread = threading.Thread(target=self._run, name="clerk", daemon=True)
         self._thread.start()
 
-    def do(self, write: Write, done: Done) -> None:
+    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
         """See Writes."""
         with self._more:
             full = self._over or len(self._waiting) >= MOST
             if not full:
+                self._hurry |= soon
                 self._waiting.append(_Waiting(write, done))
-                self._more.notify()
+                if self._hurry or len(self._waiting) in {1, TOGETHER}:  # else nobody waits for it
+                    self._more.notify()
         if full:
             done(StoreError(f"store {self._database.path}: the disk is too slow, {MOST} writes wait for it"))
 
@@ -114,7 +118,9 @@ class Clerk:
         while True:
             with self._more:
                 self._more.wait_for(lambda: self._waiting or self._over)
+                self._more.wait_for(lambda: self._hurry or self._over or len(self._waiting) >= TOGETHER, GATHER_S)
                 part = [self._waiting.popleft() for _ in range(min(TOGETHER, len(self._waiting)))]
+                self._hurry &= bool(self._waiting)
             if not part:
                 return
             self._written += zip((one.done for one in part), self._errors(part), strict=True)

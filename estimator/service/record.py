@@ -301,6 +301,7 @@ class Record:
             session,
             lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),
             lambda _: self._noting.discard(device.name),
+            soon=force,
         )
 
     def thin(self, device: Device, now: float) -> None:
@@ -392,6 +393,8 @@ class Record:
         session: DeviceSession,
         write: Callable[[], None],
         then: Callable[[StoreError | None], None] = lambda _: None,
+        *,
+        soon: bool = True,
     ) -> None:
         def done(error: StoreError | None) -> None:
             if error is None:
@@ -400,7 +403,7 @@ class Record:
                 self._failed(session, error)
             then(error)
 
-        self._clerk.do(write, done)
+        self._clerk.do(write, done, soon=soon)
 
     def _failed(self, session: DeviceSession, error: StoreError) -> None:
         session.count_event("store failed")

@@ -3,7 +3,7 @@
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,3 +115,79 @@ def test_more_than_can_wait_is_refused(store: Store, monkeypatch: pytest.MonkeyP
     clerk.close()
     assert len(heard) == 20
     assert None in heard
+
+
+class Counted:
+    """A clerk, and how many writes it was given were in each of its transactions."""
+
+    def __init__(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.transactions, together = [0], store.database.together
+
+        @contextmanager
+        def counted() -> Iterator[None]:
+            self.transactions.append(0)
+            with together():
+                yield
+
+        monkeypatch.setattr(store.database, "together", counted)
+        self.heard = list[StoreError | None]()
+        self.clerk = Clerk(store.database)
+
+    def give(self, *, soon: bool) -> None:
+        self.clerk.do(self._write, self.heard.append, soon=soon)
+
+    def _write(self) -> None:
+        self.transactions[-1] += 1
+
+    def close(self) -> list[int]:
+        self.clerk.close()
+        assert self.heard == [None] * sum(self.transactions)
+        return self.transactions[1:]
+
+
+def test_what_need_not_be_written_soon_is_written_together(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a thousand devices two hundred writes a second waited for the disk one by one."""
+    monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    counted = Counted(store, monkeypatch)
+    for _ in range(5):
+        counted.give(soon=False)
+        time.sleep(0.02)
+    assert counted.close() == [5]
+
+
+def test_what_is_to_be_written_soon_takes_along_what_waits(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    counted = Counted(store, monkeypatch)
+    for soon in (False, False, True):
+        counted.give(soon=soon)
+    deadline = time.monotonic() + 20
+    while len(counted.heard) < 3 and time.monotonic() < deadline:
+        counted.clerk.collect()
+        time.sleep(0.01)
+    assert len(counted.heard) == 3
+    assert sum(counted.close()) == 3
+
+
+def test_nothing_waits_for_more_for_ever(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = Counted(store, monkeypatch)
+    counted.give(soon=False)
+    deadline = time.monotonic() + 20
+    while not counted.heard and time.monotonic() < deadline:
+        counted.clerk.collect()
+        time.sleep(0.01)
+    assert counted.heard == [None]
+    assert counted.close() == [1]
+
+
+def test_many_that_wait_are_not_kept_until_it_is_time(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    monkeypatch.setattr(rules, "TOGETHER", 4)
+    counted = Counted(store, monkeypatch)
+    for _ in range(9):
+        counted.give(soon=False)
+    deadline = time.monotonic() + 20
+    while len(counted.heard) < 8 and time.monotonic() < deadline:
+        counted.clerk.collect()
+        time.sleep(0.01)
+    assert len(counted.heard) >= 8
+    assert counted.close() == [4, 4, 1]
