@@ -27,7 +27,7 @@ from estimator.session_knobs import SessionKnobs
 #: of a device that could not be corrected before its session is there
 FAILED = "devices not corrected at once"
 #: devices that are looked at together: those of them need not wait until all have been
-AT_ONCE = 16
+AT_ONCE = 6
 #: devices at most: more wait for their sessions
 MOST = 1024
 #: what came last, ns of the bridge's clock, is published first, of all devices: whoever is gone has most likely done the rest
@@ -91,10 +91,21 @@ class Interim:
         self._senders, self._free, self._from = Senders(MOST), list(range(MOST)), dict[str, _From]()
         #: by their keys those that still only go on from what was published
         self._going = dict[str, str]()
+        #: what came before that, and is not published yet
+        self._older = list[tuple[Round, list[_Run]]]()
 
     def say(self, taken: Sequence[Taken]) -> None:
-        """Publish what came of them, of each up to the first message that is out of the ordinary."""
-        older = [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
+        """Publish what came of them last, of each up to the first message that is out of the ordinary."""
+        self._older += [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
+
+    @property
+    def behind(self) -> bool:
+        """Whether there is more to be published of what came of them."""
+        return bool(self._older)
+
+    def catch_up(self) -> None:
+        """Publish what came of them before that: most of it for the second time, so nobody waits for it."""
+        older, self._older = self._older, []
         for whole, runs in older:
             self._publish(whole, [run for run in runs if run.device in self._said])
 
@@ -162,6 +173,9 @@ class Interim:
         if (of := self._from.pop(device, None)) is not None:
             self._free.append(of.place)
             self._going.pop(of.key, None)
+            for _, runs in self._older:  # its place is another's from now on
+                runs[:] = [run for run in runs if run.device != device]
+            self._older = [(whole, runs) for whole, runs in self._older if runs]
 
     def _corrects(self, epoch: int, place: int, whole: Round, run: _Run) -> bool:
         """Have what was said of a device last correct what comes of its place; whether it can."""

@@ -29,8 +29,8 @@ HELD_UP_S = 0.5
 TAKEN_AT_ONCE = 64
 #: and more only once fewer than these wait for their turn: where names are made up there is no end of them
 TAKEN_MOST = 1024
-#: and of which what came meanwhile is handled in one
-AT_ONCE = 16
+#: and of which what came meanwhile is handled in one: those that were ours before do not wait long for it
+AT_ONCE = 4
 #: how often it is looked whether there is a router, when no token has changed
 _LOOK_S = 0.25
 _MOVES, _WAITING = 8, 65536

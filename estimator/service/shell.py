@@ -223,10 +223,12 @@ class Service:
         self._interim.go_on(self._peers.meanwhile())
         taken = self._peers.taken_over(self._devices, self._silent, now)
         queues = self._peers.turn()
-        if not taken and not queues:
+        if not (taken or queues or self._interim.behind):
             return ours
         self._turns.round(ours)  # to take over takes long
-        if taken and self._devices.roomy(self._peers.waiting):
+        if not taken:
+            self._interim.catch_up()
+        elif self._devices.roomy(self._peers.waiting):
             self._interim.say(taken)
         # The first of each device that comes first: then the others are known to the fast lane.
         self._turns.round([queue[0] for queue in queues if queue])

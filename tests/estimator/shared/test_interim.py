@@ -1,6 +1,7 @@
 """What a device that is taken over has sent since is published before it has a session, once, and as its session would have."""
 
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from bridge.wire.messages import CorrectedBatch, DeviceInfo, Quality, SampleBatc
 from estimator.service.boots import Boots
 from estimator.service.device import Device
 from estimator.service.intake import Intake
-from estimator.service.interim import FAILED, HUNG_NS, RECENT_NS
+from estimator.service.interim import FAILED, HUNG_NS, RECENT_NS, Taken
 from estimator.service.lane import Lane
 from estimator.service.roster import TOO_MANY
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
@@ -46,6 +47,7 @@ class Ward:
             busy.setattr(self.first._peers, "turn", list)
             for some in batches:
                 self.both.send(some, what=what)
+            self.both.pass_(0.1)  # what came before the last of it
         assert self.both.has() == []
         return self.said()
 
@@ -126,6 +128,35 @@ def test_what_came_last_is_published_first_and_what_was_before_it_at_once_too(
     assert 0 < len(first) < len(last) <= len(sent)
     assert ward.go_on() == []
     assert numbers(ward.both.stream.drain()) == list(range(numbers(sent)[-1] + 1))  # type: ignore[arg-type]
+
+
+def test_what_was_before_it_is_published_once_of_a_device_that_is_taken_again_meanwhile(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was still to be published of it had its old place, which may be another device's by then."""
+    ward.both.send(batches[-LAST:-1])
+    ward.said()
+    interim, taken = ward.first._interim, list[Taken]()
+    say, catch_up = interim.say, interim.catch_up
+
+    def noted(these: list[Taken]) -> None:
+        taken.extend(these)
+        say(these)
+
+    def taken_again() -> None:
+        interim.drop(NAME)
+        say(taken)
+        catch_up()
+
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(interim, "say", noted)
+        meanwhile.setattr(interim, "catch_up", taken_again)
+        said = numbers(ward.kill(batches[-1:]))
+    recent = [number for number, times in Counter(said).items() if times > 1]
+    assert sorted(said) == sorted([*range(min(said), max(said) + 1), *recent])
+    assert min(said) < min(recent)
+    assert max(recent) == max(said)
+    ward.go_on()
 
 
 def test_what_comes_until_there_is_a_session_is_published_as_it_comes(ward: Ward, batches: list[SampleBatch]) -> None:
