@@ -96,7 +96,8 @@ class Interim:
 
     def say(self, taken: Sequence[Taken]) -> None:
         """Publish what came of them last, of each up to the first message that is out of the ordinary."""
-        self._older += [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
+        said = [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
+        self._older += [(whole, older) for whole, older in said if older]
 
     @property
     def behind(self) -> bool:
@@ -104,10 +105,13 @@ class Interim:
         return bool(self._older)
 
     def catch_up(self) -> None:
-        """Publish what came of them before that: most of it for the second time, so nobody waits for it."""
+        """Publish what came of them before that: most of it for the second time, so others come first, but not for long.
+
+        A subscriber waits for a tenth of a second for what is missing.
+        """
         older, self._older = self._older, []
         for whole, runs in older:
-            self._publish(whole, [run for run in runs if run.device in self._said])
+            self._publish(whole, runs)
 
     def go_on(self, messages: Sequence[Message]) -> None:
         """Publish what comes of them until they have their sessions, of each as long as it only goes on."""
@@ -153,7 +157,8 @@ class Interim:
             for one, (of, _) in zip(taken, came, strict=True):
                 if of is not None and one.device not in self._said:
                     self._leave(one.device)
-        return whole, [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
+        older = [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
+        return whole, [run for run in older if run.first < run.last and run.device in self._said]
 
     def _round(self, came: Sequence[tuple[_From | None, Sequence[Message]]]) -> Round:
         """What came of some devices; of one that has no place, or under another key, is nobody's."""

@@ -226,9 +226,8 @@ class Service:
         if not (taken or queues or self._interim.behind):
             return ours
         self._turns.round(ours)  # to take over takes long
-        if not taken:
-            self._interim.catch_up()
-        elif self._devices.roomy(self._peers.waiting):
+        self._interim.catch_up()
+        if taken and self._devices.roomy(self._peers.waiting):
             self._interim.say(taken)
         # The first of each device that comes first: then the others are known to the fast lane.
         self._turns.round([queue[0] for queue in queues if queue])

@@ -1,8 +1,11 @@
 """Three estimators share 300 devices: what a subscriber notices when one is killed, or hangs and wakes up. `make bench-cluster`.
 
 Router, bridge and estimators are processes of their own. A gap is the longest time between two batches of a device that were
-new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part. What
-came is looked through when all is over: the processors are the ward's.
+new to the subscriber, beside what it is for the devices of the others at the same moment: that is the machine's own part. So is
+how long the system needs to end a killed process: its connections live until then, and nobody knows. What came is looked through
+when all is over: the processors are the ward's.
+
+`--kills`: nobody hangs.
 
 `--beside N`: so many other programs take a processor each, if they get it: a ward whose machine has too much to do.
 
@@ -12,7 +15,9 @@ came is looked through when all is over: the processors are the ward's.
 import argparse
 import gc
 import itertools
+import math
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -22,6 +27,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +61,16 @@ connect = ["{endpoint}"]
 id = "{name}"
 store = "{folder}/{name}.sqlite3"
 """
+
+
+class Trouble(NamedTuple):
+    """What was done to whoever had these devices, and when; the gap it may cause, and how long until the process had ended."""
+
+    what: str
+    at: float
+    theirs: set[str]
+    goal_s: float
+    ended_s: float
 
 
 class Cluster:
@@ -261,6 +277,18 @@ def _spent_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def _ended(pid: int) -> float:
+    """When a killed process of ours had, monotonic s; it is still to be waited for."""
+    process = os.pidfd_open(pid)
+    select.select([process], [], [])
+    os.close(process)
+    return time.monotonic()
+
+
+def _ms(seconds: float | np.floating[Any]) -> str:
+    return "" if math.isnan(seconds) else f"{1e3 * seconds:.0f} ms"
+
+
 def main() -> int:
     """Print what was found; 1 when a sample was lost, given twice, or taken from who had lost its device."""
     if sys.argv[1:2] == ["router"]:
@@ -273,6 +301,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--beside", type=int, default=0, metavar="N", help="programs that take a processor each")
     parser.add_argument("--pinned", action="store_true")
+    parser.add_argument("--kills", action="store_true")
     args = parser.parse_args()
     console = Console(width=140)
     gc.disable()  # it keeps all that comes: to look through that would hold up everything, and be taken for the ward's
@@ -281,7 +310,10 @@ def main() -> int:
     table = Columns(
         [
             Column("what"),
-            *(Column(words, number=True) for words in ("devices", "gap p50", "worst", "others' p50", "worst", "goal")),
+            *(
+                Column(words, number=True)
+                for words in ("devices", "gap p50", "worst", "others' p50", "worst", "ended after", "goal")
+            ),
         ]
     )
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
@@ -297,15 +329,16 @@ def main() -> int:
         console.print(f"processor time: {loads}")
         began = time.monotonic()
         every = {h.device for owned in cluster.owned.values() for h in owned.holdings}
-        done: list[tuple[str, float, set[str], float]] = [("nothing", began, set(), 0.0)]
+        done = [Trouble("nothing", began, set(), 0.0, math.nan)]
         cluster.listen(STOP_S)
         for number in range(args.rounds):
             victim = NAMES[number % len(NAMES)]
-            for what, goal in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S)):
+            for what, goal_s in (("SIGKILL", GAP_S), ("SIGSTOP", STOPPED_S))[: 1 if args.kills else 2]:
                 theirs = cluster.has(victim)
-                done.append((what, time.monotonic(), theirs, goal))
-                process = cluster.processes[victim]
+                process, at = cluster.processes[victim], time.monotonic()
                 process.send_signal(getattr(signal, what))
+                ended_s = _ended(process.pid) - at if what == "SIGKILL" else math.nan
+                done.append(Trouble(what, at, theirs, goal_s, ended_s))
                 cluster.until(lambda: cluster.left(victim, theirs), 30.0)  # noqa: B023 - done at once
                 cluster.owned.pop(victim)
                 cluster.listen(STOP_S)
@@ -318,16 +351,16 @@ def main() -> int:
                 cluster.listen(FRESH_S)
         missed = cluster.missed  # of what comes from now on nothing is taken
         given = Given(cluster.came)
-        for what, at, theirs, goal in done:
+        for trouble in done:
             words = [""] * 3
-            if theirs:
-                gaps = given.gaps(theirs, at, 3.0)
-                words = [str(len(theirs)), *(f"{1e3 * seconds:.0f} ms" for seconds in (np.median(gaps), gaps.max()))]
-            usual = given.gaps(every - theirs, at, 3.0)
-            words += [f"{1e3 * seconds:.0f} ms" for seconds in (np.median(usual), usual.max())]
-            table.add(what, *words, f"{1e3 * goal:.0f} ms" if goal else "")
+            if trouble.theirs:
+                gaps = given.gaps(trouble.theirs, trouble.at, 3.0)
+                words = [str(len(trouble.theirs)), _ms(np.median(gaps)), _ms(gaps.max())]
+            usual = given.gaps(every - trouble.theirs, trouble.at, 3.0)
+            words += [_ms(seconds) for seconds in (np.median(usual), usual.max(), trouble.ended_s)]
+            table.add(trouble.what, *words, _ms(trouble.goal_s) if trouble.goal_s else "")
         console.print(table)
-        had_to = 2 * sum(len(theirs) for _, _, theirs, _ in done)
+        had_to = 2 * sum(len(trouble.theirs) for trouble in done)
         console.print(f"devices went to another estimator {given.moves(began)} times; had to {had_to} times")
         console.print(
             f"{given.samples:,} samples given; {given.faults()}; left out {given.once.left_out.as_dict()}; "

@@ -9,16 +9,19 @@ import pytest
 
 from bridge.bus.contract import Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
+from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Checkpoint, Command, CommandReply, DeviceInfo, SampleBatch
+from bridge.wire.messages import Checkpoint, Command, CommandReply, CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.client import Client
 from estimator.config import Estimator
 from estimator.service.ownership import owner
 from estimator.service.shell import Service
 from estimator.service.store import Store
-from tests.estimator.stream import NAME, info
+from tests.estimator.stream import NAME, calibration, info
 
 WARD = "w"
+#: batches that come when SECOND is killed
+LAST = 20
 
 
 FIRST, SECOND = ("e1", "e2") if owner(NAME, ("e1", "e2")) == "e2" else ("e2", "e1")
@@ -148,3 +151,51 @@ class Cut:
 
     def drain(self, limit: int, timeout_s: float) -> Sequence[Message]:
         return [] if self.cut else self._whole.drain(limit, timeout_s)
+
+
+class Ward:
+    """SECOND has the device and is killed; the last batches are sent, but FIRST does not come to its session before `go_on`."""
+
+    def __init__(self, both: Both, monkeypatch: pytest.MonkeyPatch, batches: list[SampleBatch]) -> None:
+        self.both, self._patch = both, monkeypatch
+        self._heard = MemoryBus(both.broker).subscribe(keys.pattern(WARD, "corrected"))
+        both.start(FIRST)
+        both.start(SECOND)
+        both.pass_(1.2)
+        both.send(batches[:-LAST])
+        assert both.has() == [SECOND]
+        self.before = self.said()
+        self.first, self.theirs = both.services[FIRST], both.services[SECOND]._devices[NAME].session
+
+    def kill(self, *batches: list[SampleBatch], what: DeviceInfo | None = None) -> list[CorrectedBatch]:
+        """What was published then, of what came in some rounds before there was a session."""
+        self.both.kill(SECOND)
+        with self._patch.context() as busy:
+            busy.setattr(self.first._peers, "turn", list)
+            for some in batches:
+                self.both.send(some, what=what)
+            self.both.pass_(0.1)  # what came before the last of it
+        assert self.both.has() == []
+        return self.said()
+
+    def go_on(self) -> list[CorrectedBatch]:
+        self.both.pass_(1.0)
+        assert self.both.has() == [FIRST]
+        return self.said()
+
+    def said(self) -> list[CorrectedBatch]:
+        return [codec.decode_corrected(m.key, m.payload) for m in self._heard.drain(10_000, 0.0)]
+
+
+@pytest.fixture
+def batches() -> list[SampleBatch]:
+    return calibration(seed=1, after=[Still(30.0)]).batches()
+
+
+@pytest.fixture
+def ward(both: Both, monkeypatch: pytest.MonkeyPatch, batches: list[SampleBatch]) -> Iterator[Ward]:
+    made = Ward(both, monkeypatch, batches)
+    yield made
+    assert all("conservation law broken" not in service.counts.as_dict() for service in both.services.values())
+    session = made.first._devices[NAME].session.sequence
+    assert made.first._devices[NAME].told == session.samples_out

@@ -7,7 +7,6 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from estimator.service.shell import Service
 from tests.estimator.shared.conftest import FIRST, WARD, Both
-from tests.estimator.shared.test_interim import batches as batches  # noqa: PLC0414 - the fixture
 from tests.estimator.shared.test_interim import fails, numbers, powered_up_again
 from tests.estimator.stream import NAME
 
