@@ -25,6 +25,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -316,7 +317,8 @@ def main() -> int:
             ),
         ]
     )
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+    # Who waits for a process listens to nothing meanwhile.
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack, ThreadPoolExecutor(1) as waiter:
         cluster = Cluster(Path(folder), stack, args.devices, ("paced", str(55.0 * args.rounds + 60.0)))
         cluster.until(lambda: sum(cluster.shares().values()) == args.devices and cluster.home(), 60.0)
         for _ in range(args.beside):
@@ -337,11 +339,11 @@ def main() -> int:
                 theirs = cluster.has(victim)
                 process, at = cluster.processes[victim], time.monotonic()
                 process.send_signal(getattr(signal, what))
-                ended_s = _ended(process.pid) - at if what == "SIGKILL" else math.nan
-                done.append(Trouble(what, at, theirs, goal_s, ended_s))
+                ended = waiter.submit(_ended, process.pid) if what == "SIGKILL" else None
                 cluster.until(lambda: cluster.left(victim, theirs), 30.0)  # noqa: B023 - done at once
                 cluster.owned.pop(victim)
                 cluster.listen(STOP_S)
+                done.append(Trouble(what, at, theirs, goal_s, math.nan if ended is None else ended.result() - at))
                 if what == "SIGSTOP":
                     process.send_signal(signal.SIGCONT)
                 else:
