@@ -18,6 +18,7 @@ from estimator.config import Ward
 from estimator.database import Database
 from estimator.database.owner import owned
 from estimator.loops.compiled import ready
+from estimator.service.hang_up import HangUp
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -72,6 +73,13 @@ def run(ward: Ward) -> None:
         rest.daemon = True
         stack.callback(rest.cancel)
         rest.start()
+        cycles, hang_up = Cycles(), HangUp(routers)
+        stack.callback(hang_up.close)
+
+        def tend(devices: int) -> None:
+            cycles.tend(devices)
+            hang_up.look()
+
         Service(
             ward.ward,
             ward.estimator,
@@ -82,7 +90,7 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
-            tend=Cycles().tend,
+            tend=tend,
         ).run(stop)
 
 
