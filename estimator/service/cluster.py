@@ -197,9 +197,16 @@ class Cluster:
         """Whether the one that should have a device hears nothing of it, and we are the next."""
         if waits_s < self.knobs.stands_s:
             return False
+        return self._next(device)
+
+    def _next(self, device: str) -> bool:
         first = self._owner(device, self.members)
         others = tuple(name for name in self.members if name != first)
         return bool(others) and self._owner(device, others) == self.own
+
+    def near(self, device: str) -> bool:
+        """Whether a device that another has is ours as soon as that one is gone."""
+        return device not in self.held and (self._owner(device, self.members) == self.own or self._next(device))
 
     def _busy(self, device: str, now: float) -> bool:
         """Whether another is about to calibrate it, and lives."""

@@ -4,7 +4,8 @@ Whoever had them is gone, and a hundred sessions take longer to begin than a sub
 in their turn, and only do not publish it again.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -91,8 +92,31 @@ class Interim:
         self._senders, self._free, self._from = Senders(MOST), list(range(MOST)), dict[str, _From]()
         #: by their keys those that still only go on from what was published
         self._going = dict[str, str]()
+        #: of devices that another has what they would be published with: to declare it takes half as long as all else
+        self._ready = dict[str, Publisher]()
         #: what came before that, and is not published yet
         self._older = list[tuple[Round, list[_Run]]]()
+
+    def ahead(self, devices: Collection[str]) -> Iterator[tuple[str, Callable[[], None]]]:
+        """What is to be done while there is time, by device, so that less is once these are to be taken over."""
+        for device in [d for d in devices if d not in self._ready][: MOST - len(self._ready)]:
+            yield device, partial(self._prepare, device)
+        for device in [d for d in self._ready if d not in devices]:
+            yield device, partial(self._unprepare, device)
+
+    def _prepare(self, device: str) -> None:
+        if device not in self._ready and device not in self._from:
+            self._ready[device] = self._declare(device)
+
+    def _unprepare(self, device: str) -> None:
+        if (publisher := self._ready.pop(device, None)) is not None:
+            publisher.close()
+
+    def _publisher(self, device: str) -> Publisher:
+        return self._ready.pop(device) if device in self._ready else self._declare(device)
+
+    def _declare(self, device: str) -> Publisher:
+        return self._bus.publisher(keys.build(self._ward, "corrected", device=device), cache=CACHES["corrected"])
 
     def say(self, taken: Sequence[Taken]) -> None:
         """Publish what came of them last, of each up to the first message that is out of the ordinary."""
@@ -214,8 +238,7 @@ class Interim:
         if not said:
             return
         name, before = run.device, self._said.get(run.device)
-        key = keys.build(self._ward, "corrected", device=name)
-        publisher = self._bus.publisher(key, cache=CACHES["corrected"]) if before is None else before.publisher
+        publisher = self._publisher(name) if before is None else before.publisher
         begin = whole.span(run.first).sequence
         for at, payload in enumerate(said, run.first):
             publisher.put(payload)
@@ -242,6 +265,8 @@ class Interim:
         for device in list(self._said):
             for publisher in self.drop(device):
                 publisher.close()
+        for device in list(self._ready):
+            self._unprepare(device)
 
 
 def _run(whole: Round, device: str, begin: int, end: int) -> _Run | None:

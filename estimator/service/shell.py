@@ -358,6 +358,8 @@ class Service:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
+        for name, work in self._interim.ahead(self._peers.next_in_line()):
+            self._quiet.add(Kind.LOOK, name, work)
         self._silent.say(self._now_ns())
         self._record.tend(now)
         counts = self._count_all()

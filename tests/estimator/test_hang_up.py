@@ -82,7 +82,7 @@ def _until(true: Callable[[], bool]) -> None:
 
 def _sockets(pid: int) -> int:
     try:
-        return sum(os.readlink(path).startswith("socket:") for path in Path(f"/proc/{pid}/fd").iterdir())
+        return sum(path.readlink().name.startswith("socket:") for path in Path(f"/proc/{pid}/fd").iterdir())
     except OSError:
         return 0
 
