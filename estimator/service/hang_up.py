@@ -14,11 +14,15 @@ import logging
 import mmap
 import os
 import re
+import select
 import signal
 import socket
+import stat
 import subprocess
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,9 +33,12 @@ _SHARED, _ROBUST = 1, 1  # PTHREAD_PROCESS_SHARED, PTHREAD_MUTEX_ROBUST
 _MUTEX_BYTES, _ATTRIBUTES_BYTES = 256, 64
 #: connections at most: two sessions, each to one of a few routers
 _MOST = 16
-#: the second process is begun so often at most
-_TRIES = 3
+#: the second process is begun so often at most, unless it was there for so many looks
+_TRIES, _LASTING = 3, 600
+#: it has so long to end, s, and its lock to tell that it should
+_ENDS_S = 0.5
 _PORT = re.compile(r":(\d{1,5})(?:[?#].*)?\Z")
+_ONCE_MORE, _GIVEN_UP = "once more", "given up: if this estimator is killed, it is noticed some 50 ms later"
 
 
 class HangUp:
@@ -42,8 +49,11 @@ class HangUp:
         self._lock: _Lock | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._line: socket.socket | None = None
-        self._told: frozenset[int] = frozenset()
-        self._tries = 0
+        #: all sockets of this process when it was told of its connections
+        self._told: frozenset[str] = frozenset()
+        self._looks = 0
+        alone = getattr(sys, "frozen", False) or not Path(__file__).is_file()
+        self._tries = _TRIES if alone else 0  # there is no interpreter, or no file, to begin it with
 
     @property
     def pid(self) -> int | None:
@@ -56,17 +66,16 @@ class HangUp:
             if self._process is not None and self._process.poll() is not None:
                 raise ChildProcessError(f"its second process ended by itself ({self._process.returncode})")
             if self._process is None and self._tries < _TRIES:
-                self._tries += 1
+                self._tries, self._looks = self._tries + 1, 0
                 self._begin()
             if self._line is not None:
                 self._tell(self._line)
-        except OSError as error:
+                self._looks += 1
+                if self._looks == _LASTING:
+                    self._tries = 0
+        except Exception as error:  # noqa: BLE001 - whatever it is, no device waits for it
             self.close()
-            what = (
-                "once more"
-                if self._tries < _TRIES
-                else "given up: if this estimator is killed, it is noticed 50 ms later"
-            )
+            what = _ONCE_MORE if self._tries < _TRIES else _GIVEN_UP
             log.warning("what hangs up for this estimator does not work: %s; %s", error, what)
 
     def close(self) -> None:
@@ -76,39 +85,43 @@ class HangUp:
         if self._lock is not None:
             self._lock.let_go()
         if self._process is not None:
-            self._process.wait()
+            try:
+                self._process.wait(_ENDS_S)
+            except subprocess.TimeoutExpired:  # it is held up; to kill it does no harm
+                self._process.kill()
+                self._process.wait()
         self._line = self._lock = self._process = None
 
     def _begin(self) -> None:
-        memory = os.memfd_create("hang-up")
-        self._line, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._told = frozenset()
-        try:
-            os.truncate(memory, _MUTEX_BYTES)
-            lock = _Lock(memory)
+        with tempfile.TemporaryFile(dir="/dev/shm", buffering=0) as memory:
+            memory.truncate(_MUTEX_BYTES)
+            lock = _Lock(memory.fileno())
             lock.make()
             lock.take()
             self._lock = lock
-            self._process = subprocess.Popen(
-                # Neither packages nor what the environment says: it is soon there, and small.
-                [sys.executable, "-I", "-S", __file__, str(memory), str(its.fileno())],
-                pass_fds=(memory, its.fileno()),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,  # a terminal's Ctrl-C is ours
-            )
-        finally:
-            os.close(memory)
-            its.close()
+            self._line, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            self._told = frozenset()
+            with its:
+                passed = memory.fileno(), its.fileno()
+                self._process = subprocess.Popen(
+                    # Neither packages nor what the environment says: it is soon there, and small.
+                    [sys.executable, "-I", "-S", __file__, *map(str, passed)],
+                    pass_fds=passed,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    start_new_session=True,  # a terminal's Ctrl-C is ours
+                )
 
     def _tell(self, line: socket.socket) -> None:
+        if (there := _sockets()).keys() == self._told:
+            return
         with contextlib.ExitStack() as stack:
-            ours = {_inode(one): stack.enter_context(one) for one in _connections(self._ports)}
-            if ours.keys() != self._told:
-                some = [one.fileno() for one in ours.values()][:_MOST]
-                socket.send_fds(line, [b"."], some, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-                self._told = frozenset(ours)
+            copies = [stack.enter_context(copy) for number in there.values() if (copy := _copy(number)) is not None]
+            ours = [copy.fileno() for copy in copies if _goes_to(copy, self._ports)]
+            # While they are under way ours is not the last hold on any: to close that may wait until all in it is sent.
+            socket.send_fds(line, [b"."], ours[:_MOST], socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        self._told = frozenset(there)
 
 
 class _Lock:
@@ -143,21 +156,29 @@ class _Lock:
             raise OSError(error, f"{name}: {os.strerror(error)}")
 
 
-def _connections(ports: frozenset[int]) -> list[socket.socket]:
-    """Copies of this process's connections to these ports; they are to be closed."""
-    found = list[socket.socket]()
+def _sockets() -> dict[str, int]:
+    """Sockets of this process, as the system calls them, and the number of each."""
+    found = dict[str, int]()
     for path in Path("/proc/self/fd").iterdir():
-        try:
-            if not path.readlink().name.startswith("socket:"):
-                continue
-            copy = socket.socket(fileno=os.dup(int(path.name)))
-        except OSError:  # closed meanwhile
-            continue
-        if _goes_to(copy, ports):
-            found.append(copy)
-        else:
-            copy.close()
+        with contextlib.suppress(OSError):  # closed meanwhile
+            if (name := path.readlink().name).startswith("socket:"):
+                found[name] = int(path.name)
     return found
+
+
+def _copy(number: int) -> socket.socket | None:
+    """Another hold on a socket; None where it was closed meanwhile, or the number is something else's."""
+    try:
+        copy = os.dup(number)
+    except OSError:
+        return None
+    if not stat.S_ISSOCK(os.fstat(copy).st_mode):
+        return None  # and stays open: to close a file takes its locks from whoever has them, a store say
+    try:
+        return socket.socket(fileno=copy)
+    except OSError:
+        os.close(copy)
+        return None
 
 
 def _goes_to(one: socket.socket, ports: frozenset[int]) -> bool:
@@ -169,14 +190,10 @@ def _goes_to(one: socket.socket, ports: frozenset[int]) -> bool:
         return False
 
 
-def _inode(one: socket.socket) -> int:
-    return os.fstat(one.fileno()).st_ino
-
-
 def _wait(memory: int, line: int) -> None:
     """The second process: have the connections of the first, and end them if its thread ends and has not said so before."""
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # who ends all processes of a service: it goes when the first one is gone
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2):
+        signal.signal(number, signal.SIG_IGN)  # to all processes of a service: this one goes when the first one is gone
     held, lock = _Held(socket.socket(fileno=line)), _Lock(memory)
     threading.Thread(target=held.hear, daemon=True).start()
     if not lock.take():
@@ -188,20 +205,41 @@ class _Held:
     """The connections that it was told of last."""
 
     def __init__(self, line: socket.socket) -> None:
-        self._line, self._sockets = line, list[socket.socket]()
+        self._line, self._sockets, self._busy = line, list[socket.socket](), threading.Lock()
 
     def hear(self) -> None:
-        """Until there is nobody who could say anything."""
-        while (told := socket.recv_fds(self._line, 1, _MOST))[0]:
-            before, self._sockets = self._sockets, [socket.socket(fileno=number) for number in told[1]]
-            for one in before:
-                one.close()
+        """Until there is nobody who could say anything: then this process ends, whether or not its lock tells."""
+        goes_on = True
+        while goes_on:
+            select.select([self._line], [], [])
+            with self._busy:
+                goes_on = self._take()
+        time.sleep(_ENDS_S)
+        os._exit(0)
 
     def end(self) -> None:
         """Hang up: at the other end it is as if the process had ended."""
-        for one in self._sockets:
-            with contextlib.suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
+        with self._busy:
+            while select.select([self._line], [], [], 0.0)[0] and self._take():
+                pass
+            for one in self._sockets:
+                with contextlib.suppress(OSError):
+                    one.shutdown(socket.SHUT_RDWR)
+
+    def _take(self) -> bool:
+        """Have what it is told of next; whether there was anything."""
+        said, theirs, _, _ = socket.recv_fds(self._line, 1, _MOST)
+        if not said:
+            return False
+        before, self._sockets = self._sockets, [socket.socket(fileno=number) for number in theirs]
+        # To close the last hold on a connection may take as long as what waits in it takes to be sent.
+        threading.Thread(target=_let_go, args=(before,), daemon=True).start()
+        return True
+
+
+def _let_go(sockets: Sequence[socket.socket]) -> None:
+    for one in sockets:
+        one.close()
 
 
 if __name__ == "__main__":

@@ -62,7 +62,6 @@ def _program() -> Iterator[Program]:
         keeps, hangs_up = map(int, process.stdout.readline().split())
         ends = [server.accept()[0] for server in (router, other)]
         try:
-            _until(lambda: _sockets(hangs_up) >= 2)  # its line, and the connection
             yield Program(process, hangs_up, *ends)
         finally:
             process.kill()
@@ -94,6 +93,12 @@ def _runs(pid: int) -> bool:
         return False
 
 
+def _ignores(pid: int, number: int) -> bool:
+    said = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    ignored = next(line.split()[1] for line in said.splitlines() if line.startswith("SigIgn:"))
+    return bool(int(ignored, 16) >> (number - 1) & 1)
+
+
 def _ended(connection: socket.socket, within_s: float) -> bool:
     connection.settimeout(within_s)
     try:
@@ -112,7 +117,8 @@ def test_connections_to_routers_end_with_a_killed_process_and_no_others() -> Non
 
 def test_it_outlives_what_ends_all_processes_of_a_service() -> None:
     with _program() as program:
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        _until(lambda: _ignores(program.hangs_up, signal.SIGUSR2))  # it has begun
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1):
             os.kill(program.hangs_up, number)
         assert not _ended(program.router, 0.5)
         program.process.kill()
@@ -168,7 +174,7 @@ def test_a_new_connection_is_its_own_too_and_one_that_was_closed_is_let_go(
             first.close()
             hangs_up.look()
             assert _ended(its_end, _PATIENT_S)
-        assert _sockets(pid) == 2
+        _until(lambda: _sockets(pid) == 2)
 
 
 def test_one_that_is_killed_is_begun_again_but_not_for_ever(hangs_up: HangUp, caplog: pytest.LogCaptureFixture) -> None:
@@ -194,6 +200,39 @@ def test_where_there_are_no_such_locks_the_estimator_goes_on_without(
         hangs_up.look()
     assert hangs_up.pid is None
     assert caplog.text.count("pthread_mutexattr_setrobust: Invalid argument") == 3
+
+
+def test_whatever_fails_the_estimator_goes_on(
+    hangs_up: HangUp, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(sys, "executable", None)
+    for _ in range(5):
+        hangs_up.look()
+    assert hangs_up.pid is None
+    assert len(caplog.records) == 3
+
+
+def test_one_that_is_held_up_does_not_hold_up_the_end(hangs_up: HangUp) -> None:
+    hangs_up.look()
+    pid = hangs_up.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    hangs_up.close()
+    assert not _runs(pid)
+
+
+def test_it_ends_with_the_process_even_where_the_lock_does_not_tell(
+    hangs_up: HangUp, server: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hang_up._Lock, "let_go", lambda _: None)
+    with socket.create_connection(server.getsockname()):
+        hangs_up.look()
+        pid, line = hangs_up.pid, hangs_up._line
+        assert pid is not None
+        assert line is not None
+        line.close()  # as the end of the process would
+        _until(lambda: not _runs(pid))
+    monkeypatch.undo()
 
 
 def test_nothing_stays_behind(hangs_up: HangUp) -> None:
