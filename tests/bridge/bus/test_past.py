@@ -79,14 +79,16 @@ def test_a_past_that_a_queue_has_no_room_for_comes_whole(a: Bus, b: Bus) -> None
     past = collect(subscription, 100)
     assert [numbers([m for m in past if m.key.endswith(str(n))]) for n in range(2)] == [list(range(50))] * 2
     assert subscription.missed == 0
-    for number in range(50, 100):
+    publishers[0].put(b"50")  # while a bus learns a key a message may get lost, and come as the past
+    assert numbers(collect(subscription, 1)) == [50]
+    for number in range(51, 101):
         publishers[0].put(str(number).encode())
     eventually(lambda: subscription.missed == 40)
-    assert numbers(subscription.drain(100, 0.0)) == list(range(90, 100)), "its own length counts again"
+    assert numbers(subscription.drain(100, 0.0)) == list(range(91, 101)), "its own length counts again"
     subscription.close()
     short = b.subscribe("t/past/0", history=True, capacity=10, all_past=False)
     eventually(lambda: short.missed == 40)
-    assert numbers(collect(short, 10)) == list(range(90, 100)), "the newest of it"
+    assert numbers(collect(short, 10)) == list(range(91, 101)), "the newest of it"
     short.close()
 
 
