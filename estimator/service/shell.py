@@ -359,7 +359,7 @@ class Service:
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
         for name, work in self._interim.ahead(self._peers.next_in_line()):
-            self._quiet.add(Kind.LOOK, name, work)
+            self._quiet.add(Kind.LOOK, f"{name}, ready", work)  # beside its own, once it is ours
         self._silent.say(self._now_ns())
         self._record.tend(now)
         counts = self._count_all()

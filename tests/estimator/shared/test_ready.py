@@ -83,3 +83,17 @@ def test_what_is_ready_is_taken_back_at_the_end(
     monkeypatch.setattr(interim._ready[NAME], "close", lambda: closed.append(NAME))
     interim.close()
     assert (interim._ready, closed) == ({}, [NAME])
+
+
+def test_a_device_of_ours_is_looked_after_while_what_was_ready_for_it_is_given_up(
+    ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.kill(batches[-LAST:])
+    ward.go_on()
+    first, looked = ward.first, list[str]()
+    first._quiet.finish()
+    first._interim._ready[NAME] = first._interim._declare(NAME)
+    monkeypatch.setattr(first, "_look_after", lambda device: looked.append(device.name))
+    first._every_second(ward.both.now)
+    first._quiet.finish()
+    assert (looked, first._interim._ready) == ([NAME], {})
