@@ -97,6 +97,11 @@ class Interim:
         #: what came before that, and is not published yet
         self._older = list[tuple[Round, list[_Run]]]()
 
+    @property
+    def ready(self) -> Collection[str]:
+        """Devices that are made ready for."""
+        return self._ready.keys()
+
     def ahead(self, devices: Collection[str]) -> Iterator[tuple[str, Callable[[], None]]]:
         """What is to be done while there is time, by device, so that less is once these are to be taken over."""
         for device in [d for d in devices if d not in self._ready][: MOST - len(self._ready)]:
@@ -105,7 +110,7 @@ class Interim:
             yield device, partial(self._unprepare, device)
 
     def _prepare(self, device: str) -> None:
-        if device not in self._ready and device not in self._from:
+        if device not in self._ready and device not in self._from and len(self._ready) < MOST:
             self._ready[device] = self._declare(device)
 
     def _unprepare(self, device: str) -> None:

@@ -247,9 +247,13 @@ class Peers:
             self._taking, self._why = False, ""  # what comes later has another reason
         return taken
 
-    def next_in_line(self) -> set[str]:
-        """Devices of others that are ours as soon as they are gone, and that could be gone on with at once."""
-        return {device for device in self._standby if self.replicas.bridge(device) and self.cluster.near(device)}
+    def next_in_line(self, before: Collection[str] = ()) -> set[str]:
+        """Devices of others that are ours as soon as they are gone, and that could be gone on with at once.
+
+        Also those that were so before, and send nothing now: they may come back at any time.
+        """
+        heard = {*self._standby, *before}
+        return {device for device in heard if self.replicas.bridge(device) and self.cluster.near(device)}
 
     def meanwhile(self) -> list[Message]:
         """What came, since this was asked last, of those that were taken over and still wait for their turn."""

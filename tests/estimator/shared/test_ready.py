@@ -67,6 +67,32 @@ def test_who_is_next_no_more_gives_it_up(both: Both, batches: list[SampleBatch])
     assert first._interim._ready == {}
 
 
+def test_it_stays_ready_for_a_device_that_pauses(
+    both: Both, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """zenoh never gives back all that it takes to declare something, and a router that comes back is when it is needed."""
+    first, declared = _shared(both, batches), list[str]()
+    publisher, declare = first._interim._ready[NAME], first._interim._declare
+    monkeypatch.setattr(first._interim, "_declare", lambda device: (declared.append(device), declare(device))[1])
+    both.pass_(15.0)
+    assert NAME not in first._peers._standby
+    both.send(batches[-LAST:])
+    both.pass_(2.0)
+    assert first._interim._ready == {NAME: publisher}
+    assert declared == []
+
+
+def test_no_more_are_ready_than_there_is_room_for(
+    both: Both, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interim = _shared(both, batches)._interim
+    monkeypatch.setattr("estimator.service.interim.MOST", 3)
+    work = [done for n in range(4) for _, done in interim.ahead({NAME, f"d{n}-a", f"d{n}-b"})]
+    for one in work:
+        one()
+    assert len(interim._ready) == 3
+
+
 def test_for_names_that_nobody_has_nothing_is_made_ready(both: Both, batches: list[SampleBatch]) -> None:
     """A name costs nothing to make up."""
     peers = _shared(both, batches)._peers
