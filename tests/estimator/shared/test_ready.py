@@ -2,6 +2,7 @@
 
 import pytest
 
+from bridge.bus.contract import Publisher
 from bridge.wire.messages import SampleBatch
 from estimator.service.ownership import owner
 from estimator.service.shell import Service
@@ -73,7 +74,12 @@ def test_it_stays_ready_for_a_device_that_pauses(
     """zenoh never gives back all that it takes to declare something, and a router that comes back is when it is needed."""
     first, declared = _shared(both, batches), list[str]()
     publisher, declare = first._interim._ready[NAME], first._interim._declare
-    monkeypatch.setattr(first._interim, "_declare", lambda device: (declared.append(device), declare(device))[1])
+
+    def counted(device: str) -> Publisher:
+        declared.append(device)
+        return declare(device)
+
+    monkeypatch.setattr(first._interim, "_declare", counted)
     both.pass_(15.0)
     assert NAME not in first._peers._standby
     both.send(batches[-LAST:])
