@@ -62,9 +62,10 @@ class _Lost(NamedTuple):
 class _Peer:
     heard_s: float
     since_s: float
+    said_s: float = float("-inf")
     alive: bool = True
     pause_s: float = 0.0
-    parts: dict[int, tuple[Holding, ...]] = field(default_factory=dict)
+    parts: dict[int, dict[str, Holding]] = field(default_factory=dict)  # by device
     busy: dict[int, frozenset[str]] = field(default_factory=dict)  # devices, by part
 
 
@@ -84,6 +85,8 @@ class Cluster:
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
         self._slept_s = float("-inf")
+        #: what was said before is no proof that nobody else has a device
+        self._woke_s = now
         self._lost: dict[str, _Lost] = {}
         self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
         self._spared: dict[str, float] = {}
@@ -118,11 +121,13 @@ class Cluster:
 
     def unreachable(self, now: float) -> None:
         """There is no router now, and what became of the others is not known: it stays as it is."""
+        self._woke_s = now
         self._settled_s, self._settled_by_s = now + self.knobs.return_s, now + self.knobs.most_s
 
     def behind(self, now: float) -> None:
         """There is more to be read than we got round to: who takes a device now would go on with what is long past."""
         if not self.settled(now):
+            self._woke_s = now
             self._settled_s = max(self._settled_s, min(now + self.knobs.behind_s, self._settled_by_s))
 
     def held_up(self, seconds: float, now: float) -> None:
@@ -138,7 +143,7 @@ class Cluster:
         if seconds > self.knobs.hangs_s:
             if now - seconds - self._slept_s > self.knobs.most_s:  # who sleeps again and again has to go on some time
                 self._settled_by_s = now + self.knobs.most_s
-            self._slept_s = now
+            self._slept_s = self._woke_s = now
             self._settled_s = max(self._settled_s, min(now + self.knobs.return_s, self._settled_by_s))
 
     def look(self, now: float) -> tuple[list[str], list[str]]:
@@ -174,7 +179,9 @@ class Cluster:
         if peer is not None:
             peer.pause_s = max(now - peer.heard_s, _FADES * peer.pause_s)
             peer.heard_s = now
-            peer.parts[owned.part] = owned.holdings
+            if owned.part + 1 >= owned.parts:  # the last
+                peer.said_s = now
+            peer.parts[owned.part] = {h.device: h for h in owned.holdings}
             peer.busy[owned.part] = frozenset(h.device for h in owned.holdings if h.busy)
             for part in [part for part in peer.parts if part >= owned.parts]:
                 del peer.parts[part], peer.busy[part]
@@ -183,15 +190,24 @@ class Cluster:
 
     def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
         """Whether a device that is not ours is to be taken now; who has it has done nothing with what came of it for so long."""
-        if not self.settled(now) or not (
-            self._owner(device, self.members) == self.own or self._steps_in(device, waits_s)
-        ):
+        if self._owner(device, self.members) != self.own and not self._steps_in(device, waits_s):
+            return False
+        if not self.settled(now) and not self._nobodys(device):
             return False
         lost = self._lost.get(device)
         if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
             return False
         self._lost.pop(device, None)
         return not self._busy(device, now)
+
+    def _nobodys(self, device: str) -> bool:
+        """Whether all others have told what they have since we came to know too little of that, and it is not among it.
+
+        Who begins, on a busy machine, is held up again and again: a device that is switched on meanwhile need not wait.
+        """
+        others = [self._peers.get(name) for name in self.members if name != self.own]
+        since_s = self._woke_s + self.knobs.behind_s
+        return all(peer is not None and peer.said_s > since_s for peer in others) and not self._claimed(device)
 
     def _steps_in(self, device: str, waits_s: float) -> bool:
         """Whether the one that should have a device hears nothing of it, and we are the next."""
@@ -250,7 +266,7 @@ class Cluster:
         """Whether it is for us to speak of a device: it is ours, or would be, and nobody else has it. From any thread."""
         if device in self.held or self.alone:
             return True
-        return self._owner(device, self.members) == self.own and not any(h.device == device for h in self.claims())
+        return self._owner(device, self.members) == self.own and not self._claimed(device)
 
     def orphaned(self, device: str, epoch: int) -> bool:
         """Whether a device of which another spoke last, under this epoch, is nobody's now, and ours to speak of."""
@@ -259,7 +275,13 @@ class Cluster:
 
     def claims(self) -> Iterator[Holding]:
         """What the others said last to have, of those that are taken for alive."""
+        for part in self._parts():
+            yield from part.values()
+
+    def _claimed(self, device: str) -> bool:
+        return any(device in part for part in self._parts())
+
+    def _parts(self) -> Iterator[dict[str, Holding]]:
         for name in self.members:
             peer = self._peers.get(name)
-            for holdings in list(peer.parts.values()) if peer is not None else ():
-                yield from holdings
+            yield from list(peer.parts.values()) if peer is not None else ()

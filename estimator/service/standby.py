@@ -44,18 +44,42 @@ class _Queue:
     held: deque[_Held] = field(default_factory=deque)
     size: int = 0
     epoch: int = 0
-    #: how far who has it has come, boot and number, and since when it has not come any further
+    #: how far who has it has come, boot and number; when that was said last, and since when it has not come any further
     reached: tuple[int, int] = -1, 0
+    said_s: float = float("-inf")
     reached_s: float = float("-inf")
+    #: what had come last then; None where what it said has been looked at
+    newest: _Held | None = None
 
     def drop(self) -> int:
         size = len(self.held.popleft().message.payload)
         self.size -= size
         return size
 
+    def drop_done(self) -> int:
+        """What who has it had done when it said so; the bytes that it took."""
+        if self.newest is None:
+            return 0
+        boot, next_ = self.reached
+        # What a bridge kept for us comes all at once, however old it is.
+        last, recent_ns = -1, self.newest.read()[2] - round(OVERLAP_S * 1e9)
+        self.newest = None
+        for at, held in enumerate(self.held):
+            its, reaches, had_ns = held.read()
+            if held.came_s > self.said_s - OVERLAP_S and had_ns > recent_ns:
+                break
+            if its == boot and reaches > next_:
+                break  # whatever comes after it
+            if its == boot:
+                last = at
+        return sum(self.drop() for _ in range(last + 1))
+
 
 class Standby:
-    """Messages by device; `now` is monotonic seconds."""
+    """Messages by device; `now` is monotonic seconds.
+
+    What is said to be done, five times a second, is only noted, and goes once somebody asks for what is kept, or room is needed.
+    """
 
     def __init__(self, devices: int) -> None:
         self._room = devices
@@ -86,19 +110,23 @@ class Standby:
         while queue.held[0].came_s < now - HELD_S:
             self._size -= queue.drop()
         if len(queue.held) > MOST:
-            self._size -= queue.drop()
-            self.dropped += 1
+            self._drop_one(queue)
         while self._size > MOST_BYTES:
             fair = self._size / len(self._queues)
-            most = queue if queue.size >= fair else max(self._queues.values(), key=lambda q: q.size)
-            self._size -= most.drop()
-            self.dropped += 1
+            self._drop_one(queue if queue.size >= fair else max(self._queues.values(), key=lambda q: q.size))
         return len(queue.held) <= 1
+
+    def _drop_one(self, queue: _Queue) -> None:
+        if not (done := queue.drop_done()):
+            done, self.dropped = queue.drop(), self.dropped + 1
+        self._size -= done
 
     def waits_s(self, device: str, now: float) -> float:
         """How long something of a device has been kept with which who has it does nothing, nor with what is before it."""
-        queue = self._queues.get(device)
-        return now - max(queue.held[0].came_s, queue.reached_s) if queue is not None and queue.held else 0.0
+        if (queue := self._queues.get(device)) is None:
+            return 0.0
+        self._size -= queue.drop_done()
+        return now - max(queue.held[0].came_s, queue.reached_s) if queue.held else 0.0
 
     def done(self, device: str, boot: int, next_: int, now: float, epoch: int = 0) -> None:
         """Who has a device since this epoch has corrected all of this boot below this number.
@@ -108,21 +136,12 @@ class Standby:
         queue = self._queues.get(device)
         if queue is None or epoch < queue.epoch:
             return
+        if epoch > queue.epoch or boot != queue.reached[0]:
+            self._size -= queue.drop_done()
         queue.epoch = epoch
         if (boot, next_) != queue.reached:
             queue.reached, queue.reached_s = (boot, next_), now
-        # What a bridge kept for us comes all at once, however old it is.
-        last, recent_ns = -1, queue.held[-1].read()[2] - round(OVERLAP_S * 1e9) if queue.held else 0
-        for at, held in enumerate(queue.held):
-            its, reaches, had_ns = held.read()
-            if held.came_s > now - OVERLAP_S and had_ns > recent_ns:
-                break
-            if its == boot and reaches > next_:
-                break  # whatever comes after it
-            if its == boot:
-                last = at
-        for _ in range(last + 1):
-            self._size -= queue.drop()
+        queue.said_s, queue.newest = now, queue.held[-1] if queue.held else None
 
     def take(self, device: str) -> list[Message]:
         """What is kept of a device, in the order in which it came; it is another's no more."""
@@ -130,6 +149,7 @@ class Standby:
         if queue is None:
             return []
         self._size -= queue.size
+        queue.drop_done()
         return [held.message for held in queue.held]
 
     def has(self, device: str, message: Message) -> bool:
@@ -139,6 +159,8 @@ class Standby:
     def move(self, device: str, to: "Standby", now: float) -> list[Message]:
         """What is kept of a device is kept there from now on; the messages, in the order in which they came."""
         queue = self._queues.get(device)
+        if queue is not None:
+            self._size -= queue.drop_done()
         for held in () if queue is None else queue.held:
             to.hold(device, held.message, held.came_s)
         to.wait_anew(device, now)
@@ -150,8 +172,9 @@ class Standby:
             queue.reached_s = now
 
     def tidy(self, now: float) -> None:
-        """Forget what is too old, and devices that send nothing."""
+        """Forget what is done or too old, and devices that send nothing."""
         for device, queue in list(self._queues.items()):
+            self._size -= queue.drop_done()
             while queue.held and queue.held[0].came_s < now - HELD_S:
                 self._size -= queue.drop()
             if not queue.held:

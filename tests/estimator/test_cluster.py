@@ -351,6 +351,27 @@ def test_who_is_held_up_again_and_again_takes_over_all_the_same() -> None:
     assert gone == ["e2"]
 
 
+def test_who_is_held_up_again_and_again_as_it_begins_takes_at_once_what_is_switched_on_meanwhile() -> None:
+    """On a busy machine such a device had nobody for 15 s."""
+    one, now = Cluster("e1", ["e2"], 0.0, KNOBS), 3.0
+    ours = [d for d in DEVICES if owner(d, ("e1", "e2")) == "e1"]
+    for _ in range(5):
+        now += 1.1 * KNOBS.hangs_s
+        one.held_up(1.1 * KNOBS.hangs_s, now)
+        for after_s in (0.0, 0.1):
+            one.said(Owned("e2", 0, 1, 0.0, (Holding(ours[0], 1, 0, 0),)), now + after_s)
+            one.look(now + after_s)
+            assert not one.settled(now)
+            assert not any(one.wants(d, now + after_s) for d in ours), "that may have been said before we slept"
+        one.said(Owned("e2", 0, 1, 0.0, (Holding(ours[1], 1, 0, 0),), part=0, parts=2), now + 0.4)
+        assert not any(one.wants(d, now + 0.4) for d in ours), "nor is that all that it has"
+        one.said(Owned("e2", 0, 1, 0.0, (Holding(ours[0], 1, 0, 0),), part=1, parts=2), now + 0.4)
+        assert {d for d in DEVICES if one.wants(d, now + 0.4)} == set(ours[2:])
+    one.change("e3", now, alive=True)
+    one.look(now + 0.5)
+    assert not any(one.wants(d, now + 0.5) for d in DEVICES), "nor does a third one have told what it has"
+
+
 def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:
     world = World("e1", "e2")
     world.run(1.5)

@@ -119,12 +119,53 @@ def test_what_is_old_is_forgotten_and_who_sends_nothing() -> None:
     assert firsts(kept.take("d1")) == [(7, 10)]
 
 
+def test_who_has_sent_nothing_that_is_not_done_is_forgotten() -> None:
+    kept = held(message(0), message(10))
+    kept.done("d1", 7, 20, LATER)
+    kept.tidy(LATER)
+    assert list(kept) == []
+
+
 def test_room_is_bounded_by_device_by_bytes_and_in_devices() -> None:
     kept = held(*(message(10 * n) for n in range(MOST + 5)))
     assert kept.dropped == 5
     for device in "abcd":
         kept.hold(device, message(0), 0.0)
     assert len(kept) == 3
+
+
+def test_what_is_done_makes_room_before_anything_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = held(*(message(10 * n) for n in range(MOST)))
+    kept.done("d1", 7, 100, LATER)
+    kept.hold("d1", message(10 * MOST), LATER)
+    assert kept.dropped == 0
+    assert len(kept.take("d1")) == MOST + 1 - 10
+    monkeypatch.setattr(standby, "MOST_BYTES", 4 * len(message(20).payload))
+    kept = held(message(0), message(10), message(20))
+    kept.done("d1", 7, 20, LATER)
+    for n in range(3):
+        kept.hold("d2", message(10 * n), LATER)
+    assert kept.dropped == 0
+    assert [len(kept.take(device)) for device in ("d1", "d2")] == [1, 3]
+
+
+def test_what_was_done_by_who_has_it_no_more_stays_done() -> None:
+    kept = held(message(0), message(10), message(20))
+    kept.done("d1", 7, 20, LATER, epoch=1)
+    kept.done("d1", 0, 0, LATER, epoch=2)
+    assert firsts(kept.take("d1")) == [(7, 20)]
+
+
+def test_what_comes_after_it_was_said_to_be_done_does_not_shorten_how_long_that_is_kept() -> None:
+    """Who hangs says nothing more, and what it had said last may not have left it."""
+    begun_ns = 1_700_000_000_000_000_000
+    kept = Standby(devices=3)
+    for n in range(20):
+        sent = replace(plain(10, sequence=10 * n), receive_time_ns=begun_ns + n * 10**8)
+        kept.hold("d1", Message(KEY, codec.encode_samples(sent)), 0.1 * n)
+        if n == 9:
+            kept.done("d1", 7, 100, 0.95)
+    assert [first for _, first in firsts(kept.take("d1"))] == list(range(50, 200, 10))
 
 
 def test_of_too_many_bytes_those_of_who_sends_most_go(monkeypatch: pytest.MonkeyPatch) -> None:
