@@ -31,9 +31,14 @@ class Remembered:
         """The bias as it was kept; doubted by doubt_std, rad/s, where nobody knows how long ago: a rest has to confirm it."""
         if self.bias is None:
             return None
+        return wider(replace(self.bias, time=now), doubt_std) if self.lost_count(now) else self.bias
+
+    def lost_count(self, now: float) -> bool:
+        """Whether nobody knows how long before the device time `now` the bias was kept."""
+        if self.bias is None:
+            return False
         passed = now - self.bias.time
-        unknown = passed < -CACHE_S or self.age_s - passed > CACHE_S
-        return wider(replace(self.bias, time=now), doubt_std) if unknown else self.bias
+        return passed < -CACHE_S or self.age_s - passed > CACHE_S
 
 
 def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) -> Correction | None:

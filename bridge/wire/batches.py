@@ -3,6 +3,7 @@
 A packed column is a `bytes` field there: the same bytes on the wire, at memory speed.
 """
 
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,6 +98,12 @@ class Stencil:
         )
         #: what stands before and behind the samples
         self.begin, self.end = begin.SerializeToString(), end.SerializeToString()
+
+    def under(self, epoch: int) -> "Stencil":
+        """The same, said under this epoch, of one that is said under none."""
+        made = copy(self)
+        made.end += columns.CorrectedBatch(epoch=epoch).SerializeToString()  # the last of its fields
+        return made
 
     def encode(self, batch: CorrectedBatch) -> bytes:
         """The payload of a batch."""

@@ -4,8 +4,7 @@ Whoever had them is gone, and a hundred sessions take longer to begin than a sub
 in their turn, and only do not publish it again.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -13,13 +12,14 @@ import numpy as np
 
 from bridge.bus.contract import Bus, BusError, Message, Publisher
 from bridge.wire import keys
-from bridge.wire.messages import DeviceInfo
+from bridge.wire.messages import Checkpoint, DeviceInfo
 from bridge.wire.refusal import Tally
 from estimator.course import PLAIN_S
 from estimator.remembered import correction
 from estimator.restore import changed
 from estimator.service.device import CACHES, Device
 from estimator.service.published import Encoder
+from estimator.service.ready import MOST, Applied, Ready
 from estimator.service.replicas import Replicas
 from estimator.service.senders import Sender, Senders
 from estimator.service.together import Round, Span
@@ -29,8 +29,6 @@ from estimator.session_knobs import SessionKnobs
 FAILED = "devices not corrected at once"
 #: devices that are looked at together: those of them need not wait until all have been
 AT_ONCE = 6
-#: devices at most: more wait for their sessions
-MOST = 1024
 #: what came last, ns of the bridge's clock, is published first, of all devices: whoever is gone has most likely done the rest
 RECENT_NS = 150_000_000
 #: unless there is so much of it that who had them hung: then nothing of it is done, and subscribers do not wait that long
@@ -92,33 +90,9 @@ class Interim:
         self._senders, self._free, self._from = Senders(MOST), list(range(MOST)), dict[str, _From]()
         #: by their keys those that still only go on from what was published
         self._going = dict[str, str]()
-        #: of devices that another has what they would be published with: to declare it takes half as long as all else
-        self._ready = dict[str, Publisher]()
+        self.ready = Ready(replicas, self._declare, self._applied)
         #: what came before that, and is not published yet
         self._older = list[tuple[Round, list[_Run]]]()
-
-    @property
-    def ready(self) -> Collection[str]:
-        """Devices that are made ready for."""
-        return self._ready.keys()
-
-    def ahead(self, devices: Collection[str]) -> Iterator[tuple[str, Callable[[], None]]]:
-        """What is to be done while there is time, by device, so that less is once these are to be taken over."""
-        for device in [d for d in devices if d not in self._ready][: MOST - len(self._ready)]:
-            yield device, partial(self._prepare, device)
-        for device in [d for d in self._ready if d not in devices]:
-            yield device, partial(self._unprepare, device)
-
-    def _prepare(self, device: str) -> None:
-        if device not in self._ready and device not in self._from and len(self._ready) < MOST:
-            self._ready[device] = self._declare(device)
-
-    def _unprepare(self, device: str) -> None:
-        if (publisher := self._ready.pop(device, None)) is not None:
-            publisher.close()
-
-    def _publisher(self, device: str) -> Publisher:
-        return self._ready.pop(device) if device in self._ready else self._declare(device)
 
     def _declare(self, device: str) -> Publisher:
         return self._bus.publisher(keys.build(self._ward, "corrected", device=device), cache=CACHES["corrected"])
@@ -223,8 +197,16 @@ class Interim:
         used = None if remembered is None else remembered.calibration
         if used is not None and info is not None and info.boot == run.boot and changed(used, info, within_boot=True):
             return False
-        best = correction(remembered, whole.span(run.last - 1).last_s, self._knobs(name))
-        return best is not None and self._senders.corrects(place, best, Encoder(epoch).stencil(name, run.boot, best))
+        last_s = whole.span(run.last - 1).last_s
+        counts = remembered is None or not remembered.lost_count(last_s)
+        applied = self.ready.applied(known, last_s) if counts else self._applied(known, last_s)
+        return applied is not None and self._senders.corrects(place, applied.correction, applied.stencil.under(epoch))
+
+    def _applied(self, known: Checkpoint, time: float) -> Applied | None:
+        """What corrects a device at a device time by what was said of it last; None where that is not enough."""
+        remembered = self._replicas.recall(known.device, known.boot, self._now_ns())
+        best = correction(remembered, time, self._knobs(known.device))
+        return None if best is None else Applied(best, Encoder().stencil(known.device, known.boot, best))
 
     def _publish(self, whole: Round, runs: Sequence[_Run]) -> None:
         """Of each run up to what the wire does not take."""
@@ -243,7 +225,7 @@ class Interim:
         if not said:
             return
         name, before = run.device, self._said.get(run.device)
-        publisher = self._publisher(name) if before is None else before.publisher
+        publisher = self.ready.publisher(name) if before is None else before.publisher
         begin = whole.span(run.first).sequence
         for at, payload in enumerate(said, run.first):
             publisher.put(payload)
@@ -270,8 +252,7 @@ class Interim:
         for device in list(self._said):
             for publisher in self.drop(device):
                 publisher.close()
-        for device in list(self._ready):
-            self._unprepare(device)
+        self.ready.close()
 
 
 def _run(whole: Round, device: str, begin: int, end: int) -> _Run | None:

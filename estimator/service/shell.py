@@ -358,7 +358,8 @@ class Service:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
-        for name, work in self._interim.ahead(self._peers.next_in_line(self._interim.ready)):
+        ready = self._interim.ready
+        for name, work in ready.ahead(self._peers.next_in_line(ready.publishers)):
             self._quiet.add(Kind.LOOK, f"{name}, ready", work)  # beside its own, once it is ours
         self._silent.say(self._now_ns())
         self._record.tend(now)

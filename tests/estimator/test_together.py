@@ -242,6 +242,7 @@ def test_it_is_corrected_and_encoded_as_a_batch_by_itself() -> None:
         alone = correction.apply(come.sent.where(0)[0], first, last)
         assert Encoder(7).stencil("d", come.sent.boot, correction).enclose(samples) == Encoder(7).encode(alone)
         assert Stencil(alone, 7).enclose(samples) == codec.encode_corrected(replace(alone, epoch=7))
+        assert Stencil(alone, 0).under(7).enclose(samples) == codec.encode_corrected(replace(alone, epoch=7))
 
 
 @pytest.mark.parametrize("scale", [1e3, np.nan, 1e300])
