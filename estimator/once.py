@@ -17,6 +17,8 @@ from estimator.revision import SAME_TIME_NS
 
 #: how long a hole is waited for: some batches, so that two publishers may overtake each other
 WAIT_S = 0.1
+#: a bridge that stood still, or had just begun, may have taken samples for later than they were by as much as its caches reach
+MISTAKEN_NS = 30_000_000_000
 #: samples of a boot that are held at least, and of the fastest device in a second
 WINDOW, FASTEST_HZ = 4096, 1000.0
 
@@ -105,7 +107,7 @@ class Once:
         which = batch.device, batch.boot
         end = batch.sequence + len(batch)
         boot.reached = max(boot.reached, end)
-        if batch.start_time_ns > boot.latest.start_time_ns:
+        if batch.start_time_ns > boot.latest.start_time_ns and end > (boot.came_to or 0):
             boot.latest = batch
         if batch.sequence == boot.came_to and not boot.held:
             boot.came_to, boot.epoch = end, batch.epoch
@@ -143,8 +145,7 @@ class Once:
         boots = self._devices[batch.device] = {} if boots is None else boots  # heard last: at the end
         boot = boots.pop(batch.boot, None)
         end = batch.sequence + len(batch)
-        if boot is not None and end <= boot.reached and batch.start_time_ns > _ends_ns(boot.latest) + SAME_TIME_NS:
-            # Low numbers at a later time are no repeats: the device was started anew under the same boot number.
+        if boot is not None and end <= boot.reached and _begins_anew(boot, batch):
             self._give_up(which, boot)
             boot = None
         if boot is not None:
@@ -256,6 +257,18 @@ class Once:
     def _leave_out(self, why: str, samples: int) -> None:
         if samples:
             self.left_out.add(why, samples)
+
+
+def _begins_anew(boot: _Boot, batch: CorrectedBatch) -> bool:
+    """Whether low numbers are at a later time: no repeats, but of a device that was started anew under the same boot number.
+
+    What was given up another estimator may say late, at a time that the bridge mistook.
+    """
+    later_ns = batch.start_time_ns - _ends_ns(boot.latest)
+    if not SAME_TIME_NS < later_ns <= MISTAKEN_NS or batch.epoch == boot.latest.epoch:
+        return later_ns > SAME_TIME_NS
+    start, end = _span(batch)
+    return not any(first < end and start < last for first, last in boot.holes)
 
 
 def _span(batch: CorrectedBatch) -> tuple[int, int]:

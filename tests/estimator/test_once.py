@@ -137,6 +137,33 @@ def test_a_device_started_anew_under_its_boot_number_begins_again() -> None:
     assert said(once) == [("d", 0, 4), ("-", 5, 8), ("d", 9, 11), ("d", 0, 4)]
 
 
+def _of_a_hole(epoch: int, later_ns: int) -> Once:
+    """Given 0 to 4 and, after a hole, 60 to 64 under epoch 1, then 22 to 26: at a time after that."""
+    once = Once(KNOBS)
+    for first in (0, 60):
+        once.feed(batch(first, 5, epoch=1), 0.0)
+    once.overdue(2.0)
+    assert said(once) == [("d", 0, 4), ("-", 5, 59), ("d", 60, 64)]
+    for first in (22, 27):
+        at_ns = batch(first + 42).start_time_ns + later_ns
+        once.feed(batch(first, 5, epoch=epoch, start_time_ns=at_ns), 2.1)
+    once.overdue(4.0)
+    return once
+
+
+def test_what_another_estimator_says_late_is_no_new_begin_though_the_bridge_mistook_its_time() -> None:
+    """A bridge had been stopped as the device began: its first samples were taken for seconds later than they were."""
+    for epoch, why in ((0, "outdated"), (2, "late")):
+        once = _of_a_hole(epoch, 5_000_000_000)
+        assert said(once) == []
+        assert once.left_out.as_dict() == {why: 10}
+
+
+def test_nor_for_longer_than_a_bridge_may_be_mistaken_nor_by_the_same_estimator() -> None:
+    assert said(_of_a_hole(2, MINUTE_NS)) == [("d", 22, 26), ("d", 27, 31)]
+    assert said(_of_a_hole(1, 5_000_000_000)) == [("d", 22, 26), ("d", 27, 31)]
+
+
 def test_a_part_of_a_batch_of_a_slow_device_that_comes_again_is_no_new_begin() -> None:
     once = fed((0, 5), (5, 35), (30, 35))  # ten samples a second
     assert said(once) == [("d", 0, 4), ("d", 5, 34)]

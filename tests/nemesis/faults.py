@@ -129,8 +129,8 @@ KINDS = (
 #: where there are several routers
 PARTED = (Kind("hold", (TRUNK,), 1.0, 10.0, _held), Kind("cut", (TRUNK,), 1.0, 10.0, _cut))
 CLOCKS = (
-    Kind("set forward an hour the clock of", PARTS, 0.5, 4.0, _clock(3600.0)),
-    Kind("set back an hour the clock of", PARTS, 0.5, 4.0, _clock(-3600.0)),
+    Kind("set forward an hour the clock of", PARTS, 1.5, 4.0, _clock(3600.0)),
+    Kind("set back an hour the clock of", PARTS, 1.5, 4.0, _clock(-3600.0)),
 )
 
 
