@@ -115,6 +115,18 @@ def test_connections_to_routers_end_with_a_killed_process_and_no_others() -> Non
         _until(lambda: not _runs(program.hangs_up))
 
 
+def _niceness(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[16])
+
+
+def test_what_is_left_of_a_killed_process_lets_others_go_first() -> None:
+    with _program() as program:
+        before = _niceness(program.process.pid)
+        _until(lambda: _ignores(program.hangs_up, signal.SIGUSR2))
+        program.process.kill()
+        _until(lambda: _niceness(program.process.pid) > before)  # nobody has waited for it yet
+
+
 def test_it_outlives_what_ends_all_processes_of_a_service() -> None:
     with _program() as program:
         _until(lambda: _ignores(program.hangs_up, signal.SIGUSR2))  # it has begun
