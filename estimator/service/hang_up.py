@@ -3,7 +3,7 @@
 Of a process that is killed the system first takes back the memory, and only then closes the connections, by which a router
 notices. A second, small process has these connections, too, and waits for a lock that the system passes on as soon as the
 thread that has it ends (a robust mutex: man pthread_mutexattr_setrobust). What the killed one still has to do, 20 to 100 ms of a
-processor for its memory, it lets wait for others that need the processor: on a machine with several estimators they do, just then.
+processor for its memory, it lets wait for others that need the processor: where there are several estimators they do, just then.
 
 This file is that process's program as well: it needs nothing but Python's own library.
 """
