@@ -78,6 +78,7 @@ class _Boot:
     oldest: float = 0.0  # when the first of them came
     lowest: int = 0  # no epoch of them is below it
     epoch: int = 0  # of what was given last
+    joined: int = 0  # nothing below was ever waited for
 
 
 class Once:
@@ -220,6 +221,8 @@ class Once:
         boot.epoch = first.epoch
         if first.sequence != boot.came_to:
             boot.holes.append((boot.came_to or 0, first.sequence))
+        if boot.came_to is None:
+            boot.joined = first.sequence
         if boot.came_to is not None and first.sequence != boot.came_to:
             told = bool(first.flags[0] & SampleFlag.AFTER_GAP)
             miss = Miss(*which, boot.came_to, first.sequence - boot.came_to, told)
@@ -262,13 +265,16 @@ class Once:
 def _begins_anew(boot: _Boot, batch: CorrectedBatch) -> bool:
     """Whether low numbers are at a later time: no repeats, but of a device that was started anew under the same boot number.
 
-    What was given up another estimator may say late, at a time that the bridge mistook.
+    What is waited for may come late, at a time that the bridge mistook, and what was given up, of another estimator.
     """
     later_ns = batch.start_time_ns - _ends_ns(boot.latest)
-    if not SAME_TIME_NS < later_ns <= MISTAKEN_NS or batch.epoch == boot.latest.epoch:
+    if not SAME_TIME_NS < later_ns <= MISTAKEN_NS:
         return later_ns > SAME_TIME_NS
     start, end = _span(batch)
-    return not any(first < end and start < last for first, last in boot.holes)
+    if boot.held and start >= (boot.came_to or 0):
+        return False  # it is waited for
+    given_up = any(boot.joined <= first < end and start < last for first, last in boot.holes)
+    return not given_up or batch.epoch == boot.latest.epoch
 
 
 def _span(batch: CorrectedBatch) -> tuple[int, int]:

@@ -179,12 +179,12 @@ class Cluster:
         if peer is not None:
             peer.pause_s = max(now - peer.heard_s, _FADES * peer.pause_s)
             peer.heard_s = now
-            if owned.part + 1 >= owned.parts:  # the last
-                peer.said_s = now
             peer.parts[owned.part] = {h.device: h for h in owned.holdings}
             peer.busy[owned.part] = frozenset(h.device for h in owned.holdings if h.busy)
             for part in [part for part in peer.parts if part >= owned.parts]:
                 del peer.parts[part], peer.busy[part]
+            if owned.part + 1 >= owned.parts and len(peer.parts) >= owned.parts:  # all of it
+                peer.said_s = now
         self.hear(owned.epoch, *(h.epoch for h in owned.holdings))
         return [h.device for h in owned.holdings if BEYOND > h.epoch > self.held.get(h.device, h.epoch)]
 
@@ -207,7 +207,8 @@ class Cluster:
         """
         others = [self._peers.get(name) for name in self.members if name != self.own]
         since_s = self._woke_s + self.knobs.behind_s
-        return all(peer is not None and peer.said_s > since_s for peer in others) and not self._claimed(device)
+        told = bool(others) and all(peer is not None and peer.said_s > since_s for peer in others)
+        return told and not self._claimed(device)
 
     def _steps_in(self, device: str, waits_s: float) -> bool:
         """Whether the one that should have a device hears nothing of it, and we are the next."""

@@ -206,7 +206,9 @@ def _wait(memory: int, line: int, pid: int) -> None:
 
 
 def _let_wait(pid: int) -> None:
-    """What is left of a process stands behind others from now on."""
+    """What is left of the process that began this one stands behind others from now on."""
+    if os.getppid() != pid:
+        return  # it is gone, and its number may be another's
     with contextlib.suppress(OSError):  # it is gone
         for thread in Path(f"/proc/{pid}/task").iterdir():
             one = os.PRIO_PROCESS, int(thread.name)

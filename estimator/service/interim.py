@@ -173,6 +173,7 @@ class Interim:
         bridge = self._replicas.bridge(device)
         if not bridge or device in self._from or not self._free:
             return None
+        self.ready.wanted.discard(device)  # it may be among what is still to be made ready
         of = self._from[device] = _From(keys.build(self._ward, "raw", bridge=bridge, device=device), self._free.pop())
         self._senders.admit(of.place, Sender.of(device, bridge))
         return of

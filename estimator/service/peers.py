@@ -72,7 +72,7 @@ class Peers:
         self._heard = data.subscribe(keys.pattern(ward, "owned"))
         self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
         self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
-        self._next_say = self._next_scan = self._next_look = 0.0
+        self._next_say = self._next_scan = self._next_look = self._next_tidy = 0.0
         self._looked, self._deaf_s = time.monotonic(), 0.0
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
@@ -222,7 +222,8 @@ class Peers:
         if now < self._next_scan:
             return []
         self._next_scan = now + SAY_ALONE_S
-        if not self._more:
+        if not self._more and now >= self._next_tidy:
+            self._next_tidy = now + SAY_ALONE_S
             for kept in (self._standby, self._ours):
                 kept.tidy(now)
         self.cluster.keep({*devices, *silent, *self._taken})

@@ -45,11 +45,14 @@ class Ready:
         applies: Callable[[Checkpoint, float], Applied | None],
     ) -> None:
         self._replicas, self._declare, self._applies = replicas, declare, applies
+        #: devices that are to be made ready for
+        self.wanted = set[str]()
         self.publishers = dict[str, Publisher]()
         self._corrected = dict[str, _Corrected]()
 
     def ahead(self, devices: Collection[str]) -> Iterator[tuple[str, Callable[[], None]]]:
         """What is to be done while there is time, by device, so that less is once these are to be taken over."""
+        self.wanted = set(devices)
         for device in [d for d in devices if d not in self.publishers][: MOST - len(self.publishers)]:
             yield device, partial(self._prepare, device)
         for device in [d for d in self.publishers if d not in devices]:
@@ -58,7 +61,7 @@ class Ready:
             yield device, partial(self._correct, device)
 
     def _prepare(self, device: str) -> None:
-        if device not in self.publishers and len(self.publishers) < MOST:
+        if device in self.wanted and device not in self.publishers and len(self.publishers) < MOST:
             self.publishers[device] = self._declare(device)
             self._correct(device)
 

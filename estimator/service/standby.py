@@ -19,6 +19,8 @@ from bridge.wire import columns_pb2 as columns
 #: longer than it takes to notice that an estimator hangs; shorter than a bridge's cache, from which more would come
 HELD_S = 12.0
 OVERLAP_S = 0.5
+#: what waits for less than this need not be known better
+LITTLE_S = 1.0
 #: of one device; bytes of all together, of which those of the device that has most go first
 MOST, MOST_BYTES = 640, 64 * 2**20
 
@@ -50,6 +52,9 @@ class _Queue:
     reached_s: float = float("-inf")
     #: what had come last then; None where what it said has been looked at
     newest: _Held | None = None
+
+    def waits_s(self, now: float) -> float:
+        return now - max(self.held[0].came_s, self.reached_s) if self.held else 0.0
 
     def drop(self) -> int:
         size = len(self.held.popleft().message.payload)
@@ -125,8 +130,11 @@ class Standby:
         """How long something of a device has been kept with which who has it does nothing, nor with what is before it."""
         if (queue := self._queues.get(device)) is None:
             return 0.0
-        self._size -= queue.drop_done()
-        return now - max(queue.held[0].came_s, queue.reached_s) if queue.held else 0.0
+        waits_s = queue.waits_s(now)
+        if waits_s > LITTLE_S:  # it may be done: to look at all of them would hold up who takes devices over
+            self._size -= queue.drop_done()
+            waits_s = queue.waits_s(now)
+        return waits_s
 
     def done(self, device: str, boot: int, next_: int, now: float, epoch: int = 0) -> None:
         """Who has a device since this epoch has corrected all of this boot below this number.

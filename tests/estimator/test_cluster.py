@@ -367,9 +367,25 @@ def test_who_is_held_up_again_and_again_as_it_begins_takes_at_once_what_is_switc
         assert not any(one.wants(d, now + 0.4) for d in ours), "nor is that all that it has"
         one.said(Owned("e2", 0, 1, 0.0, (Holding(ours[0], 1, 0, 0),), part=1, parts=2), now + 0.4)
         assert {d for d in DEVICES if one.wants(d, now + 0.4)} == set(ours[2:])
+    late, first = (
+        Cluster("e1", ["e2"], 0.0, KNOBS),
+        Owned("e2", 0, 1, 0.0, (Holding(ours[0], 1, 0, 0),), part=1, parts=2),
+    )
+    late.said(first, 0.5)
+    assert not any(late.wants(d, 0.5) for d in ours), "what it said before that was not heard"
     one.change("e3", now, alive=True)
     one.look(now + 0.5)
     assert not any(one.wants(d, now + 0.5) for d in DEVICES), "nor does a third one have told what it has"
+
+
+def test_who_is_alone_as_it_wakes_up_looks_round_first() -> None:
+    one = Cluster("e1", ["e2"], 0.0, KNOBS)
+    one.change("e2", 5.0, alive=False)
+    one.look(6.0)
+    assert one.alone
+    one.held_up(10.0, 20.0)
+    assert not any(one.wants(d, 20.0 + KNOBS.return_s / 2) for d in DEVICES)
+    assert all(one.wants(d, 20.0 + KNOBS.return_s) for d in DEVICES)
 
 
 def test_a_cut_network_has_an_estimator_on_each_side_and_one_owner_when_it_heals() -> None:

@@ -159,6 +159,31 @@ def test_what_another_estimator_says_late_is_no_new_begin_though_the_bridge_mist
         assert once.left_out.as_dict() == {why: 10}
 
 
+@pytest.mark.parametrize("epoch", [1, 2, 3])
+def test_nor_what_is_still_waited_for_at_such_a_time(epoch: int) -> None:
+    """An estimator that takes a device over says first what came last of it."""
+    once = Once(KNOBS)
+    once.feed(batch(0, 5, epoch=1), 0.0)
+    once.feed(batch(60, 5, epoch=2), 0.1)
+    for first in range(5, 60, 5):
+        at_ns = batch(first + 60).start_time_ns + 5_000_000_000
+        once.feed(batch(first, 5, epoch=epoch, start_time_ns=at_ns), 0.2)
+    once.overdue(5.0)
+    firsts = [first for _, first, _ in said(once)]
+    assert firsts == sorted(firsts)
+    assert firsts[-1] == 60
+
+
+def test_who_joined_in_the_middle_loses_nothing_of_a_device_that_was_started_anew() -> None:
+    once = Once(KNOBS)
+    once.feed(batch(3000, 5, epoch=1), 0.0)
+    once.overdue(2.0)
+    assert said(once) == [("d", 3000, 3004)]
+    at_ns = batch(3007).start_time_ns + 2_000_000_000
+    once.feed(batch(0, 5, epoch=2, start_time_ns=at_ns), 2.5)
+    assert said(once) == [("d", 0, 4)]
+
+
 def test_nor_for_longer_than_a_bridge_may_be_mistaken_nor_by_the_same_estimator() -> None:
     assert said(_of_a_hole(2, MINUTE_NS)) == [("d", 22, 26), ("d", 27, 31)]
     assert said(_of_a_hole(1, 5_000_000_000)) == [("d", 22, 26), ("d", 27, 31)]

@@ -96,6 +96,19 @@ def test_it_stays_ready_for_a_device_that_pauses(
     assert declared == []
 
 
+def test_what_is_to_be_made_ready_for_a_device_that_is_ours_by_then_is_not(
+    both: Both, batches: list[SampleBatch]
+) -> None:
+    ready = _shared(both, batches)._interim.ready
+    ready._drop(NAME)
+    ((_, prepare),) = ready.ahead({NAME})
+    both.kill(SECOND)
+    both.pass_(1.0)
+    assert both.has() == [FIRST]
+    prepare()
+    assert ready.publishers == {}
+
+
 def test_no_more_are_ready_than_there_is_room_for(
     both: Both, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
