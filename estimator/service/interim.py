@@ -199,8 +199,8 @@ class Interim:
         if used is not None and info is not None and info.boot == run.boot and changed(used, info, within_boot=True):
             return False
         last_s = whole.span(run.last - 1).last_s
-        counts = remembered is None or not remembered.lost_count(last_s)
-        applied = self.ready.applied(known, last_s) if counts else self._applied(known, last_s)
+        time_known = remembered is None or not remembered.lost_count(last_s)
+        applied = self.ready.applied(known, last_s) if time_known else self._applied(known, last_s)
         return applied is not None and self._senders.corrects(place, applied.correction, applied.stencil.under(epoch))
 
     def _applied(self, known: Checkpoint, time: float) -> Applied | None:
