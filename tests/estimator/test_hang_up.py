@@ -25,13 +25,17 @@ ports = [int(port) for port in sys.argv[1:]]
 both = [socket.create_connection(("127.0.0.1", port)) for port in ports]
 keeps = subprocess.Popen(["sleep", "120"], pass_fds=[one.fileno() for one in both])
 hangs_up = HangUp([f"tcp/127.0.0.1:{ports[0]}"])
-hangs_up.look()
-print(keeps.pid, hangs_up.pid, flush=True)
-threading.Thread(target=threading.Event().wait, daemon=True).start()
-while said := sys.stdin.readline().strip():
-    if said == "close":
-        hangs_up.close()
-    print("done", flush=True)
+def serve():
+    hangs_up.look()
+    print(keeps.pid, hangs_up.pid, flush=True)
+    while (said := sys.stdin.readline().strip()) not in {"", "end"}:
+        if said == "close":
+            hangs_up.close()
+        print("done", flush=True)
+serves = threading.Thread(target=serve)
+serves.start()
+serves.join()
+sys.stdin.readline()
 """
 _PATIENT_S = 20.0
 
@@ -119,12 +123,14 @@ def _niceness(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[16])
 
 
-def test_what_is_left_of_a_killed_process_lets_others_go_first() -> None:
+def test_what_is_left_of_a_process_whose_thread_ended_lets_others_go_first() -> None:
     with _program() as program:
         before = _niceness(program.process.pid)
-        _until(lambda: _ignores(program.hangs_up, signal.SIGUSR2))
-        program.process.kill()
-        _until(lambda: _niceness(program.process.pid) > before)  # nobody has waited for it yet
+        assert program.process.stdin is not None
+        program.process.stdin.write("end\n")  # of one that is killed there may be nothing left by then
+        program.process.stdin.flush()
+        _until(lambda: _niceness(program.process.pid) > before)
+        assert _ended(program.router, _PATIENT_S)
 
 
 def test_it_outlives_what_ends_all_processes_of_a_service() -> None:
