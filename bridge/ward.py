@@ -169,18 +169,23 @@ class Ward:
         for status in self._calibrating.hear(now_s):
             self._rivals.take(status)
         for link, outlet in some:
-            taken = link.take() if last else link.take(partial(outlet.wants, now_s))
-            link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
             try:
+                taken = link.take() if last else link.take(partial(outlet.wants, now_s))
+                link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:
-                link.lose(outlet.unsent)
+                self._lose(link, outlet)
                 level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
                 _log.log(level, "bus: %s", error)
                 self._complaint = str(error)
             except Exception:  # noqa: BLE001 - one device's fault must not stop the others
-                link.lose(outlet.unsent)
+                self._lose(link, outlet)
                 _log.exception("%s: cannot be published", link.device)
+
+    @staticmethod
+    def _lose(link: Link, outlet: Outlet) -> None:
+        unsent, outlet.unsent = outlet.unsent, deque()
+        link.lose(unsent)
 
 
 def _link(device: Device, bridge: str, turn_s: float) -> Link:

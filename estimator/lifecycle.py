@@ -34,7 +34,7 @@ class Event(StrEnum):
 CAUSES: dict[Event, str] = {
     Event.BOOTED: "the first sample of another boot came",
     Event.WARM: "`warming_s` are over",
-    Event.RESTED: "it lay still for 3 s",
+    Event.RESTED: "it lay still for 2 s (people are asked for 3)",
     Event.TURNED: "a whole turn about an axis was taken",
     Event.CALIBRATED: "the turns fit together",
     Event.NOT_CALIBRATED: "they do not: some are to be repeated",

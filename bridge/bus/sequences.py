@@ -8,6 +8,7 @@ publisher that it does not reach yet for one that has nothing left (its issue 27
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
 _T = TypeVar("_T")
@@ -23,6 +24,8 @@ LAST_S = sum(TRIES_S)
 IN_VAIN = 6
 MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
+#: publishers that only say of themselves that they have sent something: whoever may speak may make up any number of them
+MOST_TOLD = 1 << 12
 #: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: the one that is nearest is meant
 WRAP = 1 << 32
 
@@ -62,6 +65,9 @@ class Sequences(Generic[_T]):
     def __init__(self) -> None:
         self._sources: dict[str, _Source[_T]] = {}
         self._lacking: dict[str, _Source[_T]] = {}
+        #: when each of them is to be asked about; with what has been settled meanwhile
+        self._agenda: list[tuple[float, str]] = []
+        self._told: dict[str, None] = {}
         #: how many messages are lost for good, by key
         self.missed: Counter[str] = Counter()
         #: keys of publishers that have been asked in vain, for whoever says so
@@ -86,7 +92,11 @@ class Sequences(Generic[_T]):
 
     def heard(self, source: str, key: str, number: int, now_s: float) -> None:
         """A publisher says that its last message had this number."""
-        state = self._sources.get(source) or self._new(source, key, number)
+        if (state := self._sources.get(source)) is None:
+            while len(self._told) >= MOST_TOLD:
+                self._forget(next(iter(self._told)))
+            state = self._new(source, key, number)
+            self._told[source] = None
         state.newest = max(state.newest, state.place(number))
         self._review(source, state, now_s + GRACE_S)
 
@@ -99,19 +109,24 @@ class Sequences(Generic[_T]):
         return ready
 
     def due(self, now_s: float, most: int = 64) -> list[Gap]:
-        """Gaps to ask about now; each must be `answered`."""
+        """Gaps to ask about now, what waits longest first; each must be `answered`."""
         found: list[Gap] = []
-        for source, state in self._lacking.items():
-            if len(found) == most:
-                break
-            if not state.asked and state.due_s is not None and state.due_s <= now_s:
-                state.asked = True
-                found.append(Gap(source, state.key, state.next % WRAP))
+        while len(found) < most and (due_s := self.next_due_s()) is not None and due_s <= now_s:
+            source = heappop(self._agenda)[1]
+            state = self._lacking[source]
+            state.asked = True
+            found.append(Gap(source, state.key, state.next % WRAP))
         return found
 
     def next_due_s(self) -> float | None:
         """When there is something to ask about again."""
-        return min((s.due_s for s in self._lacking.values() if not s.asked and s.due_s is not None), default=None)
+        while self._agenda:
+            due_s, source = self._agenda[0]
+            state = self._lacking.get(source)
+            if state is not None and state.due_s == due_s and not state.asked:
+                return due_s
+            heappop(self._agenda)
+        return None
 
     def answered(self, source: str, found: Mapping[int, _T], now_s: float) -> Sequence[_T]:
         """What a publisher's cache had.
@@ -140,6 +155,14 @@ class Sequences(Generic[_T]):
             self._lacking.pop(oldest, None)
         state = self._sources[source] = _Source(key, number)
         return state
+
+    def _forget(self, told: str) -> None:
+        """One that was told of, unless something came of it."""
+        del self._told[told]
+        state = self._sources.get(told)
+        if state is not None and not state.begun and not state.held:
+            del self._sources[told]
+            self._lacking.pop(told, None)
 
     def _fill(self, state: _Source[_T], found: Mapping[int, _T]) -> list[_T]:
         """Add what a cache had, and hand it on: what is missing in it is nowhere."""
@@ -178,3 +201,4 @@ class Sequences(Generic[_T]):
         if state.due_s is None and not state.asked:
             state.since_s = state.since_s if state.tries else from_s
             state.due_s = from_s + TRIES_S[state.tries]
+            heappush(self._agenda, (state.due_s, source))

@@ -22,6 +22,8 @@ _BATCH = 512
 _EVERYBODY = ""
 #: where an advanced publisher of a key has its cache and its heartbeats; in one, its last number
 _ADVANCED, _NUMBER_BYTES = "/@adv/pub/", 4
+#: whoever may speak may put something under many keys at once: of no publisher that could be asked for what is missing
+_WILD = "*"
 _TURN_S = 0.005
 #: a message that is said to have been sent may wait for us, unread, for so long at most: then it is asked for again
 _UNREAD_S = 1.0
@@ -150,7 +152,7 @@ class Repaired(Subscription):
         with self._order:
             for sample in samples:
                 message, info = _message(sample), sample.source_info
-                if info is None:  # of a publisher without a cache
+                if info is None or _WILD in message.key:  # of a publisher without a cache; or whoever reads refuses it
                     ready.append(message)
                 else:
                     cached.add(message.key)
@@ -167,7 +169,7 @@ class Repaired(Subscription):
         """One of zenoh's heartbeats: KEY/@adv/pub/SESSION/PUBLISHER/_, and the number of its last message."""
         key, adv, rest = str(sample.key_expr).rpartition(_ADVANCED)
         said = sample.payload.to_bytes()
-        if len(said) != _NUMBER_BYTES:
+        if len(said) != _NUMBER_BYTES or _WILD in key or _WILD in rest:
             _log.debug("no heartbeat: %s", sample.key_expr)
             return
         source = f"{key}{adv}{'/'.join(rest.split('/')[:2])}"
@@ -203,7 +205,11 @@ class Repaired(Subscription):
             with self._order:
                 gaps = self._sequences.due(self._read_to_s()) if self._past_came else []
             for gap in gaps:
-                asked[gap.source] = _Asked.now(self._bus.past(f"{gap.source}/**", self._what(gap)))
+                try:
+                    asked[gap.source] = _Asked.now(self._bus.past(f"{gap.source}/**", self._what(gap)))
+                except zenoh.ZError as error:  # somebody gave it a name that cannot be asked for
+                    _log.debug("%s cannot be asked: %s", gap.source, said(error))
+                    self._answered(gap.source, [])
             for source in [source for source, answer in asked.items() if answer.over()]:
                 self._answered(source, asked.pop(source).found)
             with self._order:
@@ -263,8 +269,8 @@ def _by_source(samples: Iterable[zenoh.Sample]) -> dict[str, dict[int, Message]]
     """Of each publisher its messages by number."""
     found: dict[str, dict[int, Message]] = {}
     for sample in samples:
-        if (info := sample.source_info) is not None:
-            message = _message(sample)
+        message = _message(sample)
+        if (info := sample.source_info) is not None and _WILD not in message.key:
             found.setdefault(_source(message.key, info), {})[info.source_sn] = message
     return found
 

@@ -11,8 +11,9 @@ from bridge.drivers.driver import Event, Identity, Readings
 from bridge.wire.refusal import Tally
 
 Vector = tuple[float, float, float]
-ODD_TIME, RATE_CHANGED = "odd_time", "rate_changed"
+ODD_TIME, RATE_CHANGED, STANDS_STILL = "odd_time", "rate_changed", "clock_stands_still"
 _STEPS = 32  # between samples, before a rate is believed
+_MOST_HELD = 1024  # until one is known: a clock that has not gone on by then does not
 _CHANGED = 0.15  # of the rate
 _MISSING = 1.75  # periods: beyond, a sample is missing between two
 _NOMINAL = 0.01  # of the rate: an oscillator errs by less
@@ -116,6 +117,10 @@ class Assembly:
         self._held.append(sample)
         if self._rate_hz:
             self._number_held()
+        elif len(self._held) >= _MOST_HELD:
+            self.faults.add(STANDS_STILL, len(self._held))
+            self._held.clear()
+            self._steps.clear()
 
     def events(self) -> list[Event]:
         """What is complete."""

@@ -13,6 +13,9 @@ _CONFIRMED = 3  # samples that agree: a single one may be damaged where the prot
 _AGREE_S = 1.0
 _SKEW = 0.002
 _WIDE_S = 10 * 365.25 * 86_400  # a clock that does not wrap within this does not wrap
+# After a silence of this part of its turn any time of a clock that wraps is near some turn of it: it has to be where it should;
+# and where more than this part of a turn is as near as that, what it says is chance.
+_SILENT, _CHANCE = 0.1, 0.005
 
 
 def draw_boot() -> int:
@@ -97,6 +100,9 @@ class Boots:
         period_s = self._period_s or 0.0
         step_s = step * period_s
         behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
+        turn_s = self._whole * period_s
+        if self._wraps and passed_s > _SILENT * turn_s:
+            return abs(behind_s) <= slack_s <= max(2 * _AHEAD_S, _CHANCE * turn_s)
         if self._opened:
             return abs(behind_s) <= slack_s
         if behind_s > slack_s and tick * period_s < passed_s:

@@ -41,6 +41,7 @@ class NativeDecoder:
         self.faults = Tally()
         self._rates_hz = (rate_hz, calibration_rate_hz or rate_hz)
         self._wanted_hz = rate_hz
+        self._held: deque[tuple[packets.Data, int]] = deque()  # and when they came
         self.opened()
 
     def opened(self) -> None:
@@ -49,9 +50,15 @@ class NativeDecoder:
         self._deframer = Deframer()
         self._deframer.faults = self.faults
         self._boot: int | None = None
-        self._held: deque[tuple[packets.Data, int]] = deque()  # and when they came
+        self.finish()
         self._unknown = 0  # packets of an unknown boot since the last HELLO
         self._tell, self._told = False, 0  # the rate: whether to, and how often it was
+
+    def finish(self) -> list[Event]:
+        """Nothing more comes that says whose the held packets are."""
+        held, self._held = self._held, deque()
+        self._forget(sum(len(data.ticks) for data, _ in held))
+        return []
 
     def calibrating(self, on: bool) -> None:  # noqa: FBT001 - the contract of drivers
         """Send at the other rate, where one was chosen for calibrations."""

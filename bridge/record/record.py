@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from bridge.record.recorder import Knobs, WardRecorder
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.wire import keys
+from bridge.wire.keys import Key
 from bridge.wire.refusal import Refusal
 
 #: messages kept while the disk is slow: at a hundred devices, some fifteen seconds
@@ -94,22 +96,22 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
 def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
-    """All that came until a device that is wanted sent samples; None when none did."""
-    heard: list[Message] = []
+    """What came of wanted devices, the newest of it, until one of them sent samples; None when none did."""
+    heard = deque[Message](maxlen=QUEUE)
     while not stop.is_set() and time.monotonic() < deadline:
-        came = subscription.drain(QUEUE, _ROUND_S)
-        heard += came
-        if any(_is_of_a_device(message, devices) for message in came):
-            return heard
+        came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
+        heard += [message for _, message in came]
+        if any(key.what in SAMPLES for key, _ in came):
+            return list(heard)
     return None
 
 
-def _is_of_a_device(message: Message, devices: Sequence[str]) -> bool:
+def _wanted(message: Message, devices: Sequence[str]) -> Key | None:
     try:
         key = keys.parse(message.key)
     except Refusal:
-        return False
-    return key.what in SAMPLES and (not devices or key.device in devices)
+        return None
+    return key if not devices or key.ids.get("device") in devices else None
 
 
 def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:

@@ -16,7 +16,7 @@ from bridge.record import kinds
 from bridge.record.files import recorded_in
 from bridge.record.kinds import KINDS, PRIVATE, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
-from bridge.record.tape import Item, Output, Tape
+from bridge.record.tape import MOST_OF_A_BRIDGE, Item, Output, Tape
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
@@ -91,8 +91,7 @@ class WardRecorder:
         self._tape = Tape(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
         self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
-        for item in self._latest.values():
-            self._put(item, wall_ns)
+        self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
         """Record what came; what is not understood is counted, and what comes while nothing can be written."""
@@ -101,17 +100,18 @@ class WardRecorder:
                 continue
             kind, said = understood
             item = Item(message.key, kind, kind.time_ns(said), message.payload)
-            if isinstance(said, SampleBatch | CorrectedBatch):
-                self._count(said, now_s)
-            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
-                self._latest[message.key] = item
             if self._tape is None:
                 self.account.not_recorded += 1
             else:
                 try:
-                    self._put(item, wall_ns)
+                    if not self._put(item, wall_ns):
+                        continue
                 except OSError as error:
                     self._stall(error, now_s)
+            if isinstance(said, SampleBatch | CorrectedBatch):
+                self._count(said, now_s)
+            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
+                self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
         """What is due: a flush, a new file, another try. Call it several times a second."""
@@ -160,13 +160,20 @@ class WardRecorder:
 
     # ---- the file -------------------------------------------------------------------------------------------------
 
-    def _put(self, item: Item, wall_ns: int) -> None:
-        if self._tape is None:
-            return
-        if self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
-            self.account.messages += 1
-        else:
-            self.account.refused.add("too_many_channels")
+    def _put(self, item: Item, wall_ns: int) -> bool:
+        """Whether there is room for its channel."""
+        if self._tape is None or self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
+            self.account.messages += self._tape is not None
+            return True
+        self.account.not_recorded += 1
+        if self.account.refused.add("too_many_channels") == 1:
+            _log.error(
+                "%s is not recorded: a file has no more than %d streams, %d of a bridge (others are only counted)",
+                item.key,
+                MAX_CHANNELS,
+                MOST_OF_A_BRIDGE,
+            )
+        return False
 
     def _flush(self) -> None:
         if self._tape is None:

@@ -1,5 +1,6 @@
 """One file of a recorder: messages onto channels, and what becomes of a file that refuses."""
 
+from collections import Counter
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol
 
@@ -7,9 +8,12 @@ from bridge.record import kinds
 from bridge.record.files import with_part
 from bridge.record.kinds import Kind
 from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
+from bridge.wire import keys
 
 #: the metadata record every file of ours begins with
 ABOUT = "truerate"
+#: channels of what one bridge says: it may make up devices, and leaves room to the others
+MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
 
 
 class Output(Protocol):
@@ -56,13 +60,16 @@ class Tape:
             output.discard()
             raise
         self._channels: dict[str, int] = {}
+        self._of_bridges = Counter[str]()
 
     def put(self, item: Item, log_ns: int) -> bool:
-        """Write a message; False when there would be too many channels."""
+        """Write a message; False when there would be too many channels, or too many of its bridge."""
         channel = self._channels.get(item.key)
         if channel is None:
-            if len(self._channels) >= MAX_CHANNELS:
+            bridge = keys.parse(item.key).ids.get("bridge", "")
+            if len(self._channels) >= MAX_CHANNELS or (bridge and self._of_bridges[bridge] >= MOST_OF_A_BRIDGE):
                 return False
+            self._of_bridges[bridge] += 1
             schema = kinds.PACKAGE + item.kind.schema
             facts = kinds.facts(item.key)
             channel = self.writer.channel(kinds.topic(item.key), schema, kinds.DESCRIPTORS, facts)

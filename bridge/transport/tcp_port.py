@@ -64,8 +64,8 @@ class Connection:
             return
         self.kept.put(Chunk(data, time.time_ns()), len(data))
         if self.kept.full:  # the rest waits where it is, and in the end at the device
-            self._paused = True
             RECEIVER.remove(self._fd)
+            self._paused = True  # not before: who takes meanwhile would let it go on just before it is stopped
 
     def _end(self, error: OSError | None) -> None:
         RECEIVER.remove(self._fd)

@@ -334,11 +334,16 @@ class Peers:
                     self.tell(devices[name])
 
     def tell(self, device: Device) -> None:
-        """Say what another would need of a device, where there is another."""
-        if self.cluster.undisputed:
+        """Say what another would need of a device, where there is another; where there was one, we know better from now on."""
+        alone = self.cluster.undisputed
+        if alone and self.replicas.of(device.name) is None:
             return
         checkpoint = checkpoint_of(device, self._now_ns(), self.replicas.answers(device.name))
-        if checkpoint is not None:
+        if checkpoint is None:
+            return
+        if alone:
+            self.replicas.note(checkpoint)
+        else:
             device.say_checkpoint(codec.encode_checkpoint(checkpoint))
 
     def _moved(self, time_ns: int) -> None:

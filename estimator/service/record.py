@@ -21,6 +21,7 @@ from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
 from estimator.service.device import UNSAVED, Device
 from estimator.service.replicas import Replicas
+from estimator.service.roster import MAX_DEVICES
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession
 from estimator.track.learning import learn
@@ -70,6 +71,8 @@ class Record:
         self._boots = Counter[str]()  # noted of each device
         #: what the clerk has and has not said to be written: ids of calibrations, names of devices
         self._saving, self._noting = set[str](), set[str]()
+        #: calibrations of its present boot that each device has gone by here, the latest last
+        self._used: dict[str, tuple[Calibration, ...]] = {}
         #: replies to the latest commands, which may not be written yet
         self._replies: dict[tuple[str, str, str], CommandReply] = {}
         self._unwritten: deque[Callable[[], None]] = deque(maxlen=REPLIES)
@@ -126,6 +129,8 @@ class Record:
             return Remembered(unsaved, None)
         said = self._replicas.recall(device.name, boot, self._now_ns())
         if said is not None and said.calibration is not None:
+            if (later := self._later(device.name, said.calibration)) is not None:
+                return replace(said, calibration=later, turned=())
             self.keep(device, said.calibration)
             return said
         if self._replicas.repeated(device.name, boot):
@@ -133,7 +138,10 @@ class Record:
             return said
         try:
             if said is None:
-                return self._store.recall(device.name, boot, self._now_ns())
+                found = self._store.recall(device.name, boot, self._now_ns())
+                if found is not None and found.calibration is not None:
+                    self._in_use(found.calibration)
+                return found
             # Our own calibration, where whoever had the device after us has not heard of it.
             ours = self._store.calibrated(device.name, boot)
         except StoreError as error:
@@ -148,6 +156,7 @@ class Record:
         """
         device.repeated = boot
         self._replicas.forget(device.name)
+        self._used.pop(device.name, None)
         made = [c.id for c in (*device.unsaved, *more) if c.boot == boot]
         time_ns = self._now_ns()
 
@@ -160,9 +169,28 @@ class Record:
 
     def keep(self, device: Device, calibration: Calibration) -> None:
         """Another's calibration, which may be gone for ever with it."""
-        self._keep(device.session, lambda: self._store.add_calibration(calibration))
+        self._in_use(calibration)
 
-    def reached(self) -> dict[str, tuple[int, int, int]]:
+        def kept(error: StoreError | None) -> None:
+            if error is not None and all(c.id != calibration.id for c in device.unsaved):
+                device.unsaved = [*device.unsaved, calibration][-UNSAVED:]
+
+        self._keep(device.session, lambda: self._store.add_calibration(calibration), kept)
+
+    def _in_use(self, calibration: Calibration) -> None:
+        """From now on its device goes by this one."""
+        before = self._used.pop(calibration.device, ())
+        same = (c for c in before if c.boot == calibration.boot and c.id != calibration.id)
+        self._used[calibration.device] = (*same, calibration)[-UNSAVED:]
+        while len(self._used) > MAX_DEVICES:
+            del self._used[next(iter(self._used))]
+
+    def _later(self, device: str, said: Calibration) -> Calibration | None:
+        """One that has taken the place of what another still goes by, who was cut off as it was made; by order, not by clocks."""
+        used = self._used.get(device, ())
+        return used[-1] if any(c.id == said.id for c in used[:-1]) else None
+
+    def reached(self) -> dict[str, tuple[int, int, int, str]]:
         """See Store.reached: of what bridges may still have of before this estimator was started."""
         try:
             return self._store.reached(self._now_ns() - CACHE_NS)
@@ -265,6 +293,7 @@ class Record:
             return
         if c.verdict is Verdict.ACCEPTED:
             self._replicas.forget(device.name)
+            self._in_use(c)
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
             device.hold(c.id, payload)
             self._due.append((now + HELD_S, device, c.id))
@@ -295,11 +324,13 @@ class Record:
             return
         self._noting.add(device.name)
         doubted = session.tracker.doubt.stands and session.calibration is not None
-        row, learnt = (device.name, boot, self._now_ns(), state), session.learnt
+        row, learnt, bridge = (device.name, boot, self._now_ns(), state), session.learnt, device.source.owner
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
         self._keep(
             session,
-            lambda: self._store.save_bias(*row, history=history, doubted=doubted, asked=asked, reached=reached),
+            lambda: self._store.save_bias(
+                *row, history=history, doubted=doubted, asked=asked, reached=reached, bridge=bridge
+            ),
             lambda _: self._noting.discard(device.name),
             soon=force,
         )

@@ -15,6 +15,8 @@ from estimator.track.bias_filter import OWN, BiasState
 _NONE = np.zeros(0)
 #: no clock of a device shows as much
 _ENDLESS_S = 1e12
+#: a checkpoint is said every five seconds of a device that is heard
+LATELY_NS = 10_000_000_000
 
 
 Answers = tuple[tuple[str, CommandReply], ...]
@@ -103,6 +105,11 @@ class Replicas:
         """Whom it was heard from; empty where nothing was said of it."""
         known = self._latest.get(device)
         return "" if known is None else known.bridge
+
+    def lately_from(self, device: str, now_ns: int) -> str:
+        """The same, while it most likely is: one that has been silent since may be anywhere."""
+        known = self._latest.get(device)
+        return known.bridge if known is not None and abs(now_ns - known.time_ns) <= LATELY_NS else ""
 
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """What was said of this very boot."""

@@ -22,8 +22,8 @@ LASTS_S = 60.0
 #: so much of what was done is done again, s: so long a line may be dead before what was said over it counts as lost
 OVERLAP_S = 5.0
 
-#: of a device: boot, and sequence number and host time up to which it is done
-Reached = tuple[int, int, int]
+#: of a device: boot, sequence number and host time up to which it is done, and the bridge that it was heard from
+Reached = tuple[int, int, int, str]
 
 
 class Resumed:
@@ -56,6 +56,11 @@ class Resumed:
         """Whether the first message of this key that was left goes on from where its device was."""
         return key in self._go_on
 
+    def bridge(self, device: str) -> str:
+        """Whom a device was heard from just before the restart: others may still have what they heard long before."""
+        found = self._reached.get(device)
+        return "" if found is None else found[3]
+
     def left(self, messages: list[Message], now: float) -> list[Message]:
         """Those that were not done before, in their order."""
         if not self._reached:
@@ -69,7 +74,7 @@ class Resumed:
         point = self._point(message.key)
         if point is None:
             return False
-        boot, last, time_ns = point
+        boot, last, time_ns, _ = point
         try:
             raw = columns.SampleBatch.FromString(message.payload)
         except (DecodeError, UnicodeDecodeError, RuntimeWarning):

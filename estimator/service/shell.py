@@ -19,6 +19,7 @@ from estimator.device_knobs import treatment
 from estimator.lifecycle import Event
 from estimator.outcome import Outcome
 from estimator.overtaken import Overtaken
+from estimator.restore import changed
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
 from estimator.service.commands import Commands
@@ -261,6 +262,8 @@ class Service:
             return
         if device.repeated == calibration.boot:
             return  # it may be of the power-up before
+        if session.info is not None and changed(calibration, session.info, within_boot=True):
+            return  # it has been void since
 
         def adopted() -> None:
             session.adopt(calibration)
@@ -281,7 +284,8 @@ class Service:
         device = Device(
             self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, float(batch.device_time[0])
         )
-        if known := self._peers.replicas.bridge(name):
+        lately = "" if name in self._silent else self._peers.replicas.lately_from(name, self._now_ns())
+        if known := lately or self._resumed.bridge(name):
             device.source.owns(known, now)
         if self._peers.company or self._resumed.goes_on(key):
             device.overtaken = Overtaken(batch.sequence)

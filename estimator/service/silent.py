@@ -1,6 +1,7 @@
 """Devices that were taken over and send nothing: it goes on being said of them that they are lost, and what is known of them."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
@@ -19,7 +20,7 @@ class Silent:
     def __init__(self, bus: Bus, ward: str, replicas: Replicas, knobs: Callable[[str], SessionKnobs]) -> None:
         self._bus, self._ward, self._replicas, self._knobs = bus, ward, replicas, knobs
         self._sessions: dict[str, tuple[DeviceSession, Checkpoint, int]] = {}
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers: dict[str, tuple[Publisher, ...]] = {}
 
     def __contains__(self, device: str) -> bool:
         return device in self._sessions
@@ -36,20 +37,25 @@ class Silent:
             session.believe(known.calibration)
         session.silence(SILENT)
         self._sessions[known.device] = session, known, epoch
-        self._publishers[known.device] = self._bus.publisher(
-            keys.build(self._ward, "status", device=known.device), cache=1
+        status, checkpoint = (
+            self._bus.publisher(keys.build(self._ward, what, device=known.device), cache=1)
+            for what in ("status", "checkpoint")
         )
+        self._publishers[known.device] = status, checkpoint
+        # Who joins, and is to have it, may have nobody else who knows: who said it last is gone, and its cache.
+        checkpoint.put(codec.encode_checkpoint(replace(known, epoch=epoch)))
 
     def say(self, now_ns: int) -> None:
         """Publish what is known of each."""
         for device, (session, known, epoch) in self._sessions.items():
             status = published.status(session.status(now_ns, bridge=known.bridge, epoch=epoch))
-            self._publishers[device].put(codec.encode_status(status))
+            self._publishers[device][0].put(codec.encode_status(status))
 
     def drop(self, device: str) -> None:
         """It is heard, or another estimator's."""
         if self._sessions.pop(device, None) is not None:
-            self._publishers.pop(device).close()
+            for publisher in self._publishers.pop(device):
+                publisher.close()
 
     def close(self) -> None:
         """Say no more of any."""

@@ -95,15 +95,16 @@ class Store:
         doubted: bool = False,
         asked: tuple[str, str] | None = None,
         reached: tuple[int, int] | None = None,
+        bridge: str = "",
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned.
+        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned; bridge: who it is heard from.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k}
+        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k, "bridge": bridge}
         text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
@@ -235,18 +236,20 @@ class Store:
         before = {made for row in rows if row["verb"] == REPEATED for made in row["reason"].split()}
         return self._latest(device, lambda row: row["boot"] == name and row["id"] not in before, "boot = ?", name)
 
-    def reached(self, since_ns: int) -> dict[str, tuple[int, int, int]]:
+    def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
         """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.
+
+        And the bridge that it came from, empty where that is not known.
 
         Without those of which a calibration was under way: what bridges still keep may hold its turns.
         """
-        found: dict[str, tuple[int, int, int]] = {}
+        found: dict[str, tuple[int, int, int, str]] = {}
         for row in self.database.rows("bias", "time_ns >= ?", (since_ns,), "time_ns"):
             kept = json.loads(row["state"])
             more = _more(kept)
             found.pop(row["device"], None)
             if more.get("reached") and not more.get("asked"):
-                found[row["device"]] = int(row["boot"], 16), *more["reached"]
+                found[row["device"]] = int(row["boot"], 16), *more["reached"], more.get("bridge", "")
         return found
 
     def epoch(self) -> int:

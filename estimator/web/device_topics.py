@@ -69,7 +69,8 @@ class TraceTopic:
         story = self._known.stories.get(self._device)
         if story is not None and story.trail.rests:
             self._heading.restart(story.trail.rests[-1][0] / 1e9)
-        pairs = self._traces.take(now, self._raw.drain(), self._corrected.drain())
+        raw = [batch for batch in self._raw.drain() if story is None or story.hears(batch.bridge)]
+        pairs = self._traces.take(now, raw, self._corrected.drain())
         for pair in pairs:
             self._heading.add(pair)
         if (points := self._traces.points(pairs)) is not None:

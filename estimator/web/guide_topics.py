@@ -48,9 +48,10 @@ class GuideTopic:
             self._raw.close()
 
     def _look(self) -> None:
-        for batch in self._raw.drain() if self._raw is not None else ():
-            self._guide.take_samples(batch)
         story = self._known.stories.get(self._device)
+        for batch in self._raw.drain() if self._raw is not None else ():
+            if story is None or story.hears(batch.bridge):
+                self._guide.take_samples(batch)
         if story is not None and story.status is not None:
             self._guide.take_status(story.status)
 

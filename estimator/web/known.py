@@ -66,6 +66,10 @@ class Story:
             self.notes.append(note)
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
+    def hears(self, bridge: str) -> bool:
+        """Whether it is this bridge whose word counts: the one that the estimator takes its samples from, where it is known."""
+        return self.status is None or self.status.bridge in {"", bridge}
+
     def take_boot(self, boot: Boot) -> None:
         """A boot; of one that is known already the earlier time is kept."""
         known = self.boots.get(boot.boot)
@@ -112,9 +116,10 @@ class Known:
         """A bridge's word on a device; of several bridges that list it, the one that hears it has the last."""
         if (story := self.story(info.device)) is None:
             return
-        if info.boot or story.info is None or story.info.bridge == info.bridge:
+        hears = story.hears(info.bridge)
+        if hears and (info.boot or story.info is None or story.info.bridge == info.bridge):
             story.info = info
-        if info.boot and info.boot not in story.boots:
+        if hears and info.boot and info.boot not in story.boots:
             what = f"{info.model} {info.firmware}".strip()
             story.take_boot(Boot(info.boot, info.time_ns, _CAUSES[info.boot_cause], what))
         self._view.take_info(info)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bridge import os_words
 from bridge.bus.contract import Bus
+from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.config import listening
 from bridge.pki.member import Role
@@ -99,8 +100,26 @@ def run(ward: Ward) -> int:
     return 0
 
 
-async def _serve(server: Server, ward: Ward) -> None:
+def routers_of(ward: Ward) -> Routers:
+    """Where to go, and as whom: a commander, or, where nobody may command, a viewer, who is told what it will not hear."""
+    if ward.dashboard.people:
+        return ward.bus.routers_as(Role.COMMANDER)
     routers = ward.bus.routers_as(Role.VIEWER, Role.COMMANDER)
+    if routers.identity is not None:
+        from bridge.pki.identity import member_of  # noqa: PLC0415 - as in bridge.bus.routers
+
+        if (member := member_of(routers.identity)).role is Role.VIEWER:
+            log.warning(
+                "%s does not hear the devices' own readings: a device's page has no rates and no heading, and the guide does not"
+                " see the hand; with a commander's certificate they have (truerate pki issue commander:%s)",
+                member.label,
+                member.name,
+            )
+    return routers
+
+
+async def _serve(server: Server, ward: Ward) -> None:
+    routers = routers_of(ward)
     stop = threading.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -162,3 +162,15 @@ def test_a_measured_rate_is_told_as_the_nominal_one_near_it(step: int, hz: str) 
     send(one, [i * step for i in range(40)])
     nominal = {"100": "100.25", "25": "25.0625"}.get(hz, hz)
     assert told(one)[0] == f"1 PORT_OPENED {nominal}"
+
+
+def test_a_clock_that_stands_still_keeps_nothing_for_ever_and_all_is_counted() -> None:
+    one, n = assembly(), 10_000
+    for i in range(n):
+        one.add(0, (0.1, 0.2, 0.3), receive_time_ns=i * 10 * MS)
+    assert told(one) == []
+    assert len(one._held) < 1024
+    assert one.faults.as_dict() == {"clock_stands_still": n - len(one._held)}
+    for i in range(1, 40):
+        one.add(i * STEP, (0.1, 0.2, 0.3), receive_time_ns=(n + i) * 10 * MS)
+    assert told(one)[0] == "1 PORT_OPENED 100", "it goes after all"

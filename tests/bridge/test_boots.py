@@ -196,6 +196,35 @@ def test_a_power_cycle_is_a_boot_even_if_the_new_clock_has_come_to_where_the_old
     assert one.faults.as_dict() == {ODD_TIME: 2}
 
 
+@pytest.mark.parametrize("off_s", [600, 3000, 8000, 12 * 3600, 100 * 3600])
+@pytest.mark.parametrize("reopened", [False, True])
+def test_a_power_cycle_of_hours_is_a_boot_wherever_a_clock_that_wraps_has_come_to(
+    *, off_s: float, reopened: bool
+) -> None:
+    missed = 0
+    for up_s in np.linspace(10, 4200, 60):
+        one = Device(1e-6, 32)
+        one.powered_s = -up_s
+        one.send(20)
+        one.now_s += off_s
+        if reopened:
+            one.assembly.opened()
+        one.reboot(0, 0)
+        one.send(20)
+        missed += len(one.boots_told()) < 2
+    assert missed <= 0.02 * 60
+
+
+@pytest.mark.parametrize("off_s", [600, 3000, 8000])
+def test_a_device_that_was_out_of_reach_for_hours_is_in_the_same_boot(off_s: float) -> None:
+    one = Device(1e-6, 32)
+    one.send(100)
+    one.now_s += off_s
+    one.send(100)
+    assert len(one.boots_told()) == 1
+    assert one.faults.as_dict() == {}
+
+
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_a_link_that_was_dead_for_less_than_the_device_was_on_splits_no_boot(clock: tuple[float, int]) -> None:
     one = Device(*clock)

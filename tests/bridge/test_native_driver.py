@@ -318,3 +318,15 @@ def test_drivers_are_found_by_name() -> None:
     assert {"native", "replayed", "simulated"} <= set(registry.kinds())
     assert all(kind.summary and kind.name == name for name, kind in registry.kinds().items())
     assert ASK.endswith(b"\0")
+
+
+def test_samples_of_a_boot_that_was_never_told_are_counted_when_the_port_is_lost() -> None:
+    decoder = NativeDecoder()
+    decoder.feed(data(0), 1)
+    decoder.opened()
+    assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 2}
+    decoder.feed(data(2, 3), 2)
+    assert decoder.finish() == []
+    assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 5}
+    assert decoder.finish() == []
+    assert decoder.faults.as_dict() == {"samples_of_unknown_boot": 5}

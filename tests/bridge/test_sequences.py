@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, TRIES_S, WRAP, Sequences
+from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, MOST_TOLD, TRIES_S, WRAP, Sequences
 
 A, KEY = "publisher-a", "t/a"
 
@@ -260,3 +260,24 @@ def test_an_answer_after_all_was_well_changes_nothing(gone: bool) -> None:
     assert list(sequences.answered(A, {} if gone else by_number(1, 2), 0.1)) == []
     assert live(sequences, 3) == [3]
     assert list(sequences.answered("a stranger", by_number(1), 0.1)) == []
+
+
+def test_what_waits_longest_is_asked_about_first() -> None:
+    sequences: Sequences[int] = Sequences()
+    for n in range(200):
+        sequences.heard(f"b{n}", f"t/{n}", 5, 1.0)
+    sequences.heard(A, KEY, 5, 0.5)
+    gaps = sequences.due(2.0)
+    assert (len(gaps), gaps[0].source) == (64, A)
+    assert len(sequences.due(2.0)) == 64, "others than those that have been asked"
+
+
+def test_whoever_makes_up_publishers_takes_no_room_from_those_of_whom_something_came() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 0) == [0]
+    sequences.heard(A, KEY, 1, 0.0)
+    for n in range(MOST_TOLD + 100):
+        sequences.heard(f"b{n}", f"t/{n}", 5, 1.0)
+    assert len(sequences._sources) == MOST_TOLD + 1
+    assert sequences.due(2.0)[0] == (A, KEY, 1)
+    assert list(sequences.answered(A, by_number(1), 2.0)) == [1]

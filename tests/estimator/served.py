@@ -99,9 +99,9 @@ class Served:
             self.store.close()
         self._patch.undo()
 
-    def put(self, batch: SampleBatch) -> None:
+    def put(self, batch: SampleBatch, bridge: str = BRIDGE) -> None:
         """Lay samples before it."""
-        key = keys.build(WARD, "raw", bridge=BRIDGE, device=batch.device)
+        key = keys.build(WARD, "raw", bridge=bridge, device=batch.device)
         self.raw.messages.append(Message(key, codec.encode_samples(batch)))
 
     def tell(self, info: DeviceInfo) -> None:

@@ -182,7 +182,7 @@ def message(sequence: int, *, boot: int = BOOT, time_ns: int = 10**18, device: s
 
 def test_what_is_let_by() -> None:
     came, counts, begun = list[int](), Tally(), list[tuple[str, bool]]()
-    reached = {NAME: (BOOT, 1000, 10**18 + 6 * 10**9)}
+    reached = {NAME: (BOOT, 1000, 10**18 + 6 * 10**9, BRIDGE)}
 
     def left(*messages: Message, now: float = 0.0) -> list[int]:
         begun.clear()
@@ -208,4 +208,20 @@ def test_what_the_store_says_of_long_ago_is_no_reason(once: Stream) -> None:
     live(store, batches)
     assert set(store.reached(NOW_NS)) == {NAME}
     assert store.reached(NOW_NS + 1) == {}
+    store.close()
+
+
+def test_what_a_bridge_still_has_of_a_device_that_has_moved_since_takes_it_from_nobody(once: Stream) -> None:
+    store, batches, before = Store(":memory:"), once.batches(boot=BOOT), once.part(0, 200).batches(boot=6)
+    after = replace(once, ticks=once.ticks + once.ticks[-1]).part(0, 200).batches(boot=BOOT, first=len(once))
+    live(store, batches)
+    with Served(store=store) as served:
+        for batch in before:
+            served.put(replace(batch, receive_time_ns=batch.receive_time_ns - 3600 * 10**9), bridge="earlier")
+        said = heard(served, [*batches, *after])
+        assert {batch.boot for batch in said} == {BOOT}
+        assert numbers(said)[-1] == (BOOT, len(once) + 199)
+        events = served.service._devices[NAME].session.sequence.events.as_dict()
+        assert events.get("also from earlier") == 200
+        assert f"also from {BRIDGE}" not in events
     store.close()

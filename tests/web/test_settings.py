@@ -11,7 +11,7 @@ from bridge.config import ConfigError, load
 from estimator.cli import main
 from estimator.config import Ward
 from estimator.web.passwords import Passwords
-from estimator.web.serve import _place
+from estimator.web.serve import _place, routers_of
 
 HASH = "$argon2id$v=19$m=64,t=1,p=4$c2FsdHNhbHRzYWx0$aGFzaGhhc2hoYXNo"
 
@@ -83,6 +83,32 @@ def test_the_guide_is_taken_as_it_stands(tmp_path: Path) -> None:
     (block,) = re.findall(r"```toml\n\[dashboard\]\n(.*?)```", guide, re.DOTALL)
     settings = ward(block, tmp_path).dashboard
     assert (settings.behind_proxy, settings.people[0].name) == (True, "nurse")
+
+
+def certified(holder: str, text: str, folder: Path) -> Ward:
+    """A ward's file of who shows a certificate."""
+    folder.mkdir(exist_ok=True)
+    pki = folder / "pki"
+    assert main(["pki", "init", "--ward", "w", "--folder", str(pki)]) == 0
+    assert main(["pki", "issue", holder, "--folder", str(pki)]) == 0
+    own = holder.replace(":", ".")
+    bus = (
+        f'connect = ["tls/127.0.0.1:1"]\nca = "{pki}/ca.pem"\ncertificate = "{pki}/{own}.pem"\nkey = "{pki}/{own}.key"'
+    )
+    return ward(f"{text}\n[bus]\n{bus}\n", folder)
+
+
+def test_who_does_not_hear_readings_is_told_what_that_costs(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert routers_of(certified("viewer:hall", "", tmp_path)).identity is not None
+    assert "viewer:hall does not hear the devices' own readings" in caplog.text
+
+
+def test_who_may_give_commands_does_so_as_a_commander(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    people = f'[[dashboard.people]]\nname = "nurse"\npassword = "{HASH}"'
+    assert routers_of(certified("commander:desk", people, tmp_path)).identity is not None
+    assert caplog.text == ""
+    with pytest.raises(ConfigError, match="a certificate for commander is needed"):
+        routers_of(certified("viewer:hall", people, tmp_path / "other"))
 
 
 def test_a_port_that_is_taken_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

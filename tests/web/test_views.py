@@ -48,6 +48,18 @@ def test_a_low_battery_needs_a_person_and_says_so() -> None:
     assert (page.tracking, page.of, page.counts) == (2, 2, [("tracking", "well", 2, "tracking")])
 
 
+def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_are_taken() -> None:
+    ward = known(about("a", bridge="b1", boot=1), said("a", boot=1, bridge="b1"))
+    ward.take_info(about("a", bridge="b2", boot=9, model="other"))
+    story = ward.stories["a"]
+    assert story.info is not None
+    assert (story.info.bridge, list(story.boots)) == ("b1", [1])
+    assert (story.hears("b1"), story.hears("b2")) == (True, False)
+    ward.take_status(said("a", boot=9, bridge="b2"), 101.0)
+    ward.take_info(about("a", bridge="b2", boot=9))
+    assert (story.info.bridge, list(story.boots)) == ("b2", [1, 9])
+
+
 def test_a_reboot_is_said_until_it_is_calibrated_again() -> None:
     ward = known(about("a", boot=1, time_ns=NOW - 900 * S), said("a", boot=1, calibrated_time_ns=NOW))
     ward.take_info(about("a", boot=2, time_ns=NOW - 5 * S, boot_cause=BootCause.PORT_OPENED))

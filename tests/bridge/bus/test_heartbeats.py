@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
+import zenoh
 
 from bridge.bus.zenoh_bus import _HEARTBEAT_S, _REPEAT_S, _REPEATED_S, _STREAM, ZenohBus, _Publisher
 from bridge.bus.zenoh_subscription import Repaired
@@ -46,6 +47,44 @@ def test_the_last_message_of_a_stream_is_fetched_again_though_nothing_follows(
     began = time.monotonic()
     assert [message.payload for message in found.drain(9, 2.0)] == [b"1"]
     assert time.monotonic() - began < _REPEAT_S, "not only with what is repeated"
+
+
+@pytest.mark.parametrize("key", ["t/one/@adv/pub/**", "t/*/@adv/pub/**", "t/one/@adv/pub/*/1/_", "t/one/@adv/pub/1"])
+def test_who_says_it_of_many_at_once_or_of_nobody_keeps_no_loss_from_being_fetched(
+    bus: ZenohBus, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, key: str
+) -> None:
+    one, found = bus.publisher("t/one", cache=_STREAM), bus.subscribe("t/*", history=True)
+    assert isinstance(found, Repaired)
+    one.put(b"0")
+    assert [message.payload for message in found.drain(9, 2.0)] == [b"0"]
+    bus._session.put(key, bytes(4))
+    time.sleep(0.1)
+    lost = list[object]()
+    monkeypatch.setattr(found, "_take", lost.extend)
+    one.put(b"1")
+    eventually(lambda: bool(lost))
+    monkeypatch.undo()
+    assert [message.payload for message in found.drain(9, 2.0)] == [b"1"]
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+def test_what_is_said_under_a_pattern_is_handed_on_and_ends_nothing(bus: ZenohBus) -> None:
+    found, one = bus.subscribe("t/*", history=True), bus.publisher("t/one", cache=_STREAM)
+    plain = bus._session.declare_subscriber("t/one")
+    one.put(b"0")
+    info = plain.recv().source_info
+    assert info is not None
+    for number in (0, 7):  # as if some were missing between them
+        bus._session.put("t/*", b"many", source_info=zenoh.SourceInfo(info.source_id, number))
+    one.put(b"1")
+    payloads = list[bytes]()
+
+    def all_came() -> bool:
+        payloads.extend(message.payload for message in found.drain(9, 0.1))
+        return len(payloads) == 4
+
+    eventually(all_came)
+    assert sorted(payloads) == [b"0", b"1", b"many", b"many"]
 
 
 @pytest.mark.parametrize("cache", [_STREAM, 1])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from bridge.config import Bridge, Device
 from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.link import Link
+from bridge.link import Link, Taken
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.ward import Outlet, Ward, shares
@@ -169,6 +170,25 @@ def test_a_bridge_whose_device_is_refused_says_so_once(
             estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
         listener.until(lambda: words in caplog.text)
     assert caplog.text.count("are refused") == 1
+
+
+def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
+    broker: MemoryBroker, listener: Listener, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    take = Link.take
+
+    def fails(link: Link, *wants: Any) -> Taken:
+        if link.device == "d1":
+            raise ValueError("no")
+        return take(link, *wants)
+
+    monkeypatch.setattr(Link, "take", fails)
+    config = Bridge(
+        id="b1", batch_ms=20, devices=tuple(Device(id_, "simulated", SimulatedOptions()) for id_ in ("d1", "d2"))
+    )
+    with MemoryBus(broker) as bus, Ward("w", config, bus):
+        listener.until(lambda: listener.count("d2") > 100)
+    assert "d1: cannot be published" in caplog.text
 
 
 def rate_of(batches: Sequence[SampleBatch]) -> float:

@@ -1,23 +1,27 @@
 """`truerate record` around its core: from a bus into a folder, or a sentence that says why not."""
 
 import io
+import math
 import os
 import resource
+import threading
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import pytest
 from rich.console import Console
 
-from bridge.bus.contract import BusError
+from bridge.bus.contract import BusError, Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Root
-from bridge.record.record import record
+from bridge.record.record import _first, record
 from bridge.record.recover import recover
 from bridge.record.settings import Recorder, seconds
 from bridge.record.survey import survey
 from bridge.recording_error import RecordingError
 from bridge.toml_file import ConfigError, load
+from bridge.wire import keys
 from tests.bridge.record.crowd import WARD, Crowd
 
 NOWHERE = ("tcp/127.0.0.1:1",)
@@ -169,3 +173,23 @@ def test_the_wards_file_may_say_how_and_is_checked(tmp_path: Path, table: str, s
     assert f"{file}: [recorder]: {said}" in str(refused.value)
     file.write_text('ward = "w"\n[recorder]\nrotate = "10min"\n')
     assert load(file, Root).recorder == Recorder(rotate="10min")
+
+
+class Laid:
+    """A subscription to rounds of messages."""
+
+    def __init__(self, *rounds: list[Message]) -> None:
+        self._rounds = list(rounds)
+
+    def drain(self, _limit: int, _timeout_s: float) -> list[Message]:
+        return self._rounds.pop(0)
+
+
+def test_who_waits_for_a_device_keeps_nothing_of_the_others() -> None:
+    def said(what: str, device: str) -> Message:
+        return Message(keys.build(WARD, what, device=device, bridge="b"), b"")
+
+    others = [said("raw", f"d{n}") for n in range(1000)]
+    own = [said("info", "wanted"), said("raw", "wanted")]
+    subscription = cast("Subscription", Laid([*others, own[0]], others, [*others, own[1]]))
+    assert _first(subscription, ["wanted"], threading.Event(), math.inf) == own

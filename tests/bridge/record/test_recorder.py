@@ -2,6 +2,7 @@
 
 import errno
 import logging
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.record.mcap_reader import Entry, McapReader
+from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.recorder import Knobs, WardRecorder
+from bridge.record.tape import MOST_OF_A_BRIDGE
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.record.crowd import WARD, corrected, info, samples, status
@@ -292,3 +295,28 @@ def test_a_file_in_which_nothing_is_leaves_no_trace(recorder: WardRecorder, disk
     assert {output.fate for output in disk.outputs} == {"discarded"}
     recorder.close()
     assert recorder.account.files == []
+
+
+def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
+    recorder: WardRecorder, disk: Disk, caplog: pytest.LogCaptureFixture
+) -> None:
+    made_up = [
+        Message(
+            keys.build(WARD, "info", bridge="b2", device=f"x{n}"),
+            codec.encode_info(replace(info(f"x{n}", NOW), bridge="b2")),
+        )
+        for n in range(MAX_CHANNELS + 1)
+    ]
+    recorder.take([*of_all_kinds("before"), *made_up], NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take(of_all_kinds("after"), NOW, 11.0)
+    recorder.close()
+    assert len(disk.outputs) == 2
+    for output in disk.outputs:
+        topics = output.topics()
+        assert sum(topic.startswith("info/b2/") for topic in topics) == MOST_OF_A_BRIDGE
+    assert {"info/bridge-1/before", "raw/bridge-1/after", "corrected/after", "note/after"} <= set(topics)
+    assert recorder.account.refused.as_dict() == {"too_many_channels": MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE}
+    assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+    assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4

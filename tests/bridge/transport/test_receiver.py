@@ -7,8 +7,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from bridge.transport import receiver
-from bridge.transport.receiver import Kept, Receiver
+from bridge.transport.receiver import RECEIVER, Kept, Receiver
 from bridge.transport.tcp_port import TcpPort
 
 PATIENCE_S = 5.0
@@ -81,6 +83,38 @@ def test_a_tcp_device_that_is_not_read_is_held_back_and_loses_nothing() -> None:
         while len(got) < len(sent):
             got += port.read(PATIENCE_S).data
         sending.join()
+        device.close()
+        port.close()
+    assert bytes(got) == sent
+
+
+def test_who_takes_just_as_a_device_is_held_back_does_not_hold_it_back_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent = os.urandom(1 << 16) * 40
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = TcpPort(f"127.0.0.1:{server.getsockname()[1]}", 0)
+        port.open()
+        device, _ = server.accept()
+        connection, got, remove = port._connection, bytearray(), RECEIVER.remove
+        assert connection is not None
+
+        def remove_late(fd: int) -> None:
+            """The reader has taken all there was, and more than once, before it is carried out."""
+            while (chunk := connection.take(0.0)) is not None:
+                got.extend(chunk.data)
+            remove(fd)
+
+        monkeypatch.setattr(RECEIVER, "remove", remove_late)
+        sending = threading.Thread(target=device.sendall, args=(sent,), daemon=True)
+        sending.start()
+        until(lambda: bool(got))
+        monkeypatch.undo()
+        end = time.monotonic() + PATIENCE_S
+        while len(got) < len(sent) and time.monotonic() < end:
+            got += port.read(0.05).data
+        if len(got) == len(sent):
+            sending.join()
         device.close()
         port.close()
     assert bytes(got) == sent

@@ -1,5 +1,7 @@
 """A boot number that came again, where there are several estimators: GOOD only by a calibration of this power-up."""
 
+from dataclasses import replace
+
 import pytest
 
 from bridge.bus.memory_bus import MemoryBus
@@ -110,3 +112,23 @@ def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: 
     handed.slowly(powered_up_again(handed.batches[-200:])[:80])
     both.services[SECOND]._adopt(handed.made)
     assert handed.device(SECOND).session.calibration is None
+
+
+def test_who_is_left_alone_does_not_go_back_to_what_another_said_hours_ago(handed: Handed, both: Both) -> None:
+    both.pass_(6.0)
+    both.kill(SECOND)
+    both.send(handed.batches[-30:-20])
+    assert both.command("recalibrate", "r1").accepted
+    handed.fail(FIRST)
+    both.send(handed.batches[-20:])
+    assert handed.device(FIRST).session.learnt.asked, "it was asked for after the other had gone"
+    assert both.command("cancel", "r2").accepted
+    handed.fail(FIRST)
+    both.send(
+        [
+            replace(
+                handed.batches[-1], sequence=handed.batches[-1].sequence + 10, ticks=handed.batches[-1].ticks + 100_000
+            )
+        ]
+    )
+    assert not handed.device(FIRST).session.learnt.asked, "it was cancelled"

@@ -1,13 +1,17 @@
 """Turns and calibrations while devices move: none is lost, or it is said that it is."""
 
 from dataclasses import replace
+from unittest.mock import Mock
+
+import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire.messages import State
 from estimator.guide.reasons import Words, said
 from estimator.service.replicas import checkpoint_of
+from estimator.service.store import StoreError
 from tests.estimator.shared.conftest import FIRST, SECOND, Both
-from tests.estimator.stream import NAME, calibration
+from tests.estimator.stream import NAME, calibration, info
 from tests.estimator.test_replicas import calibrated
 
 
@@ -62,3 +66,66 @@ def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_count
     assert both.client.statuses(0.1)[NAME].state is State.TRACKING
     assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
     assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.calibration.id]
+
+
+def test_a_calibration_that_is_void_since_is_not_taken_from_who_did_not_know(both: Both) -> None:
+    batches, other = calibration(seed=1).batches(), replace(info(), gyro_range=4.0)
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) // 2], what=other)
+    assert both.has() == [SECOND]
+    late = checkpoint_of(calibrated()[0], both.now_ns)
+    assert late is not None
+    both.say_checkpoint(replace(late, epoch=7))
+    both.pass_(1.2)
+    assert both.client.statuses(0.1)[NAME].calibration == ""
+    assert both.stores[SECOND].calibrations(NAME) == []
+
+
+def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: Both) -> None:
+    batches = calibration(seed=1, after=[Still(30.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches)
+    assert both.has() == [SECOND]
+    record, device = both.services[SECOND]._record, both.services[SECOND]._devices[NAME]
+    old = device.session.calibration
+    assert old is not None
+    new = replace(old, id="another", time_ns=both.now_ns)
+    record.calibration(device, new, both.now)
+    both.pass_(1.0)
+    said = checkpoint_of(device, both.now_ns)
+    assert said is not None
+    record._replicas.note(replace(said, epoch=said.epoch + 5, calibration=old))  # who did not hear of it
+    found = record.recall(device, old.boot)
+    assert found is not None
+    assert found.calibration == new
+    third = replace(old, id="third")  # and what is made later counts again, by whomever
+    record._replicas.note(replace(said, epoch=said.epoch + 6, calibration=third))
+    found = record.recall(device, old.boot)
+    assert found is not None
+    assert found.calibration == third
+
+
+def test_a_calibration_that_is_taken_over_while_the_disk_is_full_is_kept_later(
+    both: Both, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batches = calibration(seed=1, after=[Still(8.0)]).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[:-20])
+    both.pass_(6.0)
+    made = both.client.statuses(0.1)[NAME].calibration
+    assert made
+    with monkeypatch.context() as full:
+        full.setattr(both.stores[FIRST], "add_calibration", Mock(side_effect=StoreError("no room")))
+        both.kill(SECOND)
+        both.send(batches[-20:])
+        both.pass_(2.0)
+        assert both.has() == [FIRST]
+        assert both.stores[FIRST].calibrations(NAME) == []
+    both.pass_(6.0)
+    assert [c.id for c in both.stores[FIRST].calibrations(NAME)] == [made]
