@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 #: readings a second at which the noise of one reading is guessed before a rest has shown it
 _USUAL_HZ = 100.0
+#: Allan deviation of a bias instability of 1 (IEEE Std 952, √(2 ln 2 / π)); and at which averaging time a walk is to reach it, s
+_FLAT, _WITHOUT_REST_S = 0.664, 1000.0
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
@@ -19,7 +21,10 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     knobs = knobs or SessionKnobs()
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
     track = knobs.track
-    bias = replace(track.bias, rate_random_walk=float(model.rrw.max()), per_kelvin=model.bias_per_kelvin)
+    # The flat of the Allan deviation, as a walk that comes to it where a device may well be without rest.
+    flat = _FLAT * float(model.bias_instability.max()) * (3 / _WITHOUT_REST_S) ** 0.5
+    walk = max(float(model.rrw.max()), flat)
+    bias = replace(track.bias, rate_random_walk=walk, per_kelvin=model.bias_per_kelvin)
     gravity = track.gravity if model.zero_g is None else replace(track.gravity, accel_bias=model.zero_g)
     return replace(
         knobs,

@@ -68,8 +68,9 @@ _ALIVE = (S.WARMING, S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING, S.TRACKING, S.DEG
 _CALIBRATING = (S.AWAITING_STILL, S.BIAS_ONLY, S.TURNING)
 #: where nothing comes from it
 AWAY = (S.UNKNOWN, S.LOST)
-#: what may happen meanwhile: it then goes on from elsewhere
-_MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.DOUBTED, E.CHANGED)
+#: what may happen meanwhile, also by what came before and is learnt from later: it then goes on from elsewhere
+_LEARNT = (E.RESTED, E.TURNED, E.CALIBRATED, E.NOT_CALIBRATED, E.DOUBTED, E.CONFIRMED)
+_MEANWHILE = (E.CANCEL_TO_TRACKING, E.CANCEL_TO_START, E.CHANGED, *_LEARNT)
 
 TABLE: dict[tuple[State, Event], State | type[Back]] = {
     **{(state, E.BOOTED): S.WARMING for state in State},

@@ -1,7 +1,7 @@
 """A calibration session as it happens: samples and windows in; what was recognised, and in the end a Result, out."""
 
 from dataclasses import dataclass, replace
-from math import radians
+from math import inf, radians
 
 import numpy as np
 
@@ -184,7 +184,9 @@ class CalibrationSession:
             *(movement.before for movement in self.movements[:1]),
         )
         since = min((before.start for before in befores), default=rest.start)
-        self._rests = [r for r in self._rests if r.start >= since] + [rest]
+        # Of a turn that waits for the others for hours no rest between counts any more.
+        oldest = -inf if self._by_movements else rest.start - 2 * STALE_S
+        self._rests = [r for r in self._rests if r.start >= since and r.end >= oldest] + [rest]
 
     def _ignored(self, no_turn: NoTurn) -> list[Progress]:
         self.last_reason = no_turn.reason

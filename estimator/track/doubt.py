@@ -42,6 +42,7 @@ class Doubt:
     def anew(self) -> None:
         """Nothing speaks against what is believed from now on."""
         self._contradictions, self.why = 0, ""
+        self.consistency.forget()
 
     def interrupted(self) -> None:
         """What follows is not seen: rests in a row end here."""

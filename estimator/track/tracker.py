@@ -203,6 +203,7 @@ class Tracker:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
+        self.doubt.anew()
         self._evidence_time = min(state.time, now)
         self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
         if 0 < now - state.time < self.knobs.thermometer.average_s:
@@ -232,8 +233,8 @@ class Tracker:
     def coast(self, windows: Windows) -> None:
         """Go on over the next windows by prediction alone: a seventh of what it takes to learn from them."""
         self.seconds.skip(windows)
-        self._lost_way()
         end = windows.ended
+        self._lost_way(end - self.time)
         steps = self._filter.predict(end, self.thermometer.at(end))
         if steps is not None:
             self._history.add(end, self._filter.x, self._filter.cov, steps, self._filter.bent)
@@ -267,7 +268,7 @@ class Tracker:
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
         if second.flaw:
-            self._lost_way()
+            self._lost_way(second.end - second.start)
         # Known whole only later, over a gap much later: it was as warm as it was then.
         steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
@@ -289,10 +290,10 @@ class Tracker:
             self._evidence_time, self._evidenced = second.end, True
         return receipts
 
-    def _lost_way(self) -> None:
-        """Before time goes on over what nobody saw: what waits to be judged was measured before that."""
+    def _lost_way(self, seconds: float) -> None:
+        """Before time goes on over what nobody saw for so long: what waits to be judged was measured before that."""
         self._gravity.lose()
-        self._zaru.moved(self._filter)
+        self._zaru.unseen(self._filter, max(0.0, seconds))
         self._bounded.broken()
 
     def _without_accelerometer(self) -> None:

@@ -80,6 +80,7 @@ class Zaru:
         self._surprises: list[Receipt] = []
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
+        self._blind = False  # whether it was not seen, and has not been seen to rest since
         self._proven = False  # whether the latest second of rest is one
         self._ever_proven = known
         self._tilt = Tilt(self.knobs.tilt)
@@ -88,20 +89,36 @@ class Zaru:
 
     def moved(self, bias: BiasFilter) -> None:
         """What was seen of a rest is over."""
-        self._quiet = 0
-        self._tilt.over()
-        self._rests, self._in_question = 0, 0.0
-        self.interrupted(bias)
+        self._in_question, self._contradiction, self._blind = 0.0, None, False
+        self._over(bias)
+
+    def unseen(self, bias: BiasFilter, seconds: float) -> None:
+        """For so long nobody saw it: it may rest still. What is in question stays so, and what contradicts waits no less."""
+        if self._contradiction is not None:
+            since, z, R = self._contradiction
+            self._contradiction = since + seconds, z, R
+        self._blind = True
+        self._over(bias)
 
     def interrupted(self, bias: BiasFilter) -> None:
         """The device was quiet still, but not at rest."""
+        if not self._blind:  # what is still shows only some time after a hole
+            self._contradiction = None
+        self._judge(bias)
+
+    def _over(self, bias: BiasFilter) -> None:
+        self._quiet = self._rests = 0
+        self._tilt.over()
+        self._judge(bias)
+
+    def _judge(self, bias: BiasFilter) -> None:
+        """What waits, without what would have followed."""
         if self._waiting:
             evidence, begun, ended = self._waiting.pop()
             self._waiting.append((self._at_edge(evidence), begun, ended))
         self._drop_forgotten(bias)
         while self._waiting:
             self._late(bias)
-        self._contradiction = None
         bias.forget()
 
     def _drop_forgotten(self, bias: BiasFilter) -> None:
@@ -126,6 +143,7 @@ class Zaru:
         self._quiet_until = second.end
         resting = second.still and quiet
         self._rests = self._rests + 1 if resting else 0
+        self._blind = self._blind and not resting
         return resting
 
     def take(

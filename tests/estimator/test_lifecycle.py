@@ -58,10 +58,21 @@ def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) 
     assert life.on(gone)
     assert life.away
     assert not life.on(gone) or gone is Event.SILENT
-    assert not life.on(Event.CALIBRATED)
+    assert not life.on(Event.WARM)
     assert life.on(Event.HEARD)
     assert life.state is state
     assert not life.on(Event.HEARD)
+
+
+@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE, Event.SHED])
+def test_what_its_last_samples_teach_while_it_is_away_holds_when_it_is_back(gone: Event) -> None:
+    life = at(State.TURNING)
+    assert life.on(gone)
+    assert life.on(Event.TURNED, "the third")
+    assert life.on(Event.CALIBRATED, "calibrated")
+    assert life.away
+    assert life.on(Event.HEARD)
+    assert (life.state, life.reason) == (State.TRACKING, "calibrated")
 
 
 @pytest.mark.parametrize("state", THERE)

@@ -1,6 +1,6 @@
 """Device models: those that come with truerate, those of one's own, and what is said of a wrong one."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import radians
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import pytest
 
 from bridge.toml_file import ConfigError
 from estimator import noise_model
+from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, NoiseModel, as_toml, load_model, shipped
 
 ROOT = Path(__file__).parents[2]
@@ -98,3 +99,13 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
 def test_a_file_that_is_not_there() -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         load_model("nowhere.toml")
+
+
+def test_the_flat_of_the_allan_deviation_counts_where_it_is_more_than_the_walk() -> None:
+    generic = load_model(GENERIC)
+    walk = knobs_of(generic).track.bias.rate_random_walk
+    assert walk == pytest.approx(float(generic.rrw.max())), "models that come with truerate: their walk covers it"
+    quiet = replace(generic, rrw=generic.rrw / 10)
+    flat = knobs_of(quiet).track.bias.rate_random_walk
+    assert flat * np.sqrt(1000.0 / 3) == pytest.approx(0.664 * float(generic.bias_instability.max()))
+    assert float(quiet.rrw.max()) < flat < walk

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from bridge.sim.motion import Still
-from bridge.sim.script import SessionPlan, TurnPlan, session
+from bridge.sim.motion import Piece, Still
+from bridge.sim.script import SessionPlan, TurnPlan, session, swing
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Capture, Samples
 from estimator.batch.methods import METHODS
 from estimator.batch.result import Result, nothing
-from estimator.batch.session import CalibrationSession, Finished, RestFound, TurnFound
+from estimator.batch.session import STALE_S, CalibrationSession, Finished, RestFound, TurnFound
 from estimator.stillness import Stillness
 from tests.estimator.batch.sessions import progress
 from tests.estimator.stream import calibration
@@ -64,6 +64,18 @@ def test_turns_long_ago_are_not_combined() -> None:
     assert not any(isinstance(p, Finished) for p in progress(calibration(X, Y, seed=5, after=late)))
     soon = [Still(60.0), *late[1:]]
     assert isinstance(progress(calibration(X, Y, seed=5, after=soon))[-1], Finished)
+
+
+def test_rests_are_not_kept_for_ever_while_a_turn_waits_for_the_others() -> None:
+    rng = np.random.default_rng(0)
+    worn: list[Piece] = [piece for _ in range(260) for piece in (swing(rng, 2.0, 1.5), Still(3.0))]
+    of = calibration(X, seed=5, after=worn)
+    session = CalibrationSession()
+    session.add(Samples(of.time, of.gyro, of.accel, np.zeros(len(of), bool)))
+    for window in Stillness().feed(of.time, of.gyro, of.accel):
+        session.window(window)
+    assert of.time[-1] > 2 * STALE_S
+    assert len(session._rests) * 5.0 < 2.1 * STALE_S
 
 
 def test_turns_at_another_bias_are_not_combined() -> None:

@@ -174,7 +174,13 @@ def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration(
     assert one._accelerometer.contradicts
     rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
     one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
-    assert one.doubts(2.0) is None
+    refused = Receipt(1.0, "zaru", np.ones(3), np.eye(3), 33.0, accepted=False, reason="outside the gate", nis=1e3)
+    for _ in range(40):
+        one.doubt.take([refused], [])
+    assert one.doubt.consistency.inflation > one.knobs.doubt.inflation
+    one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 2.5, rest)
+    assert one.doubts(3.0) is None
+    assert one.doubt.consistency.inflation == 1.0
 
 
 # ---- restored -----------------------------------------------------------------------------------------------------

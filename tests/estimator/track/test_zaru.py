@@ -292,6 +292,35 @@ def test_a_jump_along_gravity_waits_until_it_insists() -> None:
     assert any(r.reason == "insisted" for r in learnt.receipts)
 
 
+def with_holes(of: Stream, *holes: tuple[float, float]) -> Worn:
+    """Lived but for what is lost, from and to s."""
+    worn, begin = Worn.new(), 0
+    for since, until in holes:
+        worn.lives(of.part(begin, int(np.searchsorted(of.time, since))))
+        begin = int(np.searchsorted(of.time, until))
+    return worn.lives(of.part(begin, len(of)))
+
+
+def test_a_hole_makes_nobody_sure_of_what_may_be_a_turn() -> None:
+    of = jumped(np.array([0.0, 0.0, 1.0]), ZaruKnobs().insist_s + 60.0)
+    whole = Worn.new().lives(of)
+    assert any(r.reason == "insisted" for r in whole.receipts)
+    assert np.degrees(whole.tracker.std[2]) > 0.3
+    lost_s = 40.0 + ZaruKnobs().insist_s + 25.0
+    holed = with_holes(of, (lost_s, lost_s + 0.4))
+    assert np.degrees(holed.tracker.std[2]) > 0.3
+
+
+def test_holes_keep_no_contradiction_from_being_believed_but_lengthen_it() -> None:
+    insist_s = ZaruKnobs().insist_s
+    of = jumped(np.array([0.0, 0.0, 0.5]), insist_s + 40.0)
+    holed = with_holes(of, *((s, s + 0.4) for s in (70.0, 100.0, 130.0)))
+    assert any(r.reason == "insisted" for r in holed.receipts)
+    assert abs(holed.error_dps(of)[2]) < 0.01
+    late = with_holes(of, (60.0, 130.0))
+    assert not any(r.reason == "insisted" for r in late.receipts), "nobody saw it rest meanwhile"
+
+
 def test_a_contradiction_that_stays_is_believed_at_last() -> None:
     rest = Rest()
     rest.lives(30.0)
