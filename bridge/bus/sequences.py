@@ -67,7 +67,9 @@ class Sequences(Generic[_T]):
         self._lacking: dict[str, _Source[_T]] = {}
         #: when each of them is to be asked about; with what has been settled meanwhile
         self._agenda: list[tuple[float, str]] = []
+        #: those that were only told of, and those of which something came that was not their first
         self._told: dict[str, None] = {}
+        self._early: dict[str, None] = {}
         #: how many messages are lost for good, by key
         self.missed: Counter[str] = Counter()
         #: keys of publishers that have been asked in vain, for whoever says so
@@ -75,7 +77,15 @@ class Sequences(Generic[_T]):
 
     def take(self, source: str, key: str, number: int, message: _T, now_s: float) -> Sequence[_T]:
         """A message that came live."""
-        state = self._sources.get(source) or self._new(source, key, number)
+        state = self._sources.get(source)
+        if state is None:
+            state = self._new(source, key, number)
+            if number:
+                self._early[source] = None
+        elif (
+            len(self._sources) > MOST_SOURCES // 2
+        ):  # who says something still has room before who has said something once
+            self._sources[source] = self._sources.pop(source)
         number = state.place(number)
         if number == state.next and not state.held:
             state.next, state.newest, state.begun = number + 1, max(state.newest, number), True
@@ -88,6 +98,8 @@ class Sequences(Generic[_T]):
         state.newest = max(state.newest, number)
         ready = self._settle(state, state.newest) if len(state.held) > MOST_HELD else self._run(state)
         self._review(source, state, now_s)
+        while len(self._early) > MOST_TOLD:
+            ready += self._give_up(next(iter(self._early)))
         return ready
 
     def heard(self, source: str, key: str, number: int, now_s: float) -> None:
@@ -155,6 +167,17 @@ class Sequences(Generic[_T]):
             self._lacking.pop(oldest, None)
         state = self._sources[source] = _Source(key, number)
         return state
+
+    def _give_up(self, early: str) -> list[_T]:
+        """What came of one whose beginning is waited for, without it."""
+        del self._early[early]
+        state = self._sources.get(early)
+        if state is None or state.begun:
+            return []
+        ready = self._settle(state, state.newest)
+        state.newest = state.next - 1
+        self._lacking.pop(early, None)
+        return ready
 
     def _forget(self, told: str) -> None:
         """One that was told of, unless something came of it."""

@@ -102,6 +102,10 @@ class Boots:
         behind_s, slack_s = passed_s - step_s, _AHEAD_S + _SKEW * passed_s
         turn_s = self._whole * period_s
         if self._wraps and passed_s > _SILENT * turn_s:
+            half = self._whole // 2
+            went_on_s = ((step + half) % self._whole - half) * period_s
+            if not self._opened and -_BACK_S <= went_on_s <= _AHEAD_S:
+                return True  # it is the host that stood still, or whose clock was set
             return abs(behind_s) <= slack_s <= max(2 * _AHEAD_S, _CHANCE * turn_s)
         if self._opened:
             return abs(behind_s) <= slack_s

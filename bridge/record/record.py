@@ -15,9 +15,9 @@ from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
 from bridge.record.files import Folder, recorded_in
-from bridge.record.kinds import SAMPLES
+from bridge.record.kinds import KINDS, SAMPLES
 from bridge.record.progress import Screen, line
-from bridge.record.recorder import Knobs, WardRecorder
+from bridge.record.recorder import MOST_REPEATED, Knobs, WardRecorder
 from bridge.record.settings import Recorder
 from bridge.recording_error import RecordingError
 from bridge.wire import keys
@@ -97,12 +97,16 @@ def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
     """What came of wanted devices, the newest of it, until one of them sent samples; None when none did."""
-    heard = deque[Message](maxlen=QUEUE)
+    holds, heard = dict[str, Message](), deque[Message](maxlen=QUEUE)
     while not stop.is_set() and time.monotonic() < deadline:
         came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
-        heard += [message for _, message in came]
+        for key, message in came:
+            if KINDS[key.what].repeated and (message.key in holds or len(holds) < MOST_REPEATED):
+                holds[message.key] = message
+            else:
+                heard.append(message)
         if any(key.what in SAMPLES for key, _ in came):
-            return list(heard)
+            return [*holds.values(), *heard]
     return None
 
 
@@ -111,7 +115,7 @@ def _wanted(message: Message, devices: Sequence[str]) -> Key | None:
         key = keys.parse(message.key)
     except Refusal:
         return None
-    return key if not devices or key.ids.get("device") in devices else None
+    return key if key.what in KINDS and (not devices or key.device in devices) else None
 
 
 def _nobody(ward: str, endpoints: Sequence[str], settings: Recorder) -> str:

@@ -25,6 +25,10 @@ from bridge.wording import count
 _log = logging.getLogger(__name__)
 
 
+#: what a new file begins with leaves as much room again to what is new
+MOST_REPEATED = MAX_CHANNELS // 2
+
+
 class Place(Protocol):
     """Where files come from; see files.Folder."""
 
@@ -110,7 +114,7 @@ class WardRecorder:
                     self._stall(error, now_s)
             if isinstance(said, SampleBatch | CorrectedBatch):
                 self._count(said, now_s)
-            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MAX_CHANNELS):
+            elif _repeated(kind, said) and (message.key in self._latest or len(self._latest) < MOST_REPEATED):
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:

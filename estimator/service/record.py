@@ -125,9 +125,10 @@ class Record:
         if device.repeated == boot:
             return None  # all of it is of another power-up
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
-        if unsaved is not None:
-            return Remembered(unsaved, None)
         said = self._replicas.recall(device.name, boot, self._now_ns())
+        theirs = None if said is None else said.calibration
+        if unsaved is not None and (theirs is None or theirs.id != unsaved.id):
+            return Remembered(unsaved, None)
         if said is not None and said.calibration is not None:
             if (later := self._later(device.name, said.calibration)) is not None:
                 return replace(said, calibration=later, turned=())

@@ -56,10 +56,13 @@ class Resumed:
         """Whether the first message of this key that was left goes on from where its device was."""
         return key in self._go_on
 
-    def bridge(self, device: str) -> str:
-        """Whom a device was heard from just before the restart: others may still have what they heard long before."""
+    def bridge(self, device: str, came_ns: int) -> str:
+        """Whom a device was heard from before the restart, where the first that comes of it now was received before that, too.
+
+        Another bridge may still have what it heard long ago; from which it comes by now is told by what is new.
+        """
         found = self._reached.get(device)
-        return "" if found is None else found[3]
+        return "" if found is None or came_ns > found[2] else found[3]
 
     def left(self, messages: list[Message], now: float) -> list[Message]:
         """Those that were not done before, in their order."""

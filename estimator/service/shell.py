@@ -285,7 +285,7 @@ class Service:
             self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, float(batch.device_time[0])
         )
         lately = "" if name in self._silent else self._peers.replicas.lately_from(name, self._now_ns())
-        if known := lately or self._resumed.bridge(name):
+        if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
             device.source.owns(known, now)
         if self._peers.company or self._resumed.goes_on(key):
             device.overtaken = Overtaken(batch.sequence)

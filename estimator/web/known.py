@@ -67,8 +67,8 @@ class Story:
             self.trail.mark(Mark(note.time_ns, "note", f"{note.who}: {note.text}"))
 
     def hears(self, bridge: str) -> bool:
-        """Whether it is this bridge whose word counts: the one that the estimator takes its samples from, where it is known."""
-        return self.status is None or self.status.bridge in {"", bridge}
+        """Whether it is this bridge whose word counts: the one that the estimator takes its samples from, where it takes any."""
+        return self.status is None or not self.status.boot or self.status.bridge in {"", bridge}
 
     def take_boot(self, boot: Boot) -> None:
         """A boot; of one that is known already the earlier time is kept."""

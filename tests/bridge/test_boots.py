@@ -215,6 +215,18 @@ def test_a_power_cycle_of_hours_is_a_boot_wherever_a_clock_that_wraps_has_come_t
     assert missed <= 0.02 * 60
 
 
+@pytest.mark.parametrize("forward_s", [600, 1500, 3600])
+def test_a_hosts_clock_that_is_set_forward_is_no_power_up(forward_s: float) -> None:
+    one = Device(1e-6, 32, first_s=1800.0)
+    one.send(100)
+    one.stalled_s = one.now_s + forward_s
+    one.send(1)
+    one.now_s, one.powered_s, one.stalled_s = one.now_s + forward_s, one.powered_s + forward_s, 0.0
+    one.send(100)
+    assert len(one.boots_told()) == 1
+    assert one.faults.as_dict() == {}
+
+
 @pytest.mark.parametrize("off_s", [600, 3000, 8000])
 def test_a_device_that_was_out_of_reach_for_hours_is_in_the_same_boot(off_s: float) -> None:
     one = Device(1e-6, 32)

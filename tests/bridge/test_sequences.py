@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, MOST_TOLD, TRIES_S, WRAP, Sequences
+from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, MOST_SOURCES, MOST_TOLD, TRIES_S, WRAP, Sequences
 
 A, KEY = "publisher-a", "t/a"
 
@@ -281,3 +281,16 @@ def test_whoever_makes_up_publishers_takes_no_room_from_those_of_whom_something_
     assert len(sequences._sources) == MOST_TOLD + 1
     assert sequences.due(2.0)[0] == (A, KEY, 1)
     assert list(sequences.answered(A, by_number(1), 2.0)) == [1]
+
+
+def test_nor_does_who_says_something_once_under_each_of_many_names() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 0) == [0]
+    handed_on = 0
+    for n in range(2 * MOST_SOURCES):
+        handed_on += len(sequences.take(f"b{n}", f"t/{n}", 5, n, 1.0))
+        if n % 1000 == 0:
+            assert live(sequences, 1 + n // 1000) == [1 + n // 1000]
+    assert handed_on == 2 * MOST_SOURCES - MOST_TOLD, "what is not waited for any more is handed on"
+    assert len(sequences._lacking) == MOST_TOLD
+    assert len(sequences._sources) <= MOST_SOURCES

@@ -225,3 +225,17 @@ def test_what_a_bridge_still_has_of_a_device_that_has_moved_since_takes_it_from_
         assert events.get("also from earlier") == 200
         assert f"also from {BRIDGE}" not in events
     store.close()
+
+
+def test_a_device_that_moved_while_its_only_estimator_was_away_is_taken_from_where_it_is(once: Stream) -> None:
+    store, batches = Store(":memory:"), once.batches(boot=BOOT)
+    after = replace(once, ticks=once.ticks + once.ticks[-1]).part(0, 200).batches(boot=BOOT, first=len(once))
+    live(store, batches)
+    with Served(store=store) as served:
+        for batch in after:
+            served.put(batch, bridge="other")
+        said = [*served.round(1.0), *served.rest()]
+        assert len(numbers(said)) == 200
+        events = served.service._devices[NAME].session.sequence.events.as_dict()
+        assert not [label for label in events if label.startswith("also from")]
+    store.close()

@@ -55,6 +55,8 @@ def test_of_several_bridges_that_tell_of_a_device_the_one_counts_whose_samples_a
     assert story.info is not None
     assert (story.info.bridge, list(story.boots)) == ("b1", [1])
     assert (story.hears("b1"), story.hears("b2")) == (True, False)
+    ward.take_status(said("a", State.UNKNOWN, boot=0, bridge="b2"), 100.5)
+    assert story.hears("b1"), "of one that is not let in nobody's samples are taken"
     ward.take_status(said("a", boot=9, bridge="b2"), 101.0)
     ward.take_info(about("a", bridge="b2", boot=9))
     assert (story.info.bridge, list(story.boots)) == ("b2", [1, 9])

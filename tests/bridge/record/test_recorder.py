@@ -320,3 +320,15 @@ def test_a_bridge_that_makes_up_devices_leaves_room_for_those_of_others(
     assert recorder.account.not_recorded == MAX_CHANNELS + 1 - MOST_OF_A_BRIDGE
     assert [record.levelname for record in caplog.records] == ["ERROR"]
     assert len(recorder._latest) == MOST_OF_A_BRIDGE + 4
+
+
+def test_devices_that_an_estimator_tells_of_leave_room_in_the_next_file(recorder: WardRecorder, disk: Disk) -> None:
+    made_up = [
+        Message(keys.build(WARD, "status", device=f"x{n}"), codec.encode_status(status(f"x{n}", NOW)))
+        for n in range(MAX_CHANNELS)
+    ]
+    recorder.take(made_up, NOW, 0.0)
+    recorder.tick(NOW, 11.0)
+    recorder.take(of_all_kinds("after"), NOW, 11.0)
+    recorder.close()
+    assert {"raw/bridge-1/after", "corrected/after"} <= set(disk.last.topics())

@@ -130,6 +130,7 @@ def test_what_is_known_of_a_silent_device_is_told_to_who_joins_and_is_to_have_it
     both.kill(SECOND)
     both.pass_(3.0)
     assert NAME in both.services[FIRST]._silent
+    assert not both.services[FIRST]._silent._untold
     both.start(SECOND)  # a new machine: its store is empty
     both.pass_(5.0)
     both.send(batches[-20:])

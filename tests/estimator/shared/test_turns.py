@@ -127,5 +127,8 @@ def test_a_calibration_that_is_taken_over_while_the_disk_is_full_is_kept_later(
         both.pass_(2.0)
         assert both.has() == [FIRST]
         assert both.stores[FIRST].calibrations(NAME) == []
+        found = both.services[FIRST]._record.recall(both.services[FIRST]._devices[NAME], batches[0].boot)
+        assert found is not None
+        assert found.bias is not None, "what was said of its bias is better known than the calibration's alone"
     both.pass_(6.0)
     assert [c.id for c in both.stores[FIRST].calibrations(NAME)] == [made]
