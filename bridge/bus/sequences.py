@@ -26,6 +26,8 @@ MOST_HELD = 4096
 MOST_SOURCES = 1 << 16
 #: publishers that only say of themselves that they have sent something: whoever may speak may make up any number of them
 MOST_TOLD = 1 << 12
+#: publishers whose beginning is waited for: of a large ward all streams are, before their past has come
+MOST_EARLY = 1 << 14
 #: after so many messages a publisher's numbers begin anew at zero, 248 days at 5 ms: the one that is nearest is meant
 WRAP = 1 << 32
 
@@ -98,7 +100,7 @@ class Sequences(Generic[_T]):
         state.newest = max(state.newest, number)
         ready = self._settle(state, state.newest) if len(state.held) > MOST_HELD else self._run(state)
         self._review(source, state, now_s)
-        while len(self._early) > MOST_TOLD:
+        while len(self._early) > MOST_EARLY:
             ready += self._give_up(next(iter(self._early)))
         return ready
 
@@ -175,7 +177,7 @@ class Sequences(Generic[_T]):
         if state is None or state.begun:
             return []
         ready = self._settle(state, state.newest)
-        state.newest = state.next - 1
+        state.newest, state.tries, state.due_s = state.next - 1, 0, None
         self._lacking.pop(early, None)
         return ready
 

@@ -29,6 +29,8 @@ QUEUE = 65_536
 _ROUND_S = 0.1
 _SHOW_S = 1.0
 _RETRY_S = 0.2
+#: said again and again: of a calibration the one before may be in force
+_LATEST = ("info", "status")
 _log = logging.getLogger(__name__)
 
 OpenBus = Callable[[Sequence[str]], Bus]
@@ -101,7 +103,7 @@ def _first(
     while not stop.is_set() and time.monotonic() < deadline:
         came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]
         for key, message in came:
-            if KINDS[key.what].repeated and (message.key in holds or len(holds) < MOST_REPEATED):
+            if key.what in _LATEST and (message.key in holds or len(holds) < MOST_REPEATED):
                 holds[message.key] = message
             else:
                 heard.append(message)

@@ -18,6 +18,8 @@ from estimator.stillness import Windows
 from estimator.track.unseen import HOLE, unseen
 
 Floats = NDArray[np.float64]
+#: a flaw that shows movement
+CLIPPED = "clipped"
 #: rad/s, no gyro rounds its readings so coarsely that more noise than this does not show
 _COARSEST = radians(2.0)
 
@@ -129,7 +131,7 @@ class Seconds:
             # From one reading to the next: a slow sway is no noise.
             self._noisy |= rows[loop.JITTER] > np.sqrt(2) * self._step
             self._all_noisy = bool(self._noisy.all())
-        flaw = "clipped" if clips else "gap" if longest > self.knobs.gap_s else ""
+        flaw = CLIPPED if clips else "gap" if longest > self.knobs.gap_s else ""
         if not flaw and not least_std > 1e-9 and self._stuck(rows[loop.HELD] == 1, noise_std):
             flaw = "stuck"
         end, unseen_turn, unseen_push = samples.item(-1, TIME), 0.0, 0.0

@@ -15,7 +15,7 @@ from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.doubt import Doubt, DoubtKnobs
 from estimator.track.evidence import GATES, Evidence, Receipt
 from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, Gravity, GravityKnobs
-from estimator.track.seconds import Second, SecondKnobs, Seconds
+from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds
 from estimator.track.smoother import History, Smoothed
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.thermometer import Thermometer, ThermometerKnobs
@@ -268,7 +268,7 @@ class Tracker:
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
         if second.flaw:
-            self._lost_way(second.end - second.start)
+            self._lost_way(second.end - second.start, turned=second.flaw == CLIPPED)
         # Known whole only later, over a gap much later: it was as warm as it was then.
         steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
@@ -290,10 +290,13 @@ class Tracker:
             self._evidence_time, self._evidenced = second.end, True
         return receipts
 
-    def _lost_way(self, seconds: float) -> None:
+    def _lost_way(self, seconds: float, *, turned: bool = False) -> None:
         """Before time goes on over what nobody saw for so long: what waits to be judged was measured before that."""
         self._gravity.lose()
-        self._zaru.unseen(self._filter, max(0.0, seconds))
+        if turned:  # so much is known of it
+            self._zaru.moved(self._filter)
+        else:
+            self._zaru.unseen(self._filter, max(0.0, seconds))
         self._bounded.broken()
 
     def _without_accelerometer(self) -> None:
@@ -332,7 +335,7 @@ class Tracker:
         else:
             receipts, said = [], None if gravity is None else self._filter.update(gravity)
             if quiet:
-                self._zaru.interrupted(self._filter)
+                self._zaru.interrupted(self._filter, second.end - second.start)
                 receipts = self._bounded.take(second, self._filter, None if span is None else self._filter.x[GRAVITY])
             else:
                 self._zaru.moved(self._filter)

@@ -94,17 +94,22 @@ class Zaru:
 
     def unseen(self, bias: BiasFilter, seconds: float) -> None:
         """For so long nobody saw it: it may rest still. What is in question stays so, and what contradicts waits no less."""
-        if self._contradiction is not None:
-            since, z, R = self._contradiction
-            self._contradiction = since + seconds, z, R
+        self._lengthen(seconds)
         self._blind = True
         self._over(bias)
 
-    def interrupted(self, bias: BiasFilter) -> None:
-        """The device was quiet still, but not at rest."""
-        if not self._blind:  # what is still shows only some time after a hole
+    def interrupted(self, bias: BiasFilter, seconds: float) -> None:
+        """The device was quiet still for so long, but not at rest."""
+        if self._blind:  # what is still shows only some time after a hole
+            self._lengthen(seconds)
+        else:
             self._contradiction = None
         self._judge(bias)
+
+    def _lengthen(self, seconds: float) -> None:
+        if self._contradiction is not None:
+            since, z, R = self._contradiction
+            self._contradiction = since + seconds, z, R
 
     def _over(self, bias: BiasFilter) -> None:
         self._quiet = self._rests = 0

@@ -225,6 +225,21 @@ def test_a_hosts_clock_that_is_set_forward_is_no_power_up(forward_s: float) -> N
     one.send(100)
     assert len(one.boots_told()) == 1
     assert one.faults.as_dict() == {}
+    ticks = np.concatenate([readings.ticks for readings in one.readings()])
+    assert int(ticks[-1] - ticks[0]) * 1e-6 == pytest.approx(2.0, abs=0.1), "no time passed for it"
+
+
+@pytest.mark.parametrize(("period_s", "bits", "chance"), [(1e-6, 16, 0.0), (1e-6, 24, 0.0), (1e-3, 16, 0.05)])
+def test_a_clock_that_wraps_within_a_minute_makes_no_boot_of_two(period_s: float, bits: int, chance: float) -> None:
+    missed = 0
+    for up_s in np.linspace(10, 70, 40):
+        one = Device(period_s, bits)
+        one.powered_s = -up_s
+        one.send(100)
+        one.reboot(7200.0, 0)
+        one.send(20)
+        missed += len(one.boots_told()) < 2
+    assert missed <= chance * 40
 
 
 @pytest.mark.parametrize("off_s", [600, 3000, 8000])

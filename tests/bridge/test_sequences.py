@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.bus.sequences import GRACE_S, LAST_S, MOST_HELD, MOST_SOURCES, MOST_TOLD, TRIES_S, WRAP, Sequences
+from bridge.bus.sequences import (
+    GRACE_S,
+    LAST_S,
+    MOST_EARLY,
+    MOST_HELD,
+    MOST_SOURCES,
+    MOST_TOLD,
+    TRIES_S,
+    WRAP,
+    Sequences,
+)
 
 A, KEY = "publisher-a", "t/a"
 
@@ -291,6 +301,17 @@ def test_nor_does_who_says_something_once_under_each_of_many_names() -> None:
         handed_on += len(sequences.take(f"b{n}", f"t/{n}", 5, n, 1.0))
         if n % 1000 == 0:
             assert live(sequences, 1 + n // 1000) == [1 + n // 1000]
-    assert handed_on == 2 * MOST_SOURCES - MOST_TOLD, "what is not waited for any more is handed on"
-    assert len(sequences._lacking) == MOST_TOLD
+    assert handed_on == 2 * MOST_SOURCES - MOST_EARLY, "what is not waited for any more is handed on"
+    assert len(sequences._lacking) == MOST_EARLY
     assert len(sequences._sources) <= MOST_SOURCES
+
+
+def test_of_one_that_was_not_waited_for_any_more_a_later_loss_is_asked_about() -> None:
+    sequences: Sequences[int] = Sequences()
+    assert live(sequences, 5) == []
+    for n in range(MOST_EARLY):
+        sequences.take(f"b{n}", f"t/{n}", 5, n, 0.0)
+    while sequences.due(0.0):
+        pass
+    assert live(sequences, 7, now_s=1.0) == []
+    assert (A, KEY, 6) in sequences.due(1.0)

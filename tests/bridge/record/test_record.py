@@ -15,7 +15,7 @@ from rich.console import Console
 from bridge.bus.contract import BusError, Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Root
-from bridge.record.record import QUEUE, _first, record
+from bridge.record.record import _first, record
 from bridge.record.recover import recover
 from bridge.record.settings import Recorder, seconds
 from bridge.record.survey import survey
@@ -196,10 +196,9 @@ def test_who_waits_for_a_device_keeps_nothing_of_the_others() -> None:
 
 
 def test_who_waits_for_long_keeps_what_holds() -> None:
-    made = Message(keys.build(WARD, "calibration", device="one"), b"1")
+    made, refused = (Message(keys.build(WARD, "calibration", device="one"), said) for said in (b"accepted", b"refused"))
     statuses = [Message(keys.build(WARD, "status", device="one"), b"%d" % n) for n in range(1000)]
-    notes = [Message(keys.build(WARD, "note", device="one"), b"%d" % n) for n in range(QUEUE + 1)]
     raw = Message(keys.build(WARD, "raw", device="one", bridge="b"), b"")
-    subscription = cast("Subscription", Laid([made, *statuses, *notes], [raw]))
+    subscription = cast("Subscription", Laid([made, refused, *statuses], *(100 * [statuses]), [raw]))
     found = _first(subscription, [], threading.Event(), math.inf)
-    assert found == [made, statuses[-1], *notes[2:], raw]
+    assert found == [statuses[-1], made, refused, raw]

@@ -46,7 +46,7 @@ class Rest:
     def take(self, second: Second) -> list[Receipt]:
         self.filter.predict(second.end)
         if not self.zaru.at_rest(second):
-            self.zaru.interrupted(self.filter)
+            self.zaru.interrupted(self.filter, 1.0)
             return []
         return self.zaru.take(second, self.filter, self.up)[0]
 
@@ -319,6 +319,27 @@ def test_holes_keep_no_contradiction_from_being_believed_but_lengthen_it() -> No
     assert abs(holed.error_dps(of)[2]) < 0.01
     late = with_holes(of, (60.0, 130.0))
     assert not any(r.reason == "insisted" for r in late.receipts), "nobody saw it rest meanwhile"
+
+
+def test_what_is_quiet_behind_a_hole_but_no_rest_insists_on_nothing() -> None:
+    rest = Rest()
+    rest.lives(30.0)
+    rest.lives(14.0, 0.5)
+    before = rest.zaru._contradiction
+    assert before is not None
+    rest.zaru.unseen(rest.filter, 1.0)
+    for _ in range(150):
+        rest.zaru.interrupted(rest.filter, 1.0)
+    after = rest.zaru._contradiction
+    assert after is not None
+    assert after[0] == pytest.approx(before[0] + 151.0)
+
+
+def test_a_turn_out_of_range_is_a_movement() -> None:
+    of = jumped(np.array([0.0, 0.0, 1.0]), ZaruKnobs().insist_s + 60.0)
+    clipped = np.zeros(len(of), bool)
+    clipped[int(np.searchsorted(of.time, 40.0 + ZaruKnobs().insist_s + 25.0))] = True
+    assert np.degrees(Worn.new().lives(of, clipped=clipped).tracker.std[2]) < 0.1
 
 
 def test_a_contradiction_that_stays_is_believed_at_last() -> None:
