@@ -101,7 +101,7 @@ class Sequences(Generic[_T]):
         ready = self._settle(state, state.newest) if len(state.held) > MOST_HELD else self._run(state)
         self._review(source, state, now_s)
         while len(self._early) > MOST_EARLY:
-            ready += self._give_up(next(iter(self._early)))
+            ready += self._give_up(next(iter(self._early)), now_s)
         return ready
 
     def heard(self, source: str, key: str, number: int, now_s: float) -> None:
@@ -170,14 +170,14 @@ class Sequences(Generic[_T]):
         state = self._sources[source] = _Source(key, number)
         return state
 
-    def _give_up(self, early: str) -> list[_T]:
+    def _give_up(self, early: str, now_s: float) -> list[_T]:
         """What came of one whose beginning is waited for, without it."""
         del self._early[early]
         state = self._sources.get(early)
         if state is None or state.begun:
             return []
         ready = self._settle(state, state.newest)
-        state.newest, state.tries, state.due_s = state.next - 1, 0, None
+        state.newest, state.tries, state.due_s, state.since_s = state.next - 1, 0, None, now_s
         self._lacking.pop(early, None)
         return ready
 

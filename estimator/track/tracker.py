@@ -268,7 +268,9 @@ class Tracker:
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
         if second.flaw:
-            self._lost_way(second.end - second.start, turned=second.flaw == CLIPPED)
+            # A reading that is stuck is marked as one at its end is, and shows no movement.
+            off = np.abs(second.gyro - self._filter.x[BIAS]).max() if second.flaw == CLIPPED else 0.0
+            self._lost_way(second.end - second.start, turned=bool(off > self.knobs.quiet_gyro))
         # Known whole only later, over a gap much later: it was as warm as it was then.
         steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)

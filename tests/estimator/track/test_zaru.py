@@ -337,8 +337,11 @@ def test_what_is_quiet_behind_a_hole_but_no_rest_insists_on_nothing() -> None:
 
 def test_a_turn_out_of_range_is_a_movement() -> None:
     of = jumped(np.array([0.0, 0.0, 1.0]), ZaruKnobs().insist_s + 60.0)
-    clipped = np.zeros(len(of), bool)
-    clipped[int(np.searchsorted(of.time, 40.0 + ZaruKnobs().insist_s + 25.0))] = True
+    at, clipped = int(np.searchsorted(of.time, 40.0 + ZaruKnobs().insist_s + 25.0)), np.zeros(len(of), bool)
+    clipped[at] = True
+    stuck = Worn.new().lives(of, clipped=clipped)
+    assert np.degrees(stuck.tracker.std[2]) > 0.3, "a marked reading alone may be one that is stuck"
+    of.gyro[at - 5 : at + 5] = np.radians([0.0, 0.0, 2000.0])
     assert np.degrees(Worn.new().lives(of, clipped=clipped).tracker.std[2]) < 0.1
 
 
