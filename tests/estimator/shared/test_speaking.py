@@ -5,7 +5,7 @@ import pytest
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import State
+from bridge.wire.messages import SampleBatch, State
 from estimator.config import Estimator
 from estimator.service.orders import REPEATED
 from estimator.service.peers import DOUBLE
@@ -16,13 +16,19 @@ from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.stream import NAME, calibration
 
 
-def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> None:
+def silent(both: Both) -> list[SampleBatch]:
+    """SECOND has calibrated the device, and hears nothing of it any more; the last 20 of these batches are still to come."""
     batches = calibration(seed=1, after=[Still(8.0)]).batches()
     both.start(FIRST)
     both.start(SECOND)
     both.pass_(1.2)
     both.send(batches[:-20])
     both.pass_(30.0)
+    return batches
+
+
+def test_of_a_silent_device_whoever_takes_over_goes_on_to_speak(both: Both) -> None:
+    batches = silent(both)
     before = both.client.statuses(0.1)[NAME]
     assert before.state is State.LOST
     both.kill(SECOND)
@@ -120,12 +126,7 @@ def test_two_of_one_id_are_told_of_each_other(both: Both, caplog: pytest.LogCapt
 
 
 def test_what_is_known_of_a_silent_device_is_told_to_who_joins_and_is_to_have_it(both: Both) -> None:
-    batches = calibration(seed=1, after=[Still(8.0)]).batches()
-    both.start(FIRST)
-    both.start(SECOND)
-    both.pass_(1.2)
-    both.send(batches[:-20])
-    both.pass_(30.0)
+    batches = silent(both)
     before = both.client.statuses(0.1)[NAME]
     both.kill(SECOND)
     both.pass_(3.0)
@@ -141,12 +142,7 @@ def test_what_is_known_of_a_silent_device_is_told_to_who_joins_and_is_to_have_it
 
 
 def test_a_device_that_was_silent_may_come_back_at_another_bridge(both: Both) -> None:
-    batches = calibration(seed=1, after=[Still(8.0)]).batches()
-    both.start(FIRST)
-    both.start(SECOND)
-    both.pass_(1.2)
-    both.send(batches[:-20])
-    both.pass_(30.0)
+    batches = silent(both)
     both.kill(SECOND)
     both.pass_(3.0)
     other = MemoryBus(both.broker)
