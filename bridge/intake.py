@@ -38,6 +38,7 @@ class Intake:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
         self.driver = driver
         self.said: list[str] = []  # for the log; whoever writes it empties it
+        self.host_set_ns = 0  # what is published is by a clock so much ahead of that of the readings
         self._device = device
         self._account = Account(device, bridge, driver, place)
         self._identity: Identity | None = None
@@ -268,8 +269,8 @@ class Intake:
             device=self._device,
             boot=self.boot or 0,
             sequence=sequence,
-            receive_time_ns=stamps.receive_time_ns,
-            start_time_ns=stamps.host_ns(begin),
+            receive_time_ns=max(0, stamps.receive_time_ns + self.host_set_ns),
+            start_time_ns=max(0, stamps.host_ns(begin) + self.host_set_ns),
             tick_period_s=stamps.tick_period_s,
             clock_rate=stamps.clock_rate,
             ticks=stamps.ticks[part].astype(np.uint64),

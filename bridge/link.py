@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol, runtime_checkable
 
+from bridge import host_time
 from bridge.account import News
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced, Readings
 from bridge.intake import Intake
@@ -212,6 +213,7 @@ class Link:
     def _let_in(self) -> None:
         """What was heard, through the door: of a device that tells time many readings at once, which costs no more than one."""
         heard, self._heard, self._unread = self._heard, [], 0
+        self._intake.host_set_ns = host_time.set_ns(self._intake.host_set_ns)
         try:
             for event in joined(heard) if self._intake.has_clock else heard:
                 self._keep(self._intake.take(event))

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from bridge import os_words
+from bridge import host_time, os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
 from bridge.record import stretches
@@ -166,7 +166,7 @@ class ReplayedDriver:
             raise DeviceLost(f"{self.place}: the recording is over", over=True)
         wait_s = max(_CHUNK_S, playback.wait_s(time.monotonic() - self._start_s))
         self._closed.wait(min(timeout_s, wait_s))
-        return playback.due(time.monotonic() - self._start_s, time.time_ns())
+        return playback.due(time.monotonic() - self._start_s, host_time.now_ns())
 
     def close(self) -> None:
         """Stop playing, ending a read in another thread."""

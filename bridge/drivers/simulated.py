@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
 
@@ -77,7 +78,7 @@ class SimulatedDriver:
         if ask := self._decoder.to_send():
             self.device.receive(ask)
         data = self.device.advance((time.monotonic() - self._born_s) * self._options.speed)
-        return self._decoder.feed(data, time.time_ns())
+        return self._decoder.feed(data, host_time.now_ns())
 
     def close(self) -> None:
         """Stop listening, ending a read in another thread."""

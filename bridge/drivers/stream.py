@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from msgspec import Struct
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced, Readings
 from bridge.transport import address
 from bridge.transport.transport import Chunk
@@ -106,7 +107,7 @@ class StreamDriver:
             events += self._rest() if lost.over else []
             if not events:  # else the next call says so
                 raise
-        return events + self._feed(Chunk(b"", time.time_ns()))
+        return events + self._feed(Chunk(b"", host_time.now_ns()))
 
     def _feed(self, chunk: Chunk) -> list[Event]:
         events = self._counted(self._decoder.feed(chunk.data, chunk.receive_time_ns))

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.scan.guess import Candidate, Guess, booted_by, guesses
 from bridge.scan.ports import Found
@@ -48,7 +49,7 @@ def examine(found: Found, tried: Sequence[Candidate], speeds: Sequence[int], sec
         return Verdict(found, None, 0, serial_state.NO_PORT)
     if is_serial and any(holder.pid != os.getpid() for holder in holders(found.port)):
         return Verdict(found, None, 0, serial_state.busy(found.port))
-    opened_ns = time.time_ns()
+    opened_ns = host_time.now_ns()
     heard: dict[int, list[Chunk]] = {}
     try:
         for baud, patience in _attempts(heard, tried, speeds if is_serial else speeds[:1]):

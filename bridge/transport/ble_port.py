@@ -4,13 +4,13 @@ import asyncio
 import contextlib
 import re
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 from urllib.parse import parse_qsl
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.toml_file import nearest
 from bridge.transport import ble_loop, ble_radio
@@ -86,7 +86,7 @@ class BlePort:
         if chunk is None and inbox.over:
             what = "closed" if self._inbox is not inbox else "lost; powered off, out of reach, or it hung up"
             raise DeviceLost(f"{self.place}: {what}")
-        return chunk or Chunk(b"", time.time_ns())
+        return chunk or Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send, if the address says where to; else it is counted. Raises DeviceLost, also when it takes over a second."""
@@ -131,7 +131,7 @@ class Inbox:
 
     def put(self, data: bytes) -> None:
         """A notification came."""
-        receive_time_ns = time.time_ns()
+        receive_time_ns = host_time.now_ns()
         with self._news:
             self._chunks.append(Chunk(data, receive_time_ns))
             self._bytes += len(data)

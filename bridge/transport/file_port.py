@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote
 
-from bridge import os_words
+from bridge import host_time, os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import url
 from bridge.transport.transport import Chunk
@@ -63,7 +63,7 @@ class FilePort:
         if most and not data:
             raise DeviceLost(f"{self.place}: the capture is over", over=True)
         self._due -= len(data)
-        return Chunk(data, time.time_ns())
+        return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Nobody hears it."""

@@ -9,11 +9,11 @@ import os
 import select
 import termios
 import threading
-import time
 from typing import NamedTuple
 
 import serial
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import serial_state
 from bridge.transport.holders import holders
@@ -81,7 +81,7 @@ class SerialPort:
         try:
             fd = opened.port.fileno()
             if not opened.poll.poll(timeout_s * 1e3):
-                return Chunk(b"", time.time_ns())
+                return Chunk(b"", host_time.now_ns())
             if self._open is not opened:  # closed meanwhile: the number may be of another file
                 raise DeviceLost(f"{self.place}: closed")
             data = os.read(fd, _MOST_BYTES)
@@ -89,7 +89,7 @@ class SerialPort:
             raise DeviceLost(f"{self.place}: {self._loss(error)}") from None
         if not data:  # ready, but nothing comes
             raise DeviceLost(f"{self.place}: {self._loss(OSError())}")
-        return Chunk(data, time.time_ns())
+        return Chunk(data, host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost, also when the device does not take it within a second."""

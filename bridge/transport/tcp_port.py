@@ -3,8 +3,8 @@
 import contextlib
 import os
 import socket
-import time
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import net_fault, url
 from bridge.transport.receiver import RECEIVER, Kept
@@ -62,7 +62,7 @@ class Connection:
         if not data:
             self._end(None)
             return
-        self.kept.put(Chunk(data, time.time_ns()), len(data))
+        self.kept.put(Chunk(data, host_time.now_ns()), len(data))
         if self.kept.full:  # the rest waits where it is, and in the end at the device
             RECEIVER.remove(self._fd)
             self._paused = True  # not before: who takes meanwhile would let it go on just before it is stopped
@@ -101,7 +101,7 @@ class TcpPort:
             return chunk
         if was_over or self._connection is not opened:  # before it was looked whether something is left
             raise DeviceLost(self._loss(opened))
-        return Chunk(b"", time.time_ns())
+        return Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send; raises DeviceLost when it is not taken. A connection that broke is told of by read, behind what came over it."""

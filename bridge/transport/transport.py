@@ -6,7 +6,7 @@ from bridge.wire.refusal import Tally
 
 
 class Chunk(NamedTuple):
-    """Bytes, and the host time (ns since the Unix epoch) right after they came; of datagrams, one each."""
+    """Bytes, and the host time (host_time.py) right after they came; of datagrams, one each."""
 
     data: bytes
     receive_time_ns: int

@@ -3,9 +3,9 @@
 import logging
 import socket
 import threading
-import time
 from typing import Any, Final, NamedTuple
 
+from bridge import host_time
 from bridge.transport.receiver import RECEIVER, Kept
 
 ALL = "0.0.0.0"  # noqa: S104 - devices are on other machines
@@ -98,7 +98,7 @@ class Listener:
     def _sort(self, data: bytes, host: str, sender: Peer) -> None:
         channel = self._channels.get(host, self._anyone)
         if channel is not None:
-            channel.offer(Datagram(data, host, sender, time.time_ns()))
+            channel.offer(Datagram(data, host, sender, host_time.now_ns()))
             return
         self.strangers += 1
         if self.strangers == 1:

@@ -2,8 +2,8 @@
 
 import contextlib
 import socket
-import time
 
+from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.transport import net_fault, udp_listener, url
 from bridge.transport.transport import Chunk
@@ -58,7 +58,7 @@ class UdpPort:
                 return Chunk(data, receive_time_ns)
             self.faults.add(OTHERS)  # two devices in one stream would be no stream
         self._opened()
-        return Chunk(b"", time.time_ns())
+        return Chunk(b"", host_time.now_ns())
 
     def write(self, data: bytes) -> None:
         """Send to where the latest datagram came from; nowhere before there was one. Raises DeviceLost once closed."""

@@ -64,22 +64,24 @@ def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config, store = tmp_path / "ward.toml", tmp_path / "store" / "t.sqlite3"
-    config.write_text(WARD.format(endpoint=f"tcp/127.0.0.1:{free_port()}", folder=tmp_path))
-    assert "store" not in look(capsys, str(config))[1], "there is none yet"
-    Store(store).close()
-    assert look(capsys, str(config))[1]["store"] == ("ok", f"{store} can be read")
-    with monkeypatch.context() as patch:
-        patch.setattr("os.access", lambda place, mode: place != store or mode != os.W_OK)
-        assert look(capsys, str(config))[1]["store"] == ("trouble", f"{store}: no permission to write it")
-    whole = store.read_bytes()
-    db = sqlite3.connect(store)
-    db.execute("PRAGMA user_version = 99")
-    db.close()
-    level, said = look(capsys, str(config))[1]["store"]
-    assert (level, "has schema 99" in said) == ("trouble", True)
-    store.write_bytes(whole[:20] + bytes(30) + whole[50:])
-    level, said = look(capsys, str(config))[1]["store"]
-    assert (level, "is damaged" in said) == ("trouble", True)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config.write_text(WARD.format(endpoint=endpoint, folder=tmp_path))
+    with Router([endpoint]):  # where there is none it is looked for long
+        assert "store" not in look(capsys, str(config))[1], "there is none yet"
+        Store(store).close()
+        assert look(capsys, str(config))[1]["store"] == ("ok", f"{store} can be read")
+        with monkeypatch.context() as patch:
+            patch.setattr("os.access", lambda place, mode: place != store or mode != os.W_OK)
+            assert look(capsys, str(config))[1]["store"] == ("trouble", f"{store}: no permission to write it")
+        whole = store.read_bytes()
+        db = sqlite3.connect(store)
+        db.execute("PRAGMA user_version = 99")
+        db.close()
+        level, said = look(capsys, str(config))[1]["store"]
+        assert (level, "has schema 99" in said) == ("trouble", True)
+        store.write_bytes(whole[:20] + bytes(30) + whole[50:])
+        level, said = look(capsys, str(config))[1]["store"]
+        assert (level, "is damaged" in said) == ("trouble", True)
 
 
 def test_two_bridges_with_one_device_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
