@@ -46,12 +46,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--ward", default="ward", help="whose it is, for its name")
     verb = _verb(inner, "issue", _issue, "make certificate and key for roles")
     _who(verb, "+")
-    _days(verb)
+    verb.add_argument("--days", type=int, default=DAYS, help="how long it lasts (default: %(default)s)")
     verb.add_argument("--host", action="append", default=[], help="of a router: a name or address it is reached at")
     verb = _verb(inner, "renew", _renew, "make certificates last longer; the keys stay")
     _who(verb, "*")
-    verb.add_argument("--soon", action="store_true", help="all that end within 14 days")
-    _days(verb)
+    verb.add_argument(
+        "--soon", action="store_true", help="all that end within 14 days, or are in the last third of fewer weeks"
+    )
+    verb.add_argument("--days", type=int, help="how long it lasts from now on (default: as long as before)")
     verb = _verb(inner, "revoke", _revoke, "never use a name again: its holder's key is lost or stolen")
     _who(verb, 1)
     verb.add_argument("--reason", default="", help="kept beside it")
@@ -98,14 +100,11 @@ def _who(verb: argparse.ArgumentParser, many: str | int) -> None:
     verb.add_argument("who", nargs=many, metavar="ROLE:NAME")
 
 
-def _days(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--days", type=int, default=DAYS, help="how long it lasts (default: %(default)s)")
-
-
 def _guarded(given: argparse.Namespace) -> int:
     try:
-        if not 1 <= getattr(given, "days", DAYS) <= _MOST_DAYS:
-            raise ValueError(f"--days is {given.days}; 1 to {_MOST_DAYS} is taken")
+        days = getattr(given, "days", None)
+        if days is not None and not 1 <= days <= _MOST_DAYS:
+            raise ValueError(f"--days is {days}; 1 to {_MOST_DAYS} is taken")
         return int(given.verb(given))
     except ValueError as error:
         raise ConfigError(str(error)) from None
@@ -152,7 +151,7 @@ def _renew(given: argparse.Namespace) -> int:
     if not members and not given.soon:
         raise ValueError("whose? Name some, as bridge:bridge-1, or say --soon")
     if not members:
-        print("none ends within 14 days; nothing was renewed")
+        print("none ends soon; nothing was renewed")
     wrong = list[str]()
     for member in dict.fromkeys(members):  # one that cannot be renewed keeps none of the others from it
         try:
@@ -185,7 +184,7 @@ def _revoke_list(given: argparse.Namespace) -> int:
 
 
 def _rows(folder: Folder, now: datetime) -> list[Row]:
-    return list(rows(folder.members(), folder.authority_until(), now))
+    return list(rows(folder.members(), folder.authority_lasts(), now))
 
 
 def _show(given: argparse.Namespace) -> int:

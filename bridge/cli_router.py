@@ -13,7 +13,7 @@ from bridge.bus.router_check import RouterFile
 from bridge.bus.routers import Routers
 from bridge.cli_parser import Verbs, add_guarded
 from bridge.config import LOCAL, ConfigError, Root, check_endpoints, load
-from bridge.pki.identity import SOON, faults
+from bridge.pki.identity import faults
 from bridge.pki.member import Role
 from bridge.process import stopped_by_signal
 from bridge.wire import keys
@@ -39,12 +39,12 @@ def router(args: argparse.Namespace) -> int:
     """Run it until it is stopped; ValueError where an argument is none."""
     written = args.config and args.config.suffix in (".json5", ".json")
     file = _looked_through(args.config) if written else None
-    ends = Routers(file.listen, file.identity).until() if file else None
+    lasts = Routers(file.listen, file.identity).lasts() if file else None
     with stopped_by_signal() as stop, _listening_router(args, written=bool(written)) as running:
         _log.info("router: listening on %s", ", ".join(running.listen))
         while True:  # of the certificate that it began with: of a new one it knows nothing
-            if ends and ends < datetime.now(UTC) + SOON:
-                _log.warning(_ENDS, f"{ends:%Y-%m-%d %H:%M} UTC")
+            if lasts and datetime.now(UTC) >= lasts.soon:
+                _log.warning(_ENDS, f"{lasts.ends:%Y-%m-%d %H:%M} UTC")
             if stop.wait(_SELDOM_S):
                 return _DONE
 

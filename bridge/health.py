@@ -34,10 +34,10 @@ class Family:
 
 def certificate(routers: Routers) -> Iterator[Family]:
     """When that of a program ends, where it has one: read anew, for it may have been renewed."""
-    ends = routers.until()
-    if ends is not None:
+    lasts = routers.lasts()
+    if lasts is not None:
         help_ = "When this program's certificate ends, or one above it."
-        yield Family("certificate_ends_timestamp_seconds", help_, (), {(): ends.timestamp()})
+        yield Family("certificate_ends_timestamp_seconds", help_, (), {(): lasts.ends.timestamp()})
 
 
 @dataclass(frozen=True, slots=True)

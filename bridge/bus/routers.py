@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import overload
 
-from bridge.pki.papers import SOON, Identity
+from bridge.pki.papers import Identity, Lasts
 
 #: protocols of zenoh endpoints that are encrypted, and know who is at the other end
 SECURED = ("tls", "quic")
@@ -36,23 +36,23 @@ class Routers(Sequence[str]):
 
         return faults(self.identity, datetime.now(UTC))
 
-    def until(self) -> datetime | None:
-        """When the certificate, or one above it, ends; None where none is asked for, or none can be read."""
+    def lasts(self) -> Lasts | None:
+        """How long the certificate does, or one above it that ends before; None where none is asked for, or none can be read."""
         if self.identity is None:
             return None
-        from bridge.pki.identity import until  # noqa: PLC0415 - as above
+        from bridge.pki.identity import lasts  # noqa: PLC0415 - as above
 
         try:
-            return until(self.identity)
+            return lasts(self.identity)
         except ValueError:
             return None
 
     def soon(self) -> list[str]:
         """That the certificate ends within days, while there is time to renew it."""
-        ends, now = self.until(), datetime.now(UTC)
-        if self.identity is None or ends is None or not now < ends < now + SOON:
+        lasts = self.lasts()
+        if self.identity is None or lasts is None or not lasts.soon <= datetime.now(UTC) < lasts.ends:
             return []
-        ending = f"ends on {ends:%Y-%m-%d %H:%M} UTC, and is of no use from then on"
+        ending = f"ends on {lasts.ends:%Y-%m-%d %H:%M} UTC, and is of no use from then on"
         return [f"{self.identity.certificate}: {ending}: renew it (truerate pki renew --soon)"]
 
     def why_away(self) -> list[str]:

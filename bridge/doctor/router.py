@@ -10,7 +10,7 @@ from bridge.doctor.finding import Finding, Level, ok, trouble, warning
 
 def certificate(routers: Routers) -> Iterator[Finding]:
     """What is wrong with it, or will be within days."""
-    ends = routers.until()
+    lasts = routers.lasts()
     if wrong := routers.faults():
         yield trouble(
             "certificate", "; ".join(wrong), "mend that first: no router lets in who shows it; docs/security.md"
@@ -19,8 +19,8 @@ def certificate(routers: Routers) -> Iterator[Finding]:
         yield warning(
             "certificate", "; ".join(soon), "on the authority's machine; then copy the .pem here, over the old one"
         )
-    elif routers.identity and ends:
-        yield ok("certificate", f"{routers.identity.certificate}, until {ends:%Y-%m-%d}")
+    elif routers.identity and lasts:
+        yield ok("certificate", f"{routers.identity.certificate}, until {lasts.ends:%Y-%m-%d}")
 
 
 def router(endpoints: Sequence[str], open_bus: Callable[[Sequence[str]], Bus] = ZenohBus) -> list[Finding]:

@@ -11,8 +11,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name, hosts_of, signer
+from bridge.pki.identity import Identity, certificates, common_name, hosts_of, lasts_of, signer
 from bridge.pki.member import Member
+from bridge.pki.papers import Lasts
 
 _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.txt"
 
@@ -44,23 +45,24 @@ class Folder:
         _keep(self.path / member.file, pair)
         return files
 
-    def renew(self, member: Member, now: datetime, days: int = DAYS) -> Identity:
-        """The same name, the same key, the same hosts, the same issuer; from now on."""
+    def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
+        """The same name, the same key, the same hosts, the same issuer; from now on, by default for as long as before."""
         member = self.current(member)
         files = self.identity(member)
         if not Path(files.certificate).exists():
             raise ValueError(
                 f"{files.certificate}: there is none to renew; `truerate pki issue {member.label}` makes one"
             )
-        hosts = hosts_of(certificates(files.certificate)[0])
+        own = certificates(files.certificate)[0]
+        hosts, lasted = hosts_of(own), lasts_of(own)
         if not Path(files.key).exists():
             raise ValueError(
                 f"{files.key} is not there, and a renewal keeps the key: copy it back from the machine of {member.label}, or"
                 f" give that a new one: truerate pki revoke {member.label}, then issue"
             )
         key = Path(files.key).read_bytes()
-        ends = now + timedelta(days=days)
-        pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
+        for_ = lasted.ends - lasted.begins - EARLIER if days is None else timedelta(days=days)
+        pair = issue(self._begun(member, now), member, now - EARLIER, now + for_, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
@@ -116,8 +118,8 @@ class Folder:
             )
         return now
 
-    def members(self) -> Iterator[tuple[Member, datetime]]:
-        """Everybody who has a certificate that is not revoked, and until when."""
+    def members(self) -> Iterator[tuple[Member, Lasts]]:
+        """Everybody who has a certificate that is not revoked, and how long that lasts."""
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
@@ -127,11 +129,13 @@ class Folder:
             if (name := common_name(own)) != member.common_name:
                 raise ValueError(f"{path}: it is for {name!r}; a copy? Keep it in another folder")
             if member == self.current(member):
-                yield member, own.not_valid_after_utc
+                yield member, lasts_of(own)
 
-    def authority_until(self) -> datetime:
-        """When the authority itself ends."""
-        return self._lasts()[1]
+    def authority_lasts(self) -> Lasts:
+        """How long the authority itself does."""
+        if not (path := self.path / f"{_CA}.pem").exists():
+            raise self._none()
+        return lasts_of(certificates(str(path))[0])
 
     def identity(self, member: Member) -> Identity:
         """Its files, whether they are there or not."""
@@ -144,19 +148,13 @@ class Folder:
 
     def _begun(self, member: Member, now: datetime) -> Pair:
         """The issuer of a member; ValueError where the authority is not valid yet, and with it nothing that it signs."""
-        if now < (begins := self._lasts()[0]):
+        if now < (begins := self.authority_lasts().begins):
             raise ValueError(
                 f"{self.path}: the authority begins on {begins:%Y-%m-%d %H:%M} UTC, and here it is {now:%Y-%m-%d %H:%M}: nobody"
                 " would take what it signs. Is this machine's clock right? If it was wrong when the authority was made, make"
                 " a new one, in another folder"
             )
         return self.issuer(member)
-
-    def _lasts(self) -> tuple[datetime, datetime]:
-        if not (path := self.path / f"{_CA}.pem").exists():
-            raise self._none()
-        own = certificates(str(path))[0]
-        return own.not_valid_before_utc, own.not_valid_after_utc
 
     def _authority(self) -> Pair:
         if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):

@@ -14,10 +14,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
 from bridge import os_words
 from bridge.pki.chain import ISSUER_OF, Chain, common_name, dates, is_authority, key_of, unusable
 from bridge.pki.member import Member, Role
-from bridge.pki.papers import SOON, Identity
+from bridge.pki.papers import Identity, Lasts
 
 __all__ = [
-    "SOON",
     "Identity",
     "by_authority",
     "certificates",
@@ -25,9 +24,10 @@ __all__ = [
     "exposed",
     "faults",
     "hosts_of",
+    "lasts",
+    "lasts_of",
     "member_of",
     "signer",
-    "until",
     "verified",
 ]
 
@@ -86,11 +86,16 @@ def verified(certificate: str, ca: str) -> bool:
     return bool(Chain.of(certificates(certificate), certificates(ca)).ends)
 
 
-def until(identity: Identity) -> datetime:
-    """When it ends: the first end of its own certificate and of all above; ValueError where one cannot be read."""
+def lasts(identity: Identity) -> Lasts:
+    """Of its own certificate and all above that which ends first; ValueError where one cannot be read."""
     chain = Chain.of(certificates(identity.certificate), certificates(identity.ca))
-    tops = [max(one.not_valid_after_utc for one in chain.ends)] if chain.ends else []
-    return min([chain.own.not_valid_after_utc, *(one.not_valid_after_utc for one in chain.between), *tops])
+    tops = [max(chain.ends, key=lambda one: one.not_valid_after_utc)] if chain.ends else []
+    return min((lasts_of(one) for one in (chain.own, *chain.between, *tops)), key=lambda one: one.ends)
+
+
+def lasts_of(certificate: x509.Certificate) -> Lasts:
+    """From when until when this one is good, whatever is above it."""
+    return Lasts(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
 def by_authority(identity: Identity) -> bool:

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
-from bridge.pki.identity import SOON
 from bridge.pki.member import Member
+from bridge.pki.papers import Lasts
 
 AUTHORITY = "authority"
 
@@ -21,19 +21,19 @@ class Row:
     trouble: str
 
 
-def rows(members: Iterable[tuple[Member, datetime]], authority_until: datetime, now: datetime) -> Iterator[Row]:
+def rows(members: Iterable[tuple[Member, Lasts]], authority: Lasts, now: datetime) -> Iterator[Row]:
     """The authority first."""
-    yield _row("", AUTHORITY, authority_until, now, "make a new one, and with it all certificates anew")
-    for member, until in members:
-        yield _row(member.name, member.role.value, until, now, f"truerate pki renew {member.label}")
+    yield _row("", AUTHORITY, authority, now, "make a new one, and with it all certificates anew")
+    for member, lasts in members:
+        yield _row(member.name, member.role.value, lasts, now, f"truerate pki renew {member.label}")
 
 
-def _row(who: str, role: str, until: datetime, now: datetime, remedy: str) -> Row:
-    days = (until - now).days
-    if until < now:
+def _row(who: str, role: str, lasts: Lasts, now: datetime, remedy: str) -> Row:
+    days = (lasts.ends - now).days
+    if lasts.ends < now:
         trouble = f"expired: {remedy}"
-    elif until - now < SOON:
+    elif now >= lasts.soon:
         trouble = f"expires soon: {remedy}"
     else:
         trouble = ""
-    return Row(who, role, until, days, trouble)
+    return Row(who, role, lasts.ends, days, trouble)

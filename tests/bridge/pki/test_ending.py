@@ -15,19 +15,20 @@ from bridge.vitals import Vitals as BridgeVitals
 from estimator.cli import main
 from estimator.service.vitals import Note, Vitals
 from tests.bridge.asking import get
+from tests.bridge.pki.office import DAY
 
 B1 = Member.parse("bridge:b1")
 SOON = "ends on "
 
 
 class Holder:
-    """Of a certificate that lasts so many days."""
+    """Of a certificate of three months that lasts so many days more."""
 
     def __init__(self, path: Path, days: float) -> None:
         self.folder = Folder(path / "pki")
-        self.folder.make("w", utc_now())
-        self.folder.issue(B1, utc_now(), days=30)
-        self.files: Identity = self.folder.renew(B1, utc_now(), days=days)  # type: ignore[arg-type]
+        begun = utc_now() - (90 - days) * DAY
+        self.folder.make("w", begun)
+        self.files: Identity = self.folder.issue(B1, begun, days=90)
         self.routers = Routers(("tls/127.0.0.1:1",), self.files)
         self.ward = path / "ward.toml"
         self.ward.write_text(
@@ -101,8 +102,8 @@ def test_metrics_say_when_it_ends_and_readyz_why_there_is_no_router(tmp_path: Pa
 
 def test_the_first_end_of_all_above_counts(tmp_path: Path) -> None:
     holder = Holder(tmp_path, 30)
-    ends = holder.routers.until()
-    assert ends is not None
-    assert (ends - utc_now()).days in (29, 30)
-    assert Routers(("tls/127.0.0.1:1",), Identity("none", "none", "none")).until() is None
-    assert Routers(("tcp/127.0.0.1:1",)).until() is None
+    lasts = holder.routers.lasts()
+    assert lasts is not None
+    assert (lasts.ends - utc_now()).days in (29, 30)
+    assert Routers(("tls/127.0.0.1:1",), Identity("none", "none", "none")).lasts() is None
+    assert Routers(("tcp/127.0.0.1:1",)).lasts() is None

@@ -14,8 +14,9 @@ from cryptography.hazmat.primitives import serialization
 from bridge.pki import folder
 from bridge.pki.authority import Pair, issue
 from bridge.pki.folder import Folder, utc_now
-from bridge.pki.identity import certificates, common_name, faults, hosts_of, until, verified
+from bridge.pki.identity import certificates, common_name, faults, hosts_of, lasts, verified
 from bridge.pki.member import Member, Role
+from bridge.pki.report import rows
 from estimator.cli import main
 from tests.bridge.pki.office import DAY, run
 
@@ -54,14 +55,14 @@ def test_private_keys_are_for_their_owner_alone(pki: Path) -> None:
 
 def test_where_nothing_is_to_be_renewed_that_is_said(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "renew", "--soon") == 0
-    assert "none ends within 14 days" in capsys.readouterr().out
+    assert "none ends soon" in capsys.readouterr().out
 
 
 def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
     assert run(pki, "issue", "router:r", "--host", "10.0.0.5", "--host", "ward.example", "--days", "3") == 0
     path, key = pki / "router.r.pem", (pki / "router.r.key").read_bytes()
     before = certificates(str(path))[0]
-    assert run(pki, "renew", "--soon") == 0
+    assert run(pki, "renew", "router:r", "--days", "90") == 0
     after = certificates(str(path))[0]
     assert (pki / "router.r.key").read_bytes() == key
     assert hosts_of(after) == hosts_of(before) == ["ward.example", "10.0.0.5"]
@@ -69,6 +70,17 @@ def test_a_renewal_keeps_key_name_and_hosts_and_lasts_longer(pki: Path) -> None:
     assert common_name(after) == "router:r"
     assert after.not_valid_after_utc - before.not_valid_after_utc > 80 * DAY
     assert not list(pki.glob(".*"))
+
+
+def test_who_was_given_few_days_has_as_few_again_and_is_renewed_in_the_last_third(pki: Path) -> None:
+    made, router, now = Folder(pki), Member(Role.ROUTER, "r"), utc_now()
+    made.issue(router, now - 9 * DAY, 14, ("10.0.0.5",))
+    (early,) = [row for row in rows(made.members(), made.authority_lasts(), now) if row.who == "r"]
+    assert early.trouble == ""
+    (late,) = [row for row in rows(made.members(), made.authority_lasts(), now + DAY) if row.who == "r"]
+    assert late.trouble == "expires soon: truerate pki renew router:r"
+    assert run(pki, "renew", "router:r") == 0
+    assert lasts(made.identity(router)).ends - utc_now() == pytest.approx(14 * DAY, abs=DAY / 10)
 
 
 def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +96,7 @@ def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: p
 
 def test_show_warns_fourteen_days_before_and_says_what_to_do(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "show") == 0
-    assert run(pki, "issue", "estimator:e1", "--days", "13") == 0
+    Folder(pki).issue(Member(Role.ESTIMATOR, "e1"), utc_now() - 77 * DAY, 90)
     capsys.readouterr()
     assert run(pki, "show", "--json") == 1
     shown = json.loads(capsys.readouterr().out)["certificates"]
@@ -207,10 +219,10 @@ def test_one_that_cannot_be_renewed_keeps_none_of_the_others_from_it(
     pki: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (pki / "bridge.b1.key").unlink()
-    before = until(Folder(pki).identity(Member(Role.VIEWER, "hall")))
+    before = lasts(Folder(pki).identity(Member(Role.VIEWER, "hall")))
     assert run(pki, "renew", "bridge:b1", "viewer:hall", "--days", "200") == 2
     assert "bridge.b1.key is not there, and a renewal keeps the key: copy it back" in capsys.readouterr().err
-    assert until(Folder(pki).identity(Member(Role.VIEWER, "hall"))) > before
+    assert lasts(Folder(pki).identity(Member(Role.VIEWER, "hall"))).ends > before.ends
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from bridge.pki.folder import Folder, utc_now
 from bridge.pki.identity import certificates, common_name, verified
 from bridge.pki.member import Member
 from estimator.cli import main
-from tests.bridge.pki.office import B1, run
+from tests.bridge.pki.office import B1, DAY, run
 
 
 def test_a_router_whose_key_everybody_may_read_does_not_start(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,7 +56,7 @@ def test_a_router_says_what_is_unsafe_in_its_file_and_when_its_certificate_ends(
     pki: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, router = Folder(pki), Member.parse("router:r")
-    assert run(pki, "issue", "router:r", "--host", "localhost", "--days", "3") == 0
+    folder.issue(router, utc_now() - 87 * DAY, 90, ("localhost",))
     capsys.readouterr()
     assert run(pki, "router", "router:r", "--ward", "w", "--listen", "tls/127.0.0.1:1") == 0
     file = pki / "router.json5"
