@@ -37,7 +37,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def shown(args: argparse.Namespace) -> int:
     """Show them until it is stopped; ValueError where an argument is none."""
     root = ward_of(args, Root)
-    connect = root.bus.routers_as(*(() if args.raw else (Role.VIEWER,)), Role.COMMANDER, Role.RECORDER)
+    connect = root.bus.routers_as(Role.COMMANDER, Role.RECORDER)  # a viewer has no accelerations, which are raw
     devices = tuple(check(device, "--device") for device in dict.fromkeys(args.device))
     if len(devices) > MOST_DEVICES:
         raise ValueError(f"{len(devices)} devices are to be shown; at most {MOST_DEVICES} can be")

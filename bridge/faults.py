@@ -49,6 +49,10 @@ class SensorFaults:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
         return flags
 
+    def told(self, flags: Flags, clipped: Bools) -> None:
+        """Mark in flags (n,) what the device itself says is clipped (n,)."""
+        self._mark(flags, SampleFlag.CLIPPED, clipped & (flags & np.uint32(SampleFlag.CLIPPED) == 0))
+
     def quiet(self, time_s: tuple[float, float], gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> bool:
         """Whether `flags` would surely mark none of these n ≥ 1 readings; they are taken then, and not otherwise.
 

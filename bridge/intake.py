@@ -165,7 +165,7 @@ class Intake:
         if going is None or going[0] != self._next or not identity.has_clock or self.timeline.missing:
             return None
         sequence, ticks = going
-        if not door.plain(readings, identity.gyro_range):
+        if readings.clipped is not None or not door.plain(readings, identity.gyro_range):
             return None
         gyro = np.ascontiguousarray(readings.gyro, np.float32)
         temperature_c = _column(readings.temperature_c)
@@ -241,6 +241,8 @@ class Intake:
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
         flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
+        if readings.clipped is not None:
+            self._sensor.told(flags, readings.clipped[run])
         accel = None if readings.accel is None else _column(readings.accel[run])
         return self._said(sequence, begin, stamps, gyro, accel, temperature_c, flags)
 

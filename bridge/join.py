@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Readings
 from bridge.merge import column
@@ -48,4 +49,11 @@ def _one(parts: list[Readings]) -> Readings:
         gyro=np.concatenate([part.gyro for part in parts]),
         accel=column([part.accel for part in parts]),
         temperature_c=column([part.temperature_c for part in parts]),
+        clipped=_clipped(parts),
     )
+
+
+def _clipped(parts: list[Readings]) -> NDArray[np.bool_] | None:
+    if all(part.clipped is None for part in parts):
+        return None
+    return np.concatenate([np.zeros(len(p.ticks), np.bool_) if p.clipped is None else p.clipped for p in parts])

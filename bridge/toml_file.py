@@ -49,7 +49,7 @@ def load(path: Path | str, kind: type[T]) -> T:
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise ConfigError(f"{path}: line {line} is not UTF-8 text: save the file as UTF-8 in your editor") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # of numbers and lists that are larger than any
         raise ConfigError(f"{path}: not TOML: {error}") from None
     try:
         return msgspec.convert(tables, kind, dec_hook=_from_table)

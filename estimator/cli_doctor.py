@@ -104,7 +104,11 @@ def _look(path: Path | None) -> Iterable[Finding]:
 
 def _store(path: Path) -> Iterable[Finding]:
     """What an estimator that is started would find; nothing of one that has no store yet."""
-    if not path.exists():
+    try:
+        if not path.exists():
+            return
+    except PermissionError:
+        yield trouble("store", f"{path}: no permission to look there", "ask as who runs the estimator")
         return
     from estimator.database import Database, StoreError  # noqa: PLC0415 - few commands need it
 

@@ -10,7 +10,7 @@ from bridge.bus import router_limits, zenoh_settings
 from bridge.bus.access import access_control
 from bridge.bus.router import endpoints_of
 from bridge.bus.routers import secured
-from bridge.bus.zenoh_session import read_settings
+from bridge.bus.zenoh_session import TLS_INSTEAD, read_settings
 from bridge.pki.member import Member
 from bridge.pki.papers import Identity
 from bridge.wire import keys
@@ -76,6 +76,12 @@ def _faults(said: dict[str, Any]) -> Iterator[str]:
         yield "transport.shared_memory.enabled must be false: what lies in there passes by every limit of size"
     if said["timestamping"]["enabled"] is not False:
         yield "timestamping.enabled must be false: else subscribers with history drop messages"
+    tls = said["transport"]["link"]["tls"]
+    if instead := [name for name in TLS_INSTEAD if tls[name]]:
+        yield (
+            f"transport.link.tls: {', '.join(instead)}: goes before the files, which alone are looked through: use"
+            f" {', '.join(name.removesuffix('_base64') for name in instead)}"
+        )
     yield from router_limits.faults(said)
     yield from _of_endpoints(said)
 

@@ -45,7 +45,8 @@ def _sheds(one: dict[str, Any]) -> bool:
     ours = zenoh_settings.shedding(keys.VIEWED)
     there = {name: value for name, value in one.items() if value and name != "id"}
     there["overwrite"] = {name: value for name, value in one["overwrite"].items() if value is not None}
-    return set(there["key_exprs"]) <= set(ours["key_exprs"]) and there | {"key_exprs": ours["key_exprs"]} == ours
+    of = set(there.get("key_exprs", ()))
+    return bool(of) and of <= set(ours["key_exprs"]) and there | {"key_exprs": ours["key_exprs"]} == ours
 
 
 def _of_who_is_shut_out(transport: dict[str, Any]) -> Iterator[str]:

@@ -32,6 +32,15 @@ _RETRY_S = 0.1
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(.*?)`, expected (.*)", re.DOTALL)
 _NAMES = re.compile(r"`(.*?)`")
+#: what zenoh takes before the files of the same names, and does not tell with the rest
+TLS_INSTEAD = tuple(
+    f"{name}_base64"
+    for name in (
+        "root_ca_certificate",
+        *("listen_certificate", "listen_private_key"),
+        *("connect_certificate", "connect_private_key"),
+    )
+)
 _PARTS = (
     *("mode", "connect", "listen", "scouting", "adminspace", "timestamping", "qos", "transport", "low_pass_filter"),
     *("access_control", "plugins", "id", "namespace", "downsampling"),
@@ -58,7 +67,10 @@ def read_settings(path: str) -> zenoh_settings.Settings:
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
         config = zenoh.Config.from_file(path)
-        return {part: json.loads(config.get_json(part)) for part in _PARTS}
+        said = {part: json.loads(config.get_json(part)) for part in _PARTS}
+        tls = said["transport"]["link"]["tls"]
+        tls |= {name: json.loads(config.get_json(f"transport/link/tls/{name}")) for name in TLS_INSTEAD}
+        return said
 
 
 def close_session(session: zenoh.Session) -> None:

@@ -108,7 +108,8 @@ def _package(requirement: Requirement, installed: Callable[[str], str]) -> Findi
 
 def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
     check = f"disk, {what}"
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    # Where we may not look `exists` raises an error.
+    there = next(path for path in (folder, *folder.parents) if os.path.exists(path))  # noqa: PTH110
     if not there.is_dir() or not os.access(there, os.W_OK):
         return trouble(
             check, f"{there} cannot be written to", f"sudo install -d -o $USER {folder}, or choose another place"
@@ -125,7 +126,8 @@ def _room(what: str, folder: Path, free: Callable[[Path], int]) -> Finding:
 def _served(pid: int, proc: Path) -> str:
     """The ward's file of a bridge, in full where its folder is known."""
     words = command(pid, proc)
-    file = next((word for word in words[words.index("run") + 1 :] if not word.startswith("-")), "")
+    after = words[words.index("run") + 1 :] if "run" in words else []  # it may have ended meanwhile
+    file = next((word for word in after if not word.startswith("-")), "")
     try:
         return str((proc / str(pid) / "cwd").readlink() / file)
     except OSError:

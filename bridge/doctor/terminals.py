@@ -51,9 +51,9 @@ def permissions(ports: Iterable[str], who: Me) -> list[Finding]:
 
 def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) -> list[Finding]:
     """Whether ModemManager, which writes to every new port to see if it is a modem, leaves ours alone."""
-    if not any(path.read_text(errors="replace").strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
+    if not any(_read(path).strip() == "ModemManager" for path in proc.glob("[0-9]*/comm")):
         return [ok("ModemManager", "does not run")]
-    if any(_IGNORED in rule.read_text(errors="replace") for folder in rules for rule in folder.glob("*.rules")):
+    if any(_IGNORED in _read(rule) for folder in rules for rule in folder.glob("*.rules")):
         return [ok("ModemManager", "runs, and is told to leave serial devices alone")]
     return [
         warning(
@@ -62,6 +62,14 @@ def modem_manager(proc: Path = PROC, rules: Collection[Path] = _RULE_FOLDERS) ->
             f"{_INSTALL}; or sudo systemctl disable --now ModemManager",
         )
     ]
+
+
+def _read(path: Path) -> str:
+    """What is there, of a process that may have ended meanwhile."""
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""
 
 
 def latency(devices: Path = _USB_SERIAL) -> list[Finding]:

@@ -45,6 +45,7 @@ class _Sample(NamedTuple):
     temperature_c: float | None
     receive_time_ns: int
     missing: int  # before it, where no clock tells
+    clipped: bool
 
     @property
     def columns(self) -> tuple[bool, bool]:
@@ -99,10 +100,12 @@ class Assembly:
         *,
         receive_time_ns: int,
         missing: int = 0,
+        clipped: bool = False,
     ) -> None:
         """One sample as the device sent it: tick of its clock (of no meaning where it has none), rad/s, m/s², °C.
 
         missing: samples known to be lost before it; where the device has a clock that tells by itself.
+        clipped: by its own word.
         """
         placed = self._boots.observe(tick, receive_time_ns)
         if placed is Time.ODD:
@@ -111,7 +114,7 @@ class Assembly:
         if placed is Time.BEGINS:
             self._finish()
             self._begin()
-        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns, missing)
+        sample = _Sample(self._boots.tick, gyro, accel, temperature_c, receive_time_ns, missing, clipped)
         if self._period_s is not None:
             self._measure(sample.tick)
         self._held.append(sample)
@@ -217,6 +220,7 @@ class Assembly:
                 gyro=np.array([sample.gyro for sample in run], np.float64),
                 accel=np.array([sample.accel for sample in run], np.float64) if has_accel else None,
                 temperature_c=np.array([s.temperature_c for s in run], np.float64) if has_temperature else None,
+                clipped=np.array([s.clipped for s in run]) if any(s.clipped for s in run) else None,
             )
         )
 

@@ -61,7 +61,8 @@ class Identity:
 class Readings:
     """n consecutive samples as the device sent them: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
 
-    ticks (n,) and sequence are as sent, wrapping at Identity's widths. Not yet validated.
+    ticks (n,) and sequence are as sent, wrapping at Identity's widths. clipped (n,): whose rates are beyond its range, as the
+    device itself says; None: of none. Not yet validated.
     """
 
     boot: int
@@ -71,6 +72,7 @@ class Readings:
     gyro: NDArray[np.floating]
     accel: NDArray[np.floating] | None
     temperature_c: NDArray[np.floating] | None
+    clipped: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True)

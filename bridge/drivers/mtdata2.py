@@ -146,7 +146,7 @@ class MtData2Decoder:
             return notices
         tick = self._tick(data.time or 0, receive_time_ns)
         about = (data.gyro, data.accel, self._celsius)
-        self._assembly.add(tick, *about, receive_time_ns=receive_time_ns, missing=lost)
+        self._assembly.add(tick, *about, receive_time_ns=receive_time_ns, missing=lost, clipped=data.gyro_clipped)
         return notices
 
     def _count(self, counter: int | None) -> None:

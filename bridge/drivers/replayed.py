@@ -44,6 +44,8 @@ class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def __post_init__(self) -> None:
         if not 0.01 <= self.speed <= 1000:
             raise ValueError(f"speed is {self.speed:g}; 0.01 to 1000 is taken")
+        if self.rate_hz is not None and not 0 < self.rate_hz <= 10_000:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; more than 0, up to 10000, is taken")
         if not 0 <= self.gyro_range_dps <= 10_000:
             raise ValueError(f"gyro_range_dps is {self.gyro_range_dps:g}; 0 (unknown) to 10000 is taken")
 

@@ -28,7 +28,8 @@ class TextDecoder:
     """The decoder of one profile. rate_hz, gyro_range: of this device, where its profile is wrong of it; 0: it is right.
 
     refused: is told of every line that is not taken, and why. The first line after an opening may be the end of one, which
-    can look like a whole one: it is taken only if it is a banner.
+    can look like a whole one: it is taken only if it is a banner. captured: nobody knows when what it is fed came, and the
+    device's own clock is believed.
     """
 
     def __init__(
@@ -37,9 +38,12 @@ class TextDecoder:
         rate_hz: float = 0.0,
         gyro_range: float = 0.0,
         refused: Callable[[Refused, str], None] | None = None,
+        *,
+        captured: bool = False,
     ) -> None:
         self.faults = Tally()
         self._profile = profile
+        self._captured = captured
         self._refused = refused
         self._lines = Lines()
         self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
@@ -99,7 +103,8 @@ class TextDecoder:
                 return self._began()
             if isinstance(read, Row):
                 self._booting = False
-                self._assembly.add(*read, receive_time_ns=receive_time_ns)
+                came_ns = round(read.tick * self._tick_s * 1e9) if self._captured else receive_time_ns
+                self._assembly.add(*read, receive_time_ns=came_ns)
             else:
                 self._refuse(read, line.text)
         return []
@@ -141,10 +146,11 @@ class TextDecoder:
 
     def _assemble(self) -> Assembly:
         time = self._profile.time
+        self._tick_s = 0.0
         if time is None or not self._clock:
             return Assembly(self.faults, self._about_it(), None)
-        period_s, bits = (TIMES[time.unit], time.width) if time.width else (DECIMAL_TICK_S, 64)
-        return Assembly(self.faults, self._about_it(), period_s, bits)
+        self._tick_s, bits = (TIMES[time.unit], time.width) if time.width else (DECIMAL_TICK_S, 64)
+        return Assembly(self.faults, self._about_it(), self._tick_s, bits)
 
     def _about_it(self) -> About:
         """A clock knows the rate better than whoever wrote it down."""

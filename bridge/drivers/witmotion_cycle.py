@@ -1,7 +1,7 @@
 """WitMotion's frames made samples: a cycle is time, acceleration, rate and more, each in a frame of its own, in this order."""
 
 import struct
-from datetime import datetime
+from datetime import datetime, timedelta
 from math import radians
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ GYRO_RANGE = radians(2000.0)
 _GYRO = GYRO_RANGE / 32768
 _ACCEL = 16 * 9.80665 / 32768
 _WITHOUT_ACCEL = 8  # rates in a row: it is not sent at all
-_EPOCH = datetime(2000, 1, 1)  # noqa: DTZ001 - the device knows no zone
+_EPOCH = datetime(1999, 12, 31)  # noqa: DTZ001 - the device knows no zone
 _FOUR, _SIX = struct.Struct("<4h"), struct.Struct("<6h")
 
 
@@ -82,10 +82,11 @@ class Cycles:
         year, month, day, hour, minute, second = data[:6]
         ms = int.from_bytes(data[6:], "little")
         try:
-            at = datetime(2000 + year, max(month, 1), max(day, 1), hour, minute, second)  # noqa: DTZ001
+            of_month = datetime(2000 + year, max(month, 1), max(day, 1), hour, minute, second)  # noqa: DTZ001
         except ValueError:
             self.faults.add(BAD_TIME)
             return None
+        at = of_month if day else of_month - timedelta(days=1)  # day 1 comes after it
         return round((at - _EPOCH).total_seconds()) * 1000 + ms
 
 

@@ -139,6 +139,10 @@ class Temperature(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     scale: float = 1.0
     offset_c: float = 0.0
 
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+        _within("offset_c", self.offset_c, -1000, 1000)
+
 
 class Time(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[time]: the device's own clock."""

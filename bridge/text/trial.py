@@ -55,7 +55,7 @@ def attempt(profile: Profile, data: bytes, rate_hz: float = 0.0) -> Trial:
         if len(shown) < SHOWN_LINES:
             shown.append(f"line {number}: {text[:_SHOWN_WIDTH]!r}: {what.detail}")
 
-    decoder = TextDecoder(profile, rate_hz, refused=refused)
+    decoder = TextDecoder(profile, rate_hz, refused=refused, captured=True)
     events: list[Event] = []
     for number, line in enumerate(data.splitlines(keepends=True), 1):  # noqa: B007 - `refused` tells it
         events += decoder.feed(line, 0)

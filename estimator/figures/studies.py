@@ -22,7 +22,7 @@ def histogram(panels: dict[str, tuple[Floats, str]], title: str, path: Path) -> 
         axes.hist(values, bins=30, color=COLOURS[0])
         axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 2))
         axes.locator_params(axis="x", nbins=5)
-        axes.set(title=f"{name}: rms {np.sqrt(np.mean(values**2)):.1e}", xlabel=unit, ylabel="sessions")
+        axes.set(title=f"{name}: rms {np.sqrt(np.mean(values**2)):.1e}", xlabel=unit, ylabel="errors")
     figure.savefig(path)
 
 

@@ -26,6 +26,9 @@ def run(console: Console, sessions: int, noise_dps: float, wobble_deg: float, pi
         k_error.append(result.scale - session.truth.k)
         bias_error.append(np.degrees(result.bias - session.bias[0]))
         k_score.append(k_error[-1] / np.sqrt(np.diag(result.covariance)[3:]))
+    if not k_error:
+        console.print(f"None of {sessions} sessions was accepted: there is nothing to compare.")
+        return
     k, bias = np.array(k_error), np.array(bias_error)
     table = Columns([Column(heading, number=True) for heading in ("", "rms", "median", "largest")])
     for name, error, form in (("scale factor k", k, ".2e"), ("bias °/s", bias, ".2e")):

@@ -108,7 +108,9 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
             if noise in BANDS:
                 lines["the paper's band"] = BANDS[noise]
             panels.append(figures.Boxes(f"{name}, noise {noise:g} °/s", unit, size, lines))
-    figures.boxes(panels, f"Errors in {scenario.runs} simulated sessions: 50 % box, 95 % whiskers", picture)
+    figures.boxes(
+        panels, f"Errors in {scenario.runs} simulated sessions: half in the box, 95 % below the upper whisker", picture
+    )
     console.print(f"Picture: {picture}", highlight=False)
 
 

@@ -121,7 +121,7 @@ def run(console: Console, costs: Costs, total: int, per_ward: int, picture: Path
     router = per_ward * RATE_HZ * 2 * costs.router_s
     console.print(
         f"{total:,} devices are {wards:,} wards with {enough} estimators each: {wards * enough:,} estimators, "
-        f"{wards * found[enough].load * enough:,.0f} cores busy; in a ward's router {router:.0%} of a core; "
+        f"{total * RATE_HZ * costs.message_s:,.0f} cores busy; in a ward's router {router:.0%} of a core; "
         f"shares of devices from {np.min(uneven):.0%} to {np.max(uneven):.0%} of even"
     )
     picture.parent.mkdir(parents=True, exist_ok=True)

@@ -161,6 +161,10 @@ DEVICE = (
             DEVICE + 'id = "d2"\ndriver = "simulated"\nlife = "livly"',
             "[[bridge.devices]] #2: key 'life': unknown value 'livly'; did you mean 'lively'?",
         ),
+        (
+            DEVICE + 'id = "d2"\ndriver = "replayed"\nfile = "p"\nrate_hz = nan',
+            "[[bridge.devices]] #2: rate_hz is nan; more than 0, up to 10000, is taken",
+        ),
         ('ward = "w"\n[bridge]\nid = "b"\ndevices = [3]', "[[bridge.devices]] #1: expected a table, got int"),
     ],
 )
@@ -183,6 +187,8 @@ def test_a_mark_that_an_editor_put_before_the_text_is_no_fault(tmp_path: Path) -
 
 def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
     assert "line 2" in refusal(tmp_path, 'ward = "w"\nbus = = 3')
+    for odd in (f"ward = {'1' * 5000}", f"ward = {'[' * 3000}"):
+        assert refusal(tmp_path, odd).startswith("not TOML: ")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\0")
     (tmp_path / "latin.toml").write_bytes("ward = 'w'\n# Kücke\n".encode("latin-1"))
     for path, said in [

@@ -14,7 +14,8 @@ from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Messages, decode, encode
 from bridge.framing.packets import BadPacket
 from bridge.intake import Intake
-from bridge.wire.messages import BootCause
+from bridge.join import joined
+from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals
 
@@ -188,6 +189,18 @@ def test_the_device_s_own_word_of_clipping_is_counted() -> None:
     decoder = MtData2Decoder(None)
     decoder.feed(message(0x36, reals(0x8020, (1, 2, 3)) + item(0xE020, struct.pack(">I", 0x00481401))), 1)
     assert decoder.faults.as_dict()["clipped_by_its_own_word"] == 1
+
+
+def test_what_the_device_itself_calls_clipped_is_marked_though_its_range_is_unknown() -> None:
+    decoder, intake, flags = MtData2Decoder(None), Intake("d", "b", "mtdata2", "p"), list[int]()
+    for n in range(60):
+        word = 0x00481401 if n in (40, 41) else 0x00080401
+        data = item(0x1060, struct.pack(">I", 100 * n)) + reals(0x8020, (1 + n / 1e3, 2, 3))
+        for event in joined(decoder.feed(message(0x36, data + item(0xE020, struct.pack(">I", word))), n * S // 100)):
+            flags += [flag for batch in intake.take(event) for flag in batch.flags.tolist()]
+    assert [n for n, flag in enumerate(flags, 1) if flag] == [40, 41]  # of the first nobody knows whether it is timed
+    assert set(flags) == {0, SampleFlag.CLIPPED}
+    assert intake.events.as_dict() == {"clipped": 2}
 
 
 @pytest.mark.parametrize(

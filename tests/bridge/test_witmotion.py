@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
+from bridge.drivers.witmotion_cycle import Cycles
 from bridge.framing.witmotion import WitFrames
 from bridge.intake import Intake
 from bridge.wire.messages import BootCause
@@ -246,6 +247,16 @@ def test_a_calendar_that_nobody_has_set_is_a_clock_and_nonsense_is_counted() -> 
     gyro = motion(0x51, (0, 0, 1)) + motion(0x52, (1, 1, 1))
     decoder.feed(zero + gyro + zero + gyro + nonsense + gyro, 1)
     assert decoder.faults.as_dict() == {"samples_before_settled": 1, "bad_time": 1, "time_missing": 1}
+
+
+def test_a_calendar_that_nobody_has_set_goes_on_at_its_first_midnight() -> None:
+    frames, cycles, found = WitFrames(Tally()), Cycles(Tally()), list[int]()
+    for day, (hour, minute, second, ms) in ((0, (23, 59, 59, 990)), (1, (0, 0, 0, 0)), (2, (0, 0, 0, 0))):
+        at = bytes((0, 0, day, hour, minute, second)) + ms.to_bytes(2, "little")
+        for frame in frames.feed(checked(0x50, at) + motion(0x51, (0, 0, 1)) + motion(0x52, (1, 1, 1))):
+            if (sample := cycles.take(frame)) is not None and sample.time_ms is not None:
+                found.append(sample.time_ms)
+    assert np.diff(found).tolist() == [10, 86_400_000]
 
 
 @pytest.mark.parametrize(

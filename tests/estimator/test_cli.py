@@ -412,6 +412,12 @@ def test_a_study_of_no_method_names_those_there_are(capsys: pytest.CaptureFixtur
     assert "there is no method 'x' by hand; there are closure" in capsys.readouterr().err
 
 
+def test_a_study_of_which_no_session_is_accepted_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--sessions", "1", "--noise", "40", "--picture", str(tmp_path / "p.png")]
+    assert main(["study", "algorithm1", *words]) == 0
+    assert "None of 1 sessions was accepted" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("verb", [["demo"], ["study", "algorithm1"], ["study", "paper"], ["study", "scaling"]])
 def test_where_no_picture_can_be_is_said_before_the_work(
     verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

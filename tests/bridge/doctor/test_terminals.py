@@ -143,3 +143,11 @@ def test_the_rules_are_of_the_form_udev_takes() -> None:
     for line in lines:
         assert all(item.fullmatch(part) for part in line.split(", ")), line
     assert all(word in RULES.read_text() for word in ("-hupcl", "ID_MM_DEVICE_IGNORE", "latency_timer", "dialout"))
+
+
+def test_a_process_that_ends_while_it_is_looked_at_is_none(tmp_path: Path) -> None:
+    process(tmp_path, 7, "bash")
+    (tmp_path / "8").mkdir()
+    (tmp_path / "8" / "comm").symlink_to(tmp_path / "gone")
+    (tmp_path / "9" / "comm").mkdir(parents=True)
+    assert only(terminals.modem_manager(tmp_path, []))[:2] == (Level.OK, "does not run")

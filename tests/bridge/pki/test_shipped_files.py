@@ -118,6 +118,12 @@ BREAKS = [
         '"network": [{"key_exprs": ["truerate/**"], "messages": ["put"], "overwrite": {"congestion_control": "drop"}},',
         "qos.network: a rule that is not ours",
     ),
+    (
+        '"network": [',
+        '"network": [{"messages": ["put"], "overwrite": {"priority": "data_low"}},',
+        "qos.network: a rule that is not ours",
+    ),
+    ('"tls": {', '"tls": {"root_ca_certificate_base64": "QUJD",', "root_ca_certificate_base64: goes before the files"),
     ('"max_message_size": 1048576', '"max_message_size": 1073741824', "max_message_size is 1073741824"),
     ('"accept_timeout": 2000', '"accept_timeout": 20', "nobody shows a certificate so fast"),
     ('"keep_alive": 10', '"keep_alive": 0', "keep_alive is 0"),

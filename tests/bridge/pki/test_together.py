@@ -240,6 +240,7 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
         (["recalibrate", "d1", "--config", str(files.one)], "a certificate for commander is needed"),
         (["note", "d1", "sat up", "--config", str(files.one)], "a certificate for commander is needed"),
         (["record", "--config", str(files.one)], "a certificate for recorder is needed"),
+        (["bridge", "ximu3", "--config", str(files.one)], "a certificate for commander or recorder is needed"),
         (["bridge", "ximu3", "--raw", "--config", str(files.one)], "a certificate for commander or recorder is needed"),
         (
             ["bridge", "replay", str(session), "--device", "d1", "--config", str(files.one)],

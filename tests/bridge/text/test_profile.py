@@ -55,6 +55,8 @@ def samples(of: Profile, text: str, rate_hz: float = 0.0) -> tuple[list[Readings
         (('"dps"', '"dps"\n[accel]\ncolumns = ["ax", "ay", "gz"]\nunit = "g"'), r"'gz' is already taken, by \[gyro\]"),
         (('"dps"', '"dps"\n[time]\ncolumn = "t"\nunit = "min"'), r"\[time\]: unknown unit 'min'; .*ms"),
         (('"dps"', '"dps"\n[time]\ncolumn = "t"\nunit = "ms"\nbits = 3'), r"\[time\]: bits is 3"),
+        (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\nscale = nan'), r"\[temperature\]: scale is nan"),
+        (('"dps"', '"dps"\n[temperature]\ncolumn = "t"\noffset_c = inf'), r"\[temperature\]: offset_c is inf"),
         (('"dps"', '"dps"\n[regex]\nmatch = "(?P<gx>.)"'), "one of the tables"),
         (("[device]", "banners = ['(']\n[device]"), r"banners: '\(' is no regular expression"),
         (

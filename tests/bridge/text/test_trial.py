@@ -81,3 +81,18 @@ def test_what_is_not_understood_fails(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["bridge", "try", "razor-m0", str(capture)]) == 1
     assert main(["bridge", "try", "razor", str(capture)]) == 2
     assert "did you mean 'razor-m0'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("pause_ms", [3000, 60_000])
+def test_a_pause_in_a_capture_is_no_boot(pause_ms: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(b"\n" + printed.razor(150) + printed.razor(150, first_ms=2700 + pause_ms))
+    assert main(["bridge", "try", "razor-m0", str(capture)]) == 0
+    assert "understood: 300 samples in 1 boot\n" in capsys.readouterr().out
+
+
+def test_a_clock_that_begins_anew_in_a_capture_is_a_boot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capture = tmp_path / "capture.txt"
+    capture.write_bytes(b"\n" + printed.razor(150, first_ms=90_000) + printed.razor(150, first_ms=300))
+    main(["bridge", "try", "razor-m0", str(capture)])
+    assert "in 2 boots" in capsys.readouterr().out
