@@ -22,6 +22,7 @@ _BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
 _RESTS = 10  # seconds at rest before the noise is known
 _REST_STD = radians(1.0)
 _LEAST_SAMPLES = 8  # of a second
+_MOST_SAMPLES = 16_384  # of a clock that hardly moves
 _NOISY = 1.5  # steps: rms of the difference of two readings, below which the step hides the noise
 _LEAP_K, _WARMING_K_PER_S = 2.0, 1.0  # coarse thermometers step by a whole kelvin
 
@@ -84,6 +85,7 @@ class Repeats:
         self._run = 0  # repeats, up to the last reading
         self._began = inf  # the second that is being gathered
         self._second: list[Floats] = []
+        self._gathered = 0  # samples of it
         self._stuck = False  # any of it
         self._noise = SelfRepetition()
         self._needed: float | None = inf  # None: to be reckoned anew, once it is asked for
@@ -105,9 +107,10 @@ class Repeats:
                 self._began = float(time_s[begin])
             whole = time_s[-1] < self._began + 1.0
             end = len(gyro) if whole else begin + int(np.searchsorted(time_s[begin:], self._began + 1.0))
+            end = min(end, begin + _MOST_SAMPLES - self._gathered)
             if end > begin:
                 stuck[begin:end] = self._repeated(gyro[begin:end])
-                self._second.append(gyro[begin:end])
+                self._gather(gyro[begin:end])
                 self._stuck |= bool(stuck[begin:end].any())
             if end < len(gyro):
                 self._close()
@@ -116,7 +119,7 @@ class Repeats:
 
     def quiet(self, begin_s: float, end_s: float, gyro: Floats) -> bool:
         """Whether readings (n, 3) between two times repeat nothing, and end no second. Takes nothing."""
-        if end_s >= (self._began if self._second else begin_s) + 1.0:
+        if end_s >= (self._began if self._second else begin_s) + 1.0 or self._gathered + len(gyro) > _MOST_SAMPLES:
             return False
         rows = gyro.tolist()
         return rows[0] != self._last[0].tolist() and not any(map(eq, rows, rows[1:]))
@@ -125,8 +128,12 @@ class Repeats:
         """Take readings that are quiet."""
         if not self._second:
             self._began = begin_s
-        self._second.append(gyro)
+        self._gather(gyro)
         self._last, self._run = gyro[-1:], 0
+
+    def _gather(self, gyro: Floats) -> None:
+        self._second.append(gyro)
+        self._gathered += len(gyro)
 
     def _repeated(self, gyro: Floats) -> Bools:
         before = np.concatenate([self._last, gyro[:-1]])
@@ -147,7 +154,7 @@ class Repeats:
         if not self._stuck and len(second) >= _LEAST_SAMPLES and (second.std(axis=0) < _REST_STD).all():
             self._noise.learn(second)
             self._needed, self._rate_hz = None, len(second)
-        self._second, self._stuck = [], False
+        self._second, self._gathered, self._stuck = [], 0, False
 
 
 class SelfRepetition:

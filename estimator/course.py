@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 CLOCK_LOST_S = 1.0
 #: device time up to which samples may end after the one before and be looked at no further
 PLAIN_S = 60.0
+#: and which they are apart, at least
+CLOSEST_S = 1e-4
 
 
 class Point(NamedTuple):
@@ -54,11 +56,11 @@ class Course:
         """From where on samples go on, of a course that has begun."""
         return Point(self.latest, self._shift, self._until)
 
-    def goes_on(self, first_s: float, last_s: float) -> bool:
-        """Whether samples from first_s to last_s of the device's clock come after all others, and not long after."""
-        if self._first is None:
+    def goes_on(self, first_s: float, last_s: float, n: int) -> bool:
+        """Whether n samples from first_s to last_s of the device's clock come after all others, soon, and are no crowd."""
+        if self._first is None or not first_s + self._shift > self.latest:
             return False
-        return first_s + self._shift > self.latest and last_s + self._shift < self.latest + PLAIN_S
+        return n * CLOSEST_S <= last_s + self._shift - self.latest < PLAIN_S
 
     def ends_block(self, last_s: float) -> bool:
         """Whether a sample at last_s of the device's clock is beyond the block that waits."""

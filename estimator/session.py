@@ -179,12 +179,12 @@ class DeviceSession:
         """Whether a batch is of the time before this boot was taken to begin, and nothing of it was taken yet."""
         return self.sequence.next is None and float(batch.device_time[0]) < self.learnt.began
 
-    def plain(self, boot: int, sequence: int, first_s: float, last_s: float) -> bool:
+    def plain(self, boot: int, sequence: int, first_s: float, last_s: float, samples: int) -> bool:
         """Whether a batch, all of it finite, from first_s to last_s of the device's clock, only goes on where the stream is."""
         return (
             boot == self.sequence.boot
             and sequence == self.sequence.next
-            and self._course.goes_on(first_s, last_s)
+            and self._course.goes_on(first_s, last_s, samples)
             and not self.life.away
         )
 

@@ -19,6 +19,8 @@ Bytes = NDArray[np.uint8]
 #: of a message's fields all but its samples' own, and their tags, take no more than this
 MOST_OF_ONE = 56
 _FIXED, _VARINT, _BYTES = 1, 0, 2
+#: s; samples that come closer to each other are looked at one by one
+_CLOSEST_S = 1e-4
 #: columns of `whole`: samples, the first of them, what is said of it, where in the messages its columns are, 0 where it has none,
 #: and whether it goes on where its sender is; and of `real`
 COUNT, FIRST, BOOT, SEQUENCE, RECEIVED, START, TICKS, GYRO, ACCEL, CELSIUS, AHEAD = range(11)
@@ -148,7 +150,8 @@ def unpacked(
         first += n
         if goes_on and awaited and sequence == awaited and boot == numbers[place, OF_BOOT]:
             shift = reals[place, SHIFT]
-            if first_s + shift > reals[place, LATEST] and last_s + shift < reals[place, UNTIL]:
+            least_s, latest = n * _CLOSEST_S, reals[place, LATEST]
+            if first_s + shift > latest and least_s <= last_s + shift - latest and last_s + shift < reals[place, UNTIL]:
                 whole[m, AHEAD] = 1
                 numbers[place, NEXT] = sequence + np.uint64(n)
                 reals[place, LATEST] = last_s + shift

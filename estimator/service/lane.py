@@ -232,5 +232,5 @@ def _plain(device: Device, bridge: str, at: Span) -> bool:
         bridge == device.source.owner
         and device.announced
         and not device.overtaken
-        and device.session.plain(at.boot, at.sequence, at.first_s, at.last_s)
+        and device.session.plain(at.boot, at.sequence, at.first_s, at.last_s, at.samples)
     )

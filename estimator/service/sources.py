@@ -17,6 +17,10 @@ OWNED_S = 1.0
 PERSISTS_S, PERSISTS_BATCHES = 3.0, 5
 #: no device is faster; a cache may hold this much that was said in no time
 FASTEST_HZ, CACHE_S = 1e4, 60.0
+#: of samples closer to each other so many are taken; what waits for its device's time to go on would have no end
+CROWD = 4096
+#: no batch is of a longer time: each second of it is work of its own
+BATCH_S = 600.0
 #: device time may run this much ahead of what the clock's rate says: a replay's rate is only learnt after a while
 CLOCK_SLACK = 10.0
 NAMED_BRIDGES = 8
@@ -63,6 +67,7 @@ class Source:
         self._booted_ns = 0  # when the first batch of the boot that is taken was received
         self._refused, self._refused_since_s, self._refused_last_s = 0, 0.0, 0.0
         self._refused_next = 0, 0  # boot and number that the next of them has to have, or a later one
+        self._room = float(CROWD)
 
     def owns(self, bridge: str, heard_s: float) -> bool:
         """Whether this bridge is the one that is listened to; it becomes so when the other one is not heard any more."""
@@ -97,6 +102,8 @@ class Source:
     def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
         ruling = self._judge(batch, sequence, heard_s)
+        if ruling is not Ruling.LATE and self._crowds(batch):
+            return Ruling.RANGE
         if ruling in (Ruling.RANGE, Ruling.LATE):
             if not (_publishable(batch) and self._persists(batch, heard_s) and self._is_news(batch, sequence)):
                 return ruling
@@ -136,6 +143,16 @@ class Source:
         passed_s = max((batch.receive_time_ns - mark.receive_ns) * 1e-9, heard_s - mark.heard_s) + CACHE_S
         device_s = passed_s / min(1.0, batch.clock_rate)
         return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
+
+    def _crowds(self, batch: SampleBatch) -> bool:
+        """Whether its samples are closer together, or further apart, than those of any device."""
+        begin_s, end_s = (int(tick) * batch.tick_period_s for tick in (batch.ticks[0], batch.ticks[-1]))
+        since_s = begin_s if self._latest is None else min(begin_s, self._latest.device_s)
+        room = min(CROWD, self._room + (end_s - since_s) * FASTEST_HZ) - len(batch)
+        if room < 0 or end_s - begin_s > BATCH_S:
+            return True
+        self._room = room
+        return False
 
     def _older(self, batch: SampleBatch) -> bool:
         """Whether a boot that was never heard is one before the present one: its samples were received earlier.

@@ -55,13 +55,14 @@ class Come(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Boot, sequence number and receive time of a batch, and when its first and last sample were taken by their clock, s."""
+    """Boot, sequence number and receive time of a batch; when its first and last sample were taken, by their clock; how many."""
 
     boot: int
     sequence: int
     received_ns: int
     first_s: float
     last_s: float
+    samples: int
 
 
 class Round:
@@ -137,6 +138,7 @@ class Round:
             whole.item(number, RECEIVED),
             real.item(number, FIRST_S),
             real.item(number, LAST_S),
+            whole.item(number, COUNT),
         )
 
     def corrected_ahead(self, messages: Wholes) -> list[bytes]:

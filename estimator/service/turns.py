@@ -12,11 +12,14 @@ from itertools import chain
 
 from bridge.bus.contract import Message
 
+#: one of so many bytes counts as two messages, and so on; and so does one that takes so long when it is handled aside, s
+LARGE, LONG_S = 2048, 5e-4
 #: so many messages of a device are handled at once with those of the others; more of them wait
 SHARE = 32
 #: so many may wait, a bus's cache among them; of more the oldest are dropped
 MOST = 4096
-#: so many of those of one device are handled at once, as of a cache, and so many a second for ever: twice what a bridge sends
+#: so many of those of one device are handled at once, as of a cache, and so many a second for ever: twice what a bridge sends.
+#: Of who has used that up no more than a second's may wait
 AT_ONCE, A_SECOND = 4096.0, 400.0
 _REMEMBERED = 1024
 #: messages of a device that sends too many are counted under this
@@ -27,7 +30,7 @@ ASIDE_S = 0.002
 ALONE_S = 0.01
 #: or so much of the time that has passed since they had it last, at most: where rounds take long what waits would never be done
 PART, PART_S = 0.25, 0.1
-#: with so many waiting of all devices together nothing more is taken in
+#: with so many waiting of all devices together, that may be handled now, nothing more is taken in
 FULL = 16384
 
 Take = Callable[[Sequence[Message]], None]
@@ -56,8 +59,14 @@ class Turns:
 
     @property
     def full(self) -> bool:
-        """Whether what waits should become less first: what does of the past keeps nobody from coming who is up to now."""
-        return self.waiting - self._old >= FULL
+        """Whether what waits should become less first.
+
+        What does of the past keeps nobody from coming who is up to now, nor does what is not to be handled before its time.
+        """
+        if self.waiting - self._old < FULL:
+            return False
+        ready = (len(queue) for key, queue in self._queues.items() if key not in self._past and self._left(key) > 0)
+        return sum(ready) >= FULL
 
     @property
     def pressing(self) -> bool:
@@ -117,19 +126,20 @@ class Turns:
         part_s = min(PART * (began - self._ended), PART_S)
         while (key := self._next()) is not None:
             queue, past = self._queues.pop(key), key in self._past
-            # What is slow is handled one by one, so that time is looked at after each.
-            part = [queue.popleft() for _ in range(1 if key in self._slow else min(SHARE, len(queue)))]
+            part, counts = _share(queue, one=key in self._slow)
             self._count(key, -len(part))
-            self._allowed[key] = self._left(key) - len(part), self._clock()
-            if len(self._allowed) > _REMEMBERED:
-                self._allowed = {
-                    k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
-                }
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             if not queue:
                 self._caught_up(key)
+            left, before = self._left(key), self._clock()
             self._take(part)
+            took = int((self._clock() - before) / LONG_S)
+            self._allowed[key] = left - max(counts, min(took, A_SECOND)), self._clock()
+            if len(self._allowed) > _REMEMBERED:
+                self._allowed = {
+                    k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
+                }
             aside_s = ASIDE_S if key in self._slow or (prompt and not past) else ALONE_S
             if self._clock() >= began + max(part_s, aside_s):
                 break
@@ -155,6 +165,7 @@ class Turns:
 
     def _prompt(self, messages: Sequence[Message]) -> Sequence[Message]:
         keys = [key for key, _ in messages]
+        keys += [key for key, payload in messages if len(payload) >= LARGE for _ in range(len(payload) // LARGE)]
         counts, came = Counter(keys), self._came_now()
         came.update(keys)
         often = max(map(came.__getitem__, counts), default=0) > A_SECOND
@@ -168,19 +179,27 @@ class Turns:
                 prompt.append(message)
                 continue
             if key not in self._queues and taken[key] < SHARE and came[key] <= A_SECOND:
-                taken[key] += 1
+                taken[key] += _counts(message)
                 prompt.append(message)
                 continue
             queue = self._queues.setdefault(key, deque())
             queue.append(message)
             self._count(key, 1)
-            if len(queue) > MOST:
-                queue.popleft()
-                self._count(key, -1)
-                self._dropped(key, 1)
+            if (over := len(queue) - self._room(key, message)) > 0:
+                for _ in range(over):
+                    queue.popleft()
+                self._count(key, -over)
+                self._dropped(key, over)
             elif len(queue) > MOST // 2 and key in self._past and key not in self._soon:
                 self._soon = {key: None} | self._soon  # before any of it is dropped
         return prompt
+
+    def _room(self, key: str, message: Message) -> int:
+        """How many messages like this may wait under its key."""
+        counts, waiting = _counts(message), len(self._queues[key])
+        if counts * waiting <= A_SECOND:
+            return waiting
+        return max(1, round((MOST if self._left(key) > 0 else A_SECOND) / counts))
 
     def _count(self, key: str, more: int) -> None:
         self.waiting += more
@@ -191,3 +210,18 @@ class Turns:
         self._past.discard(key)
         self._soon.pop(key, None)
         self._first.discard(key)
+
+
+def _counts(message: Message) -> int:
+    """As how many messages one counts."""
+    return 1 + len(message.payload) // LARGE
+
+
+def _share(queue: deque[Message], *, one: bool) -> tuple[list[Message], int]:
+    """The next of a queue that may be handled before time is looked at again, and as how many they count."""
+    part = [queue.popleft()]
+    counts = _counts(part[0])
+    while queue and not one and (more := counts + _counts(queue[0])) <= SHARE:
+        part.append(queue.popleft())
+        counts = more
+    return part, counts

@@ -170,6 +170,36 @@ def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, b
     assert rulings[late:] == [back] + [R.TAKE] * (60 - late - 1)
 
 
+def crowd(batch: SampleBatch, step: float, batches: int) -> list[SampleBatch]:
+    """As many as that, as one says, of 1000 samples so many seconds apart by the device's clock."""
+    n = 1000
+    made = []
+    for number in range(batches):
+        first = number * n
+        ticks = np.arange(first + 1, first + n + 1, dtype=np.uint64)
+        like = {
+            name: np.repeat(getattr(batch, name)[:1], n, axis=0) for name in ("gyro", "accel", "temperature_c", "flags")
+        }
+        made.append(replace(batch, sequence=first, ticks=ticks, tick_period_s=step, **like))
+    return made
+
+
+def test_of_a_clock_that_hardly_moves_only_so_much_is_taken_however_long_it_goes_on(source: Stream) -> None:
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1e-9, 2000), at=0.0, step=0.01)
+    assert rulings[:4] == [R.BOOT, R.TAKE, R.TAKE, R.TAKE]
+    assert set(rulings[4:]) == {R.RANGE}
+
+
+def test_the_fastest_gyro_is_none(source: Stream) -> None:
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1.01e-4, 200), at=0.0, step=0.1)
+    assert set(rulings[1:]) == {R.TAKE}
+
+
+def test_of_a_batch_that_lasts_for_longer_than_any_nothing_is_taken(source: Stream) -> None:
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 0.7, 20), at=0.0, step=1.0)
+    assert set(rulings) == {R.RANGE}
+
+
 def received(batches: list[SampleBatch], later_s: float) -> list[SampleBatch]:
     return [replace(b, receive_time_ns=b.receive_time_ns + round(later_s * 1e9)) for b in batches]
 

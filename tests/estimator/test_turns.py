@@ -226,8 +226,36 @@ def test_what_one_device_says_keeps_its_order_and_nothing_is_lost(rounds: list[t
 
 def test_with_too_many_waiting_nothing_more_is_to_be_taken_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rules, "FULL", 100)
-    desk = Desk({"a": 1.0})
+    desk = Desk({"a": 4e-3})
     desk.turns.round(messages("a", 0, 200))
     assert desk.turns.full
     desk.finish()
     assert not desk.turns.full
+
+
+@pytest.mark.parametrize("keys", [6, 40])
+def test_however_many_send_too_much_who_does_not_is_heard_at_once(keys: int) -> None:
+    floods = [f"flood{n}" for n in range(keys)]
+    desk = Desk()
+    for number in range(1000):
+        desk.turns.round([message for key in floods for message in messages(key, 25 * number, 25 * number + 25)])
+        assert not desk.turns.full
+        desk.turns.round(messages("calm", number, number + 1))
+        assert desk.numbers("calm") == list(range(number + 1))
+        desk.now = max(desk.now, 0.01 * number)
+    assert all(desk.dropped[key] > 0 for key in floods)
+    assert desk.turns.waiting <= keys * (rules.A_SECOND + 25)
+
+
+def test_what_is_large_counts_as_many_and_what_takes_long_is_handled_seldom() -> None:
+    desk = Desk({"large": 1e-3, "long": 0.1})
+    large = [Message("large", b"%04d" % n + bytes(20_000)) for n in range(8)]
+    desk.turns.round(large)
+    assert len(desk.done) < 8, "as many as 80"
+    desk.done.clear()
+    for number in range(2000):
+        desk.turns.round([*messages("long", 2 * number, 2 * number + 2)])
+        desk.turns.slow("long", now=True)
+        desk.now = max(desk.now, 0.05 * number)
+    spent = 0.1 * sum(message.key == "long" for message in desk.done)
+    assert spent < 2.5 + 0.25 * desk.now
