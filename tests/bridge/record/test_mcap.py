@@ -127,23 +127,53 @@ def test_an_empty_or_foreign_file_is_refused() -> None:
         assert read(b"\x89MCAP0\r\n"[:end])[0] == []
 
 
-def test_any_flipped_bit_costs_its_chunk_at_most_or_what_follows() -> None:
-    """Never a wrong message, never an exception; what is before the damage is there."""
+@pytest.mark.parametrize("hurt", [b"", bytes(20), b"\xff" * 20])
+def test_any_damaged_bytes_cost_their_chunk_at_most(hurt: bytes) -> None:
+    """A bit, or some bytes: never a wrong message, never an exception, and reading goes on at the next chunk."""
     file = BytesIO()
-    safe = write(file)
-    data = bytearray(file.getvalue())
+    write(file)
+    data = file.getvalue()
     wanted = {payload(at) for at in range(20)}
-    for at in range(8, len(data), 3):
-        flip = 1 << at % 8
-        data[at] ^= flip
-        entries, reader = read(bytes(data))
-        data[at] ^= flip
-        before = 4 * sum(place <= at for place in safe)
-        assert len(entries) >= before
-        assert {entry.payload for entry in entries} <= wanted
-        if len(entries) < 20:
+    for at in range(8, len(data) - len(hurt), 5):
+        damage = hurt or bytes([data[at] ^ 1 << at % 8])
+        entries, reader = read(data[:at] + damage + data[at + len(damage) :])
+        payloads = [entry.payload for entry in entries]
+        assert {entry.topic for entry in entries} == set(TOPICS)
+        assert set(payloads) <= wanted
+        assert len(payloads) == len(set(payloads)) >= 16
+        if len(payloads) < 20:
             assert reader.trouble
             assert not reader.whole
+
+
+@pytest.mark.parametrize("finish", [False, True])
+def test_what_is_damaged_between_chunks_costs_none(finish: bool) -> None:
+    """The head, or the length, of the index behind the second chunk: of four messages, 79 bytes."""
+    file = BytesIO()
+    head = write(file, finish=finish)[1] - 79
+    for at, damage in ((head, bytes(20)), (head + 1, b"\x30"), (head + 2, b"\x01"), (head + 5, b"\x01")):
+        data = bytearray(file.getvalue())
+        data[at : at + len(damage)] = damage
+        entries, reader = read(bytes(data))
+        assert [entry.payload for entry in entries] == [payload(at) for at in range(20)]
+        assert reader.finished == finish
+        assert "it is damaged; what was there is passed over" in reader.trouble[0]
+        assert not reader.lost
+
+
+def test_what_the_summary_says_of_channels_counts_for_it_has_a_checksum() -> None:
+    file = BytesIO()
+    write(file)
+    data = file.getvalue()
+    for word in (b"raw/bridge-1/one", b"truerate.v1.SampleBatch"):
+        entries, reader = read(data.replace(word, word.replace(b"e", b"o"), 1))
+        assert ({entry.topic for entry in entries}, reader.trouble) == (set(TOPICS), [])
+        assert {entry.facts["key"] for entry in entries} == set(TOPICS)
+        assert {entry.schema for entry in entries} == {"truerate.v1.SampleBatch"}
+        damaged = bytearray(data)
+        damaged[data.rindex(word)] ^= 1
+        entries, reader = read(bytes(damaged))
+        assert ({entry.topic for entry in entries}, reader.trouble) == (set(TOPICS), ["its summary is damaged"])
 
 
 def test_a_damaged_chunk_takes_no_other_with_it() -> None:
