@@ -32,6 +32,11 @@ def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
     return db
 
 
+def on_file(db: sqlite3.Connection) -> bool:
+    """Whether it is of a file, and not of memory."""
+    return any(place for _, _, place in db.execute("PRAGMA database_list"))
+
+
 def beside(path: Path) -> sqlite3.Connection:
     """A connection for reading that leaves nothing behind: in step with whoever writes, where anybody does."""
     alone = "&immutable=1" if unused(path) else ""

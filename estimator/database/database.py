@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
 from bridge import os_words
-from estimator.database.connection import FAULTS, beside, code, connect, snapshot, transaction, unused
+from estimator.database.connection import FAULTS, beside, code, connect, on_file, snapshot, transaction, unused
 from estimator.database.errors import StoreError, Unavailable
 from estimator.database.opening import (
     ADVICE,
@@ -264,11 +264,8 @@ class Database:
             migrated(db, 0)
             notes: list[str] = []
         else:
-            try:
-                db, notes = open_store(Path(self.path))
-            except StoreError as error:
-                self.trouble = str(error)
-                raise
+            with self._reading:
+                db, notes = self._opened_again()
         with self._reading:
             self.close()
             self._db, self._writable = db, True
@@ -276,6 +273,19 @@ class Database:
         for note in notes:
             log.error("%s", note)
         self.notes += notes
+
+    def _opened_again(self) -> tuple[sqlite3.Connection, list[str]]:
+        """The file is looked at by opening and closing it, which takes all of this process's locks from it: none is held then."""
+        before = self._db is not None and on_file(self._db)
+        if before:
+            self.close()
+        try:
+            return open_store(Path(self.path))
+        except StoreError as error:
+            self.trouble = str(error)
+            if before:
+                self._gone(self.trouble)
+            raise
 
     def _put(self, db: sqlite3.Connection, table: str, row: Row, conflict: str) -> None:
         whole = sealed(table, row, self._types[table])

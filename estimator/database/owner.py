@@ -4,6 +4,7 @@ import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from estimator.database.errors import StoreError
 
@@ -15,6 +16,7 @@ def owned(path: str) -> Iterator[None]:
     Where nothing may be written beside it nobody can tell.
     """
     try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError:
         yield

@@ -15,7 +15,7 @@ from bridge.health import Health
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from estimator.config import Ward
-from estimator.database import Database
+from estimator.database import Database, StoreError
 from estimator.database.owner import owned
 from estimator.loops.compiled import ready
 from estimator.service.hang_up import HangUp
@@ -50,6 +50,11 @@ def run(ward: Ward) -> None:
                 _look_for_another(ward, ward.estimator.id, stop)  # which would be why
                 raise
         routers = ward.bus.routers_as(Role.ESTIMATOR, name=ward.estimator.id)
+        try:
+            stack.enter_context(owned(ward.estimator.store))
+        except StoreError:
+            _look_for_another(ward, ward.estimator.id, stop)  # which would be why
+            stack.enter_context(owned(ward.estimator.store))  # it may just have been ending
         database = Database(ward.estimator.store, patient=True)
         stack.callback(database.close)
         data, control = (connected(routers, stop, patient=True) for _ in range(2))
@@ -61,7 +66,6 @@ def run(ward: Ward) -> None:
             log.error("%s", words)
         others = set[str]()
         stack.enter_context(closing(look_round(control, ward.ward, ward.estimator.id, _load, others.add)))
-        stack.enter_context(owned(database.path))
         from estimator.service.clerk import Clerk  # noqa: PLC0415 - see _load
         from estimator.service.shell import Service  # noqa: PLC0415
         from estimator.service.store import Store  # noqa: PLC0415

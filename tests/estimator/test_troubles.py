@@ -3,6 +3,7 @@
 import logging
 import socket
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
+from estimator.database.owner import owned
 from estimator.outcome import Outcome
 from estimator.service import roster, serve, sources
 from estimator.service.overload import OVERLOADED, UNKEPT
@@ -324,6 +326,25 @@ def test_a_second_estimator_is_told_of_the_first_and_not_of_its_address(
         token.close()
         with pytest.raises(OSError, match="in use by another program; choose another `health`"):
             serve.run(ward)
+
+
+def test_a_store_is_not_opened_where_another_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who it is may be the same one, started twice: that is said first."""
+    path, broker, opened = str(tmp_path / "s.sqlite3"), MemoryBroker(), list[object]()
+    monkeypatch.setattr(process, "_LOOK_S", 0.1)
+    monkeypatch.setattr(process, "_GONE_S", 0.3)
+    monkeypatch.setattr(serve, "connected", lambda *_, **__: MemoryBus(broker))
+    monkeypatch.setattr(serve, "Database", lambda *words, **_: opened.append(words))
+    ward = config.Ward(ward=WARD, estimator=Estimator(id="e1", store=path))
+    with owned(path), MemoryBus(broker) as first:
+        with pytest.raises(StoreError, match=r"another estimator .* has it"):
+            serve.run(ward)
+        with (
+            closing(first.declare_alive(keys.build(WARD, "alive/estimator", estimator="e1"))),
+            pytest.raises(BusError, match="e1 serves ward w already"),
+        ):
+            serve.run(ward)
+    assert not opened
 
 
 def test_the_same_estimator_twice_is_refused(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ import pytest
 from estimator.database import Unavailable, connection
 from estimator.database.database import RETRY_S
 from estimator.service.store import Store
-from tests.estimator.database.kept import made
+from tests.estimator.database.kept import loaded, made
 from tests.estimator.stream import NAME
 
 #: one row before the line that it waits for, one after
@@ -25,6 +25,12 @@ for request in ("before", "after"):
     print(request, flush=True)
     sys.stdin.readline()
 store.close()
+"""
+#: what another process finds of a row
+_ASK = f"""
+import sys
+from estimator.service.store import Store
+print(Store.reading(sys.argv[1]).answer({NAME!r}, "note", "again"))
 """
 
 
@@ -59,6 +65,46 @@ def test_a_damaged_store_is_not_replaced_under_who_writes_to_it(tmp_path: Path) 
     for request in ("before", "after"):
         assert patient.answer(NAME, "note", request) == (True, "noted"), request
     patient.close()
+
+
+def test_who_has_it_again_after_a_failure_is_not_taken_for_gone_by_who_ends(tmp_path: Path) -> None:
+    """Else that one takes the log with it, and what is written then is nowhere."""
+    path = made(tmp_path)
+    with another(path):
+        store = Store(path, patient=True)
+        store.database._gone("the disk failed")
+        store.database._again_s -= RETRY_S
+        store.database.probe()
+    store.add_audit(9, NAME, "note", "again", "nurse", "", "noted", accepted=True)
+    words = [sys.executable, "-c", _ASK, str(path)]
+    found = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
+    assert found.stdout == "(True, 'noted')\n"
+    store.close()
+
+
+def test_what_could_be_read_stays_where_the_file_cannot_be_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made(tmp_path)
+    with another(path):
+        store = Store(path, patient=True)
+        kept = loaded(store)
+        store.database._gone("the disk failed")
+        with monkeypatch.context() as patch:
+            patch.setattr("estimator.database.database.open_store", failing)
+            for _ in range(2):
+                store.database._again_s -= RETRY_S
+                with pytest.raises(Unavailable, match="failing still"):
+                    store.database.probe()
+                assert loaded(store) == kept
+        store.database._again_s -= RETRY_S
+        store.database.probe()
+        assert loaded(store) == kept
+        store.close()
+
+
+def failing(_: Path) -> None:
+    raise Unavailable("failing still")
 
 
 def test_what_another_is_writing_just_now_is_not_lost(tmp_path: Path) -> None:
