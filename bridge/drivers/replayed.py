@@ -5,6 +5,7 @@ Of a ward's recording (.mcap) each driver plays one device; all that were opened
 
 import functools
 import itertools
+import logging
 import math
 import secrets
 import threading
@@ -27,6 +28,7 @@ _CHUNK_S = 0.02  # host seconds between deliveries
 _MAX_CHUNK = 512  # samples
 _SALT = secrets.randbits(64)  # one for all devices of a playback: who shared a boot number still does
 _reading = threading.Lock()
+_log = logging.getLogger(__name__)
 
 
 class ReplayedOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -120,7 +122,10 @@ def _recorded(path: Path) -> Recorded:
 
 @functools.lru_cache(maxsize=1)
 def _read(path: Path, _changed_ns: int) -> Recorded:
-    return stretches.read([path], corrected=False)
+    recorded = stretches.read([path], corrected=False)
+    for words in recorded.trouble:
+        _log.warning("%s", words)
+    return recorded
 
 
 def _takes(options: ReplayedOptions) -> list[Take]:

@@ -10,7 +10,8 @@ from bridge.record.mcap_reader import Entry, McapReader
 from bridge.record.tape import ABOUT
 from bridge.recording_error import RecordingError, check_file
 from bridge.wire import keys
-from bridge.wire.refusal import Refusal, Tally
+from bridge.wire.refusal import Refusal, Tally, in_words
+from bridge.wording import count
 
 Tell = Callable[[int, int], None]
 
@@ -43,11 +44,16 @@ class Contents:
     def __iter__(self) -> Iterator[Heard]:
         total = sum(_size(path) for path in self._paths)
         for path in self._paths:
-            for done, entry in _entries(path, self.trouble):
+            for done, entry in _entries(path, self.trouble, self.refused):
                 if (heard := self._heard(entry)) is not None:
                     yield heard
                 self._tell(self.size + done, total)
             self.size += _size(path)
+
+    def passed_over(self) -> list[str]:
+        """What is not understood, a line for each reason."""
+        counts = self.refused.as_dict().items()
+        return [f"{count(n, 'message')} passed over: {in_words(reason)}" for reason, n in counts]
 
     def _heard(self, entry: Entry) -> Heard | None:
         what = entry.topic.split("/", 1)[0]
@@ -64,7 +70,7 @@ class Contents:
             return None
 
 
-def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
+def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[int, Entry]]:
     """Bytes read so far and an entry, for each; refuses a file that is no recording of a ward."""
     try:
         with path.open("rb") as file:
@@ -75,6 +81,7 @@ def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
                     ours = True
                     yield reader.good, entry
                 else:
+                    refused.add("foreign_schema")
                     foreign = foreign or entry.topic or "a channel without a name"
             if not ours and foreign and ABOUT not in reader.facts:
                 raise RecordingError(f"{path}: not a recording of a ward: it has {foreign!r}")
@@ -86,7 +93,7 @@ def _entries(path: Path, trouble: list[str]) -> Iterator[tuple[int, Entry]]:
 
 
 def _begin_ns(path: Path) -> int:
-    return next((entry.log_ns for _, entry in _entries(path, [])), 0)
+    return next((entry.log_ns for _, entry in _entries(path, [], Tally())), 0)
 
 
 def _size(path: Path) -> int:

@@ -1,5 +1,6 @@
 """A recording that ended by accident, made whole: every message that can be read into a new file, and what is lost said."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -57,21 +58,30 @@ def _copied(reader: McapReader, copy: BinaryIO, path: Path, target: Path, tell: 
     writer: McapWriter | None = None
     channels: dict[tuple[str, str], int] = {}
     first_ns = last_ns = 0
+    foreign = Counter[str]()
     for entry in reader.entries():
+        if not entry.schema.startswith(PACKAGE):
+            foreign[entry.schema] += 1
+            continue
         if writer is None:
             writer = McapWriter(copy, ABOUT, reader.facts.get(ABOUT, {}))
         which = entry.topic, entry.schema
         if which not in channels:
-            if not entry.schema.startswith(PACKAGE):
-                raise RecordingError(f"{path}: not a recording of a ward: it has {entry.schema or 'no schema'!r}")
             channels[which] = writer.channel(*which, reader.descriptors[entry.schema], entry.facts)
         writer.add(channels[which], entry.log_ns, entry.publish_ns, entry.payload)
         first_ns, last_ns = min(first_ns or entry.log_ns, entry.log_ns), max(last_ns, entry.log_ns)
         tell(reader.good, reader.size)
+    if writer is None and foreign:
+        raise RecordingError(f"{path}: not a recording of a ward: it has {next(iter(foreign)) or 'no schema'!r}")
     if writer is None:
         raise RecordingError(f"{path}: nothing can be recovered; {'; '.join(reader.trouble) or 'it holds no message'}")
     writer.finish()
-    return Recovered(target, writer.messages, first_ns, last_ns, tuple(reader.trouble), tuple(reader.lost))
+    trouble = [*reader.trouble, *(_not_ours(schema, n) for schema, n in foreign.items())]
+    return Recovered(target, writer.messages, first_ns, last_ns, tuple(trouble), tuple(reader.lost))
+
+
+def _not_ours(schema: str, n: int) -> str:
+    return f"{count(n, 'message')} passed over, of {schema or 'no schema'!r}"
 
 
 def _name(path: Path) -> Path:

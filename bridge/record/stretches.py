@@ -72,7 +72,10 @@ class Stretch:
 
 @dataclass(slots=True)
 class Recorded:
-    """All of some files: the stretches of each device in order of time, calibrations and notes."""
+    """All of some files: the stretches of each device in order of time, calibrations and notes.
+
+    trouble: what is wrong with them, and what of them was not understood, for a person.
+    """
 
     stretches: dict[str, list[Stretch]]
     calibrations: list[Calibration]
@@ -147,7 +150,7 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
         stretches={name: _stretches(name, devices[name]) for name in sorted(devices) if devices[name].batches},
         calibrations=list(calibrations.values()),
         notes=sorted(notes.values(), key=lambda note: note.time_ns),
-        trouble=contents.trouble,
+        trouble=contents.trouble + contents.passed_over(),
     )
 
 

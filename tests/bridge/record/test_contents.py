@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
+from bridge.drivers import replayed
 from bridge.record.files import Folder
 from bridge.record.numbering import Numbering
 from bridge.record.recorder import Knobs, WardRecorder
@@ -240,6 +241,36 @@ def test_what_a_killed_recorder_left_is_found(tmp_path: Path) -> None:
     assert Folder(tmp_path, WARD).leftovers() == [left]
     assert Folder(tmp_path, "other").leftovers() == []
     assert recover(left).out == path
+
+
+def with_a_flip(path: Path, word: bytes) -> Path:
+    """It was not finished, and a bit is flipped in what declares its channels, for which there is no checksum then."""
+    data = path.read_bytes()[:-300]
+    part = path.with_name("torn.mcap")
+    part.write_bytes(data.replace(word, word[:-1] + bytes([word[-1] ^ 1]), 1))
+    return part
+
+
+def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (path,) = recorded(tmp_path, [about("one"), *run("one", 0, 200), *run("two", 0, 100)])
+    torn = with_a_flip(path, b"truerate/@v1/ward/raw/bridge-1/two")
+    found = read([torn])
+    assert list(found.stretches) == ["one"]
+    assert "20 messages passed over: with another device's or bridge's id in them" in found.trouble
+    assert replayed.devices(torn) == ["one"]
+    assert "20 messages passed over" in caplog.text
+    caplog.clear()
+    assert load(torn).device == "one"
+    assert "20 messages passed over" in caplog.text
+
+
+def test_a_damaged_schema_costs_its_messages_and_not_the_file(tmp_path: Path) -> None:
+    (path,) = recorded(tmp_path, [about("one"), *run("one", 0, 200), *marked()])
+    torn = with_a_flip(path, b"truerate.")
+    done = recover(torn, tmp_path / "y.mcap")
+    assert "1 message passed over, of 'truerate/v1.DeviceInfo'" in done.trouble
+    assert survey([torn]).refused.as_dict() == {"foreign_schema": 1}
+    assert len(read([done.out]).stretches["one"][0]) == 200
 
 
 # ---- as a recording of one device -------------------------------------------------------------------------------------
