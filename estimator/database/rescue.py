@@ -64,12 +64,13 @@ def rescued(path: Path, why: str) -> str:
                 build(fresh, version)
                 for name, table in found.items():
                     salvage.put(fresh, name, table)
+        replaced(part, path)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+    # Only now: until it is replaced the damaged file needs its log, and the new one says in its header that it has none.
     for tail in ("-wal", "-shm"):
         path.with_name(path.name + tail).unlink(missing_ok=True)
-    replaced(part, path)
     return f"store {path} was damaged ({why}): it is kept as {aside}, and what is whole in it goes on: {salvage.told(found)}"
 
 

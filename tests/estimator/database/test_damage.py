@@ -11,6 +11,7 @@ from estimator.database.schema import TABLES
 from estimator.service.store import Store, StoreError
 from tests.conftest import Effort
 from tests.estimator.database.kept import fill, loaded, made
+from tests.estimator.stream import NAME
 
 pytestmark = [pytest.mark.soak]
 HEADER = 100
@@ -166,6 +167,39 @@ def logged(path: Path) -> tuple[bytes, bytes]:
     file, log = path.read_bytes(), path.with_name(path.name + "-wal").read_bytes()
     store.close()
     return file, log
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["not replaced", "just replaced"])
+def test_what_is_in_the_log_of_a_damaged_file_is_rescued_though_the_first_try_fails(
+    tmp_path: Path, kept: set[object], monkeypatch: pytest.MonkeyPatch, after: bool
+) -> None:
+    from estimator.database import rescue
+
+    before = Store(made(tmp_path))
+    before.add_audit(9, NAME, "note", "last", "nurse", "", "noted", accepted=True)
+    file, log = (tmp_path / "a.sqlite3").read_bytes(), (tmp_path / "a.sqlite3-wal").read_bytes()
+    before.close()
+    path = tmp_path / "again" / "a.sqlite3"
+    path.parent.mkdir()
+    path.write_bytes(file[:20] + b"\xff" * 4 + file[24:])
+    path.with_name("a.sqlite3-wal").write_bytes(log)
+
+    def fails(part: Path, to: Path) -> None:
+        if to != path or after:
+            replaced(part, to)
+        if to == path:
+            raise OSError(5, "Input/output error")
+
+    replaced = rescue.replaced
+    with monkeypatch.context() as patch:
+        patch.setattr(rescue, "replaced", fails)
+        with pytest.raises(StoreError, match="input/output error"):
+            Store(path)
+    assert not list(path.parent.glob("*.part"))
+    store = Store(path)
+    assert loaded(store) == kept
+    assert store.answer(NAME, "note", "last") == (True, "noted")
+    store.close()
 
 
 def test_a_damaged_log_is_told_and_kept(
