@@ -32,15 +32,15 @@ def torn(path: Path) -> list[str]:
     """What SQLite would not say: a file without content, a log that ends early. A copy is kept of what is lost by that."""
     log = path.with_name(path.name + "-wal")
     if path.exists() and path.stat().st_size == 0:
-        return [f"store {path} is an empty file; a new store is begun: what it held, if anything, is lost"]
+        kept = ""
+        if log.exists() and not used(path):  # SQLite would remove it
+            kept = f"; the log beside it, of the file that was there before, is kept as {_aside(log, path)}"
+        return [f"store {path} is an empty file; a new store is begun: what it held, if anything, is lost{kept}"]
     if not log.exists() or not path.exists() or used(path):  # who has it open may just be writing
         return []
     if has_anothers_log(path):
-        aside = free(path.with_name(f"{path.name}.log-{_now()}"))
-        replaced(log, aside)
-        return [
-            f"store {path}: the log beside it is of the file that was there before, and is not used; it is kept as {aside}"
-        ]
+        words = "the log beside it is of the file that was there before, and is not used"
+        return [f"store {path}: {words}; it is kept as {_aside(log, path)}"]
     found = wal.read(log.read_bytes())
     if not found.lost:
         return []
@@ -117,6 +117,13 @@ def _kept(path: Path) -> Path:
         for one in made:  # a disk that is full must not be filled with halves
             one.unlink(missing_ok=True)
         raise
+    return aside
+
+
+def _aside(log: Path, path: Path) -> Path:
+    """Where the log is that was beside it, moved out of its way."""
+    aside = free(path.with_name(f"{path.name}.log-{_now()}"))
+    replaced(log, aside)
     return aside
 
 

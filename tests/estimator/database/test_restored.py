@@ -60,6 +60,19 @@ def test_the_log_of_what_was_there_is_not_written_into_a_backup(restored: tuple[
     again.close()
 
 
+def test_the_log_beside_an_empty_file_is_kept(restored: tuple[Path, set[object]]) -> None:
+    """As `cp` leaves it on a full disk; SQLite removes such a log."""
+    path, _ = restored
+    path.write_bytes(b"")
+    log = path.with_name(path.name + "-wal").read_bytes()
+    store = Store(path)
+    (note,) = store.database.notes
+    (aside,) = path.parent.glob("a.sqlite3.log-*")
+    assert note.endswith(f"is kept as {aside}")
+    assert aside.read_bytes() == log
+    store.close()
+
+
 def test_what_is_replaced_under_an_estimator_is_not_touched(
     restored: tuple[Path, set[object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
