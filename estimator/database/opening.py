@@ -1,7 +1,7 @@
 """Opening a store: looked at before anything is written, brought to the present schema, put right where it is damaged."""
 
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import cache
 from pathlib import Path
 
@@ -147,8 +147,9 @@ def _opened(path: Path) -> sqlite3.Connection:
         db.execute("PRAGMA journal_mode = WAL")
         db.execute("PRAGMA synchronous = FULL")
         if 0 < version < SCHEMA_VERSION:
-            backed_up(db, free(path.with_name(f"{path.name}.schema-{version}")))
-        migrated(db, version)
+            _brought_up(db, path, version)
+        else:
+            migrated(db, version)
     except FAULTS as error:
         db.close()
         if not damaged(error):
@@ -160,6 +161,19 @@ def _opened(path: Path) -> sqlite3.Connection:
         db.close()
         raise
     return db
+
+
+def _brought_up(db: sqlite3.Connection, path: Path, version: int) -> None:
+    """Migrate it, and keep beside it how it was; but no copy of each try from which nothing came."""
+    aside = free(path.with_name(f"{path.name}.schema-{version}"))
+    backed_up(db, aside)
+    try:
+        migrated(db, version)
+    except BaseException:
+        with suppress(*FAULTS, OSError):
+            if int(db.execute("PRAGMA user_version").fetchone()[0]) == version:
+                aside.unlink()
+        raise
 
 
 def _not_ours(path: Path) -> StoreError:
