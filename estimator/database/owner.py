@@ -1,24 +1,33 @@
 """A store is one estimator's: who has it holds a lock beside it, which the system takes back however that one ends."""
 
 import fcntl
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bridge import os_words
 from estimator.database.errors import StoreError
+
+log = logging.getLogger(__name__)
 
 
 @contextmanager
 def owned(path: str) -> Iterator[None]:
     """Have a store for as long as this lasts; raises StoreError where another process has it.
 
-    Where nothing may be written beside it nobody can tell.
+    Where nothing may be written beside it nobody can tell; where somebody else's lock is there that is said.
     """
+    place = Path(f"{path}.lock")
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    except OSError:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        lock = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        with suppress(OSError):
+            place.stat()
+            words = "so nobody can tell whether another estimator has the store; chown it to the user who runs this one"
+            log.error("%s: %s, %s", place, os_words.why(error), words)
         yield
         return
     try:
