@@ -76,17 +76,21 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
         for stretch in stretches
     }
     check_new(home / "motion" / f"{stem}_{name}" for stem in stems for name in (*_FILES, *_EVENTS))
+    listed, people = home / f"{session.stem}_scans.tsv", folder / "participants.tsv"
+    known_scans, known_people = _lines(listed, ("filename", "acq_time")), _lines(people, ("participant_id",))
     paths, scans = [], []
     for stem, stretch in stems.items():
         paths += _write(home / "motion", stem, stretch, session.task, systems[stretch.device])
         scans.append((f"motion/{stem}_motion.tsv", _rfc3339(int(stretch.time_ns[0]))))
         paths += _write_events(home / "motion", stem, recorded, stretch)
-    _add_rows(home / f"{session.stem}_scans.tsv", ("filename", "acq_time"), scans)
-    _add_rows(folder / "participants.tsv", ("participant_id",), [(f"sub-{session.subject}",)])
+    _add_rows(listed, known_scans, scans)
+    _add_rows(people, known_people, [(f"sub-{session.subject}",)])
     about = folder / "dataset_description.json"
     if not about.exists():
         _write_json(about, _about())
-        (folder / "README").write_text(_README, encoding="utf-8")
+        if not any(folder.glob("README*")):
+            with new_file(folder / "README") as file:
+                file.write(_README.encode())
     return paths
 
 
@@ -215,11 +219,21 @@ def _write_table(path: Path, heads: Sequence[str], rows: Sequence[Sequence[str]]
         file.write("".join("\t".join(row) + "\n" for row in (heads, *rows)).encode())
 
 
-def _add_rows(path: Path, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Add rows to a table that may be there already; those it has are not added again."""
+def _lines(path: Path, heads: Sequence[str]) -> list[str]:
+    """A table that may be there already, or the beginning of one; raises RecordingError for what is no text."""
+    try:
+        known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f"{path}: is not UTF-8, which BIDS asks for ({error.reason} at byte {error.start}); save it as UTF-8, or move it away"
+        ) from None
+    return known or ["\t".join(heads)]
+
+
+def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Add rows to a table; those it has are not added again."""
     lines = ["\t".join(row) for row in rows]
-    known = path.read_text(encoding="utf-8").splitlines() if path.exists() else ["\t".join(heads)]
-    width = known[0].count("\t") if known else 0
+    width = known[0].count("\t")
     missing = _NONE
     padded = [line + f"\t{missing}" * (width - line.count("\t")) for line in lines]
     had = {line.split("\t", 1)[0] for line in known}

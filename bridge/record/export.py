@@ -8,6 +8,7 @@ where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s`
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -26,6 +27,8 @@ Columns = dict[str, NDArray[np.generic]]
 Write = Callable[[BinaryIO, Stretch], None]
 
 
+#: a device of such a name has the number of its boot in every file's name, or it could be that of another file
+_TAKEN = re.compile(r"events|.*_boot\d+")
 #: events: a boot; and the first that was recorded of one
 BOOT, BEGIN = "boot", "recording begins"
 
@@ -44,8 +47,9 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
     """Write every stretch, and the events; the files made. Raises RecordingError; `ending` is one of WRITERS."""
     make_folder(folder)
     named = {
-        folder / f"{stretch.device}{f'_boot{stretch.number}' if len(stretches) > 1 else ''}{ending}": stretch
-        for stretches in recorded.stretches.values()
+        folder / f"{device}{f'_boot{stretch.number}' if numbered else ''}{ending}": stretch
+        for device, stretches in recorded.stretches.items()
+        for numbered in [len(stretches) > 1 or _TAKEN.fullmatch(device)]
         for stretch in stretches
     }
     paths = [*named, folder / "events.csv"]

@@ -110,6 +110,15 @@ def test_nothing_is_overwritten(some: Recorded, tmp_path: Path) -> None:
         export(some, tmp_path / "file", ".npz")
 
 
+def test_no_two_stretches_have_one_files_name(tmp_path: Path) -> None:
+    part = [*run("chest", 0, 100), *run("chest", 0, 60, boot=8, later_ns=9 * S)]
+    found = read(recorded(tmp_path, [*part, *run("chest_boot2", 0, 40), *run("events", 0, 20)]))
+    paths = export(found, tmp_path / "out", ".csv")
+    assert {path.name: len(table_of(path)) for path in paths[:-1]} == {
+        "chest_boot1.csv": 100, "chest_boot2.csv": 60, "chest_boot2_boot1.csv": 40, "events_boot1.csv": 20,
+    }  # fmt: skip
+
+
 def test_a_bids_dataset_has_what_is_required(some: Recorded, tmp_path: Path) -> None:
     export_bids(some, tmp_path / "set", Session("07", "ward"))
     motion = tmp_path / "set" / "sub-07" / "motion"
@@ -150,6 +159,23 @@ def test_a_dataset_grows_by_subjects(some: Recorded, tmp_path: Path) -> None:
         Session("Mrs Doe", "ward")
     with pytest.raises(RecordingError, match="--task ''"):
         Session("07", "")
+
+
+def test_what_a_person_has_in_a_dataset_stays(some: Recorded, tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "README").write_text("ours")
+    export_bids(some, tmp_path / "set", Session("07", "ward"))
+    assert (tmp_path / "set" / "README").read_text() == "ours"
+    assert (tmp_path / "set" / "dataset_description.json").exists()
+    before = set(tmp_path.rglob("*"))
+    for name, session in (("participants.tsv", "08"), ("sub-09/sub-09_scans.tsv", "09")):
+        table = tmp_path / "set" / name
+        table.parent.mkdir(exist_ok=True)
+        table.write_bytes("participant_id\tname\nsub-07\tMüller\n".encode("latin-1"))
+        with pytest.raises(RecordingError, match=f"{table.name}: is not UTF-8"):
+            export_bids(some, tmp_path / "set", Session(session, "ward"))
+        table.unlink()
+    assert {path for path in set(tmp_path.rglob("*")) - before if path.is_file()} == set()
 
 
 def test_devices_that_bids_cannot_tell_apart_are_refused(tmp_path: Path) -> None:
