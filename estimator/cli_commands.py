@@ -1,7 +1,6 @@
 """The verbs that tell a running ward's estimator something: recalibrate, cancel, note."""
 
 import argparse
-import getpass
 import sys
 
 from bridge.cli_parser import Verbs, add_verb
@@ -11,7 +10,7 @@ from bridge.pki.member import Role
 from bridge.wire.checks import MAX_SENTENCE
 from bridge.wire.keys import check_id
 from bridge.wire.messages import CommandReply
-from estimator.cli_ward import ward_of
+from estimator.cli_ward import person, ward_of
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
@@ -40,7 +39,7 @@ def _command(given: argparse.Namespace) -> int:
     device = check_id(given.device, "device")
     with Client(endpoints, ward=ward) as client:
         ask = client.recalibrate if given.verb == "recalibrate" else client.cancel
-        reply = ask(device, getpass.getuser(), given.reason)
+        reply = ask(device, person(), given.reason)
     return _answered(device, reply)
 
 
@@ -54,7 +53,7 @@ def _note(given: argparse.Namespace) -> int:
     if len(text) > MAX_SENTENCE:
         raise ConfigError(f"the note has {len(text)} characters; at most {MAX_SENTENCE} are kept: make two of it")
     with Client(endpoints, ward=ward) as client:
-        reply = client.note(device, getpass.getuser(), text)
+        reply = client.note(device, person(), text)
     return _answered(device, reply)
 
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError, check, check_endpoints, load
+from estimator.cli_ward import person
 
 _EXAMPLES = """examples:
   truerate dashboard --config configs/demo.toml        then open http://127.0.0.1:8090
@@ -61,7 +62,7 @@ def _password(given: argparse.Namespace) -> int:
     from estimator.web.passwords import hashed  # noqa: PLC0415
 
     try:
-        name = check(given.name or getpass.getuser().lower(), "--name")
+        name = check(given.name or person().lower(), "--name")
         password = secrets.token_urlsafe(24) if given.token else _asked()
         words = hashed(password)
     except ValueError as error:
@@ -76,7 +77,12 @@ def _asked() -> str:
     """Typed twice; or, where nobody sits at a terminal, the first line of the standard input."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\n")
-    password = getpass.getpass("password: ")
-    if password != getpass.getpass("the same again: "):
+    try:
+        password = getpass.getpass("password: ")
+        again = getpass.getpass("the same again: ")
+    except EOFError:
+        print(file=sys.stderr)
+        raise ValueError("no password was given") from None
+    if password != again:
         raise ValueError("the two are not the same")
     return password

@@ -1,7 +1,6 @@
 """`truerate calibrate --live DEVICE`: the options of a calibration with the device at hand."""
 
 import argparse
-import getpass
 import os
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from bridge.config import LOCAL, ConfigError, load
 from bridge.console import plain_console
 from bridge.pki.member import Role
 from bridge.wire.keys import check_id
-from estimator.cli_ward import ward_of
+from estimator.cli_ward import person, ward_of
 
 
 def add_live(verb: argparse.ArgumentParser) -> None:
@@ -48,7 +47,7 @@ def live(given: argparse.Namespace) -> int:
             plain_console(),
             client,
             check_id(given.live, "device"),
-            getpass.getuser(),
+            person(),
             t,
             seconds=given.seconds,
             knobs=treatment(told.estimator if told else None).of(given.live),

@@ -1,6 +1,8 @@
-"""Which ward a verb is about, and by which routers, for who has a role there."""
+"""Which ward a verb is about, and by which routers, for who has a role there; and who that is."""
 
 import argparse
+import getpass
+import os
 
 from bridge import cli_ward
 from bridge.bus.routers import Routers
@@ -17,3 +19,11 @@ def ward_of(given: argparse.Namespace, *roles: Role) -> tuple[str, Routers]:
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return root.ward, root.bus.routers_as(*(roles or (Role.VIEWER, Role.COMMANDER, Role.RECORDER)))
+
+
+def person() -> str:
+    """Who asks, for the audit: the name of the user, or the number where it has none, as in many a container."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return f"uid-{os.getuid()}"

@@ -1,6 +1,7 @@
 """[dashboard] of a ward's file, and the verb that makes hashes."""
 
 import io
+import os
 import re
 import socket
 from pathlib import Path
@@ -69,6 +70,27 @@ def test_a_short_password_is_refused(capsys: pytest.CaptureFixture[str], monkeyp
     monkeypatch.setattr("sys.stdin", io.StringIO("short\n"))
     assert main(["dashboard", "password", "--name", "nurse"]) == 2
     assert "10 are the least" in capsys.readouterr().err
+
+
+def test_who_gives_no_password_is_told_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(_: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("estimator.cli_dashboard.getpass.getpass", ended)
+    assert main(["dashboard", "password", "--name", "nurse"]) == 2
+    assert "truerate: no password was given" in capsys.readouterr().err
+
+
+def test_who_has_no_name_on_this_machine_goes_by_a_number(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown() -> str:
+        raise KeyError("getpwuid(): uid not found: 12345")
+
+    monkeypatch.setattr("getpass.getuser", unknown)
+    assert main(["dashboard", "password", "--token"]) == 0
+    assert f'name = "uid-{os.getuid()}"' in capsys.readouterr().out
 
 
 def test_a_token_is_shown_once_beside_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
