@@ -61,22 +61,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that cannot show ° or ± shows something else
     words = sys.argv[1:] if arguments is None else arguments
-    given = build(_first(words)).parse_args(words)
-    logs.begin(given.log_format)
+    given = argparse.Namespace(log_format=logs.TEXT)
     try:
-        command.interruptible()
-        return int(given.run(given) or 0)
+        try:
+            given = build(_first(words)).parse_args(words)
+            logs.begin(given.log_format)
+            command.interruptible()
+            return int(given.run(given) or 0)
+        finally:
+            _say_all()
     except (ConfigError, Refusal) as error:
         return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
     except KeyboardInterrupt:
         return command.INTERRUPTED
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
         if not isinstance(error, _expected()):
             raise
         return _failed(given, os_words.said(error), 1)
+
+
+def _say_all() -> None:
+    """Hand on what was printed. What nobody takes is dropped: else Python tries again at its end, and says so in its words."""
+    try:
+        if sys.stdout is not None:  # as where it was closed before we began
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
 
 
 def _failed(given: argparse.Namespace, words: str, code: int) -> int:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -358,6 +359,31 @@ def test_the_version_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert (ended.value.code, capsys.readouterr().out) == (0, f"truerate {version('truerate')}\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk here that is always full")
+@pytest.mark.parametrize("words", [["--version"], ["config", "check", str(DEMO)], ["allan", "--help"]])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_what_goes_to_a_full_disk_fails_in_our_words(words: list[str], unbuffered: str) -> None:
+    program = "import sys; from estimator.command import main; sys.exit(main())"
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-c", program, *words],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=60,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        )  # fmt: skip
+    told = not (unbuffered and "--help" in words)  # argparse itself says nothing then
+    assert (ended.returncode, ended.stderr) == ((1, "truerate: the disk is full\n") if told else (0, ""))
+
+
+def test_who_reads_no_further_ends_it_without_a_word() -> None:
+    program = "import sys; from estimator.command import main; sys.exit(main())"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, "config", "check", str(DEMO)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as ended:
+        assert ended.stdout is not None
+        ended.stdout.close()
+        assert (ended.wait(60), ended.stderr.read() if ended.stderr else b"") == (1, b"")
 
 
 def test_an_estimator_is_not_kept_waiting_by_what_other_verbs_need() -> None:
