@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import track
 
 from bridge.columns import Column, Columns
+from bridge.toml_file import ConfigError
 from estimator import figures
 from estimator.study.paper_runs import Errors, Scenario, compute
 
@@ -74,11 +75,15 @@ def _row(noise: float, method: str, name: str, found: Errors, errors: Any) -> Ro
 
 
 def run(console: Console, scenario: Scenario, workers: int | None, picture: Path) -> None:
-    """Compute with progress shown; print the table; leave the picture, and beside it the table as JSON."""
+    """Compute with progress shown; print the table; leave the picture, and beside it the table as JSON.
+
+    Raises ConfigError, before it begins, where that would take the place of another file.
+    """
 
     def progress(done: Iterable[Any], total: int) -> Iterable[Any]:
         return track(done, "simulating and calibrating", total=total, console=console, transient=True)
 
+    beside = _beside(picture)
     errors = compute(scenario, workers, progress)
     rows = tabulate(errors)
     console.print(
@@ -96,7 +101,9 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
     )
     picture.parent.mkdir(parents=True, exist_ok=True)
     report = {"scenario": asdict(scenario), "rows": [asdict(row) for row in rows]}
-    picture.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+    unfinished = beside.with_name(f".{beside.name}.part")
+    unfinished.write_text(json.dumps(report, indent=1) + "\n")
+    unfinished.replace(beside)
     panels = []
     for noise, found in errors.items():
         for name, part, unit in (
@@ -112,6 +119,23 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
         panels, f"Errors in {scenario.runs} simulated sessions: half in the box, 95 % below the upper whisker", picture
     )
     console.print(f"Picture: {picture}", highlight=False)
+
+
+def _beside(picture: Path) -> Path:
+    """Where the table goes as JSON; raises ConfigError where something is there that is none."""
+    path = picture.with_suffix(".json")
+    try:
+        there = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return path
+    except (OSError, ValueError):
+        there = None
+    if not (isinstance(there, dict) and {"scenario", "rows"} <= there.keys()):
+        raise ConfigError(
+            f"--picture {picture}: the table goes into {path}, which is there and is no such table; give another name, or remove "
+            "it first"
+        )
+    return path
 
 
 #: and what is left out first where there is no room

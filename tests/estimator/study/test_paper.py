@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from bridge.config import ConfigError
 from bridge.sim.paper import PaperPlan, PaperSessions, draw_gyro, simulate
 from estimator.batch import closure, turn360
 from estimator.batch.capture import Capture, Rest, Samples, TurnCapture
@@ -107,6 +108,19 @@ def test_the_command_leaves_table_and_picture(tmp_path: Path) -> None:
     words = console.export_text()
     assert "NEES" in words
     assert "wobble 1°" in words
+
+
+@pytest.mark.parametrize("theirs", ['{"rows": 3}', "[1]", "not json at all"])
+def test_a_table_takes_the_place_of_none_but_a_table(theirs: str, tmp_path: Path) -> None:
+    table, scenario = tmp_path / "results.json", Scenario(30, (0.1,))
+    table.write_text(theirs)
+    with pytest.raises(ConfigError, match=r"results\.json, which is there and is no such table"):
+        run(Console(quiet=True), scenario, 1, tmp_path / "results.png")
+    assert table.read_text() == theirs
+    table.write_text('{"scenario": {}, "rows": []}')
+    run(Console(quiet=True), scenario, 1, tmp_path / "results.png")
+    assert len(json.loads(table.read_text())["rows"]) == 4
+    assert {path.name for path in tmp_path.iterdir()} == {"results.png", "results.json"}
 
 
 def test_what_is_left_on_a_test_set_is_nothing_for_the_truth_and_all_for_a_reading() -> None:
