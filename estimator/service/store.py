@@ -39,6 +39,8 @@ _WRITTEN = "rowid DESC"
 _LATEST = "rowid IN (SELECT rowid FROM calibrations WHERE device = ? ORDER BY rowid DESC LIMIT 8)"
 #: how many points are thinned at a time
 STRETCH = 500
+#: rows to look at where one would do: it may be damaged
+_SOME = 8
 #: under which boots teach the same law
 _KEY = ("model", "firmware", "gyro_range")
 #: no device's name: of which the highest epoch is kept beside the biases
@@ -169,7 +171,7 @@ class Store:
         gone = [(device, boot, times[i]) for i in superfluous(times, now_ns, spared)]
         if gone and not self._leapt("bias_history", device, now_ns):
             self.database.remove("bias_history", "device = ? AND boot = ? AND time_ns = ?", gone)
-        return times[-1] if len(times) == STRETCH else None
+        return times[-1] if times else None  # fewer than a stretch may be all of it that is whole
 
     def thin_boots(self, device: str, now_ns: int) -> int:
         """Forget old boots of a device that began many times, and their biases; how many. Those that were calibrated are kept."""
@@ -198,7 +200,7 @@ class Store:
     def _leapt(self, table: str, device: str, now_ns: int) -> bool:
         """Whether nothing was kept in the year before yesterday: the clock may be wrong, and nothing as old as it says."""
         values = device, now_ns - YEAR_NS, now_ns - DAY_NS
-        return not self.database.rows(table, "device = ? AND time_ns > ? AND time_ns < ?", values, limit=1)
+        return not self.database.rows(table, "device = ? AND time_ns > ? AND time_ns < ?", values, limit=_SOME)
 
     def _learnt_from(self, device: str, boot: str, rows: list[Row]) -> int:
         """How many points of a boot, from its first on, `points` may ask for."""

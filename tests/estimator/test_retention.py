@@ -87,6 +87,18 @@ def test_what_a_law_is_learnt_from_is_not_thinned_and_each_boots_end_stays() -> 
     store.close()
 
 
+def test_a_damaged_point_keeps_none_behind_it_from_being_thinned() -> None:
+    store = Store(":memory:")
+    fill(store, BOOTS + 2, 3 * STRETCH, NOW_NS)  # nothing is learnt from the first any more
+    damaged = "UPDATE bias_history SET digest = x'00' WHERE rowid = 7"
+    store.database._do(lambda db: db.execute(damaged), "")
+    thin(store, NOW_NS + 30 * DAY_NS)
+    whole = {of.boot: len(of.time_ns) for of in history.read(store, NAME).biases}
+    assert whole[keys.boot_id(1)] < 40
+    assert store.database.damaged
+    store.close()
+
+
 def test_the_service_thins_in_small_pieces_once_a_day(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     ward.send(stream([], 2.0).batches(boot=99), info(99))
