@@ -1,6 +1,7 @@
 """A calibration as a JSON file: what `truerate calibrate --json` prints, and enough to correct by again."""
 
 import json
+import os
 from itertools import permutations
 from math import degrees, isfinite, radians
 from pathlib import Path
@@ -132,7 +133,10 @@ def save(calibration: Calibration, path: Path | str) -> None:
     """Write a calibration, whole or not at all."""
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(as_json(calibration)) + "\n", encoding="utf-8")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(as_json(calibration)) + "\n")
+        file.flush()
+        os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
     part.replace(path)
 
 

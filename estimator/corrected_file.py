@@ -64,6 +64,8 @@ def save(
     try:
         with part.open("wb") as file:
             _WRITERS[out.suffix](file, corrected, recording, progress or (lambda _done, _n: None))
+            file.flush()
+            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
         part.replace(out)
     finally:
         part.unlink(missing_ok=True)

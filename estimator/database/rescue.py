@@ -1,5 +1,6 @@
 """A store that is damaged or torn: a copy is kept, and what is whole goes on in its place."""
 
+import errno
 import fcntl
 import filecmp
 import os
@@ -14,6 +15,9 @@ from estimator.database.schema import build
 
 #: what every connection locks to read (SQLite's os_unix.c, SHARED_FIRST and SHARED_SIZE)
 _SHARED, _SHARED_BYTES = 0x40000002, 510
+
+#: what is said where a folder cannot be synchronised, as on many a network's disk: its file is in its place all the same
+_NOT_OF_FOLDERS = {errno.EINVAL, errno.ENOTSUP, errno.EACCES}
 
 
 def used(path: Path) -> bool:
@@ -95,7 +99,11 @@ def replaced(part: Path, to: Path) -> None:
     """Rename a file that is written into its place, so that it is there after a loss of power."""
     _sync(part)
     part.replace(to)
-    _sync(to.parent)
+    try:
+        _sync(to.parent)
+    except OSError as error:
+        if error.errno not in _NOT_OF_FOLDERS:
+            raise
 
 
 def _kept(path: Path) -> Path:

@@ -59,6 +59,15 @@ def test_it_writes_a_row_for_each_sample(session: Session, recorded: Path, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["corrected.npz", "day.npz"]
 
 
+def test_it_is_on_the_disk_before_it_has_its_name(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, named = tmp_path / "corrected.npz", list[bool]()
+    monkeypatch.setattr("os.fsync", lambda _: named.append(out.exists()))
+    assert main(["correct", str(recorded), str(out)]) == 0
+    assert named == [False]
+
+
 def test_csv_holds_the_same_numbers(recorded: Path, tmp_path: Path) -> None:
     for name in ("c.npz", "c.csv"):
         assert main(["correct", str(recorded), str(tmp_path / name)]) == 0

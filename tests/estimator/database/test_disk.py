@@ -1,8 +1,10 @@
 """Disks that are full, read-only or failing: a patient store goes on with what it can read, and comes back."""
 
+import errno
 import os
 import resource
 import shutil
+import stat
 import subprocess
 import sys
 import threading
@@ -261,6 +263,24 @@ def test_a_failing_disk_is_told_once_and_so_is_its_recovery(tmp_path: Path, capl
     with full_disk():
         record.boot(session, info(10))
     assert caplog.text.count("goes on from memory") == 2, "another outage is news"
+    store.close()
+
+
+def test_where_a_folder_cannot_be_synchronised_a_store_is_put_right_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made(tmp_path)
+    path.write_bytes(path.read_bytes()[:-5000])
+    whole = os.fsync
+
+    def synced(handle: int) -> None:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        whole(handle)
+
+    monkeypatch.setattr("estimator.database.rescue.os.fsync", synced)
+    store = Store(path)
+    assert "what is whole in it goes on" in store.database.notes[0]
     store.close()
 
 
