@@ -177,10 +177,9 @@ def crowd(batch: SampleBatch, step: float, batches: int) -> list[SampleBatch]:
     for number in range(batches):
         first = number * n
         ticks = np.arange(first + 1, first + n + 1, dtype=np.uint64)
-        like = {
-            name: np.repeat(getattr(batch, name)[:1], n, axis=0) for name in ("gyro", "accel", "temperature_c", "flags")
-        }
-        made.append(replace(batch, sequence=first, ticks=ticks, tick_period_s=step, **like))
+        gyro, flags = np.repeat(batch.gyro[:1], n, axis=0), np.zeros(n, np.uint32)
+        said = replace(batch, sequence=first, ticks=ticks, tick_period_s=step, gyro=gyro, flags=flags)
+        made.append(replace(said, accel=None, temperature_c=None))
     return made
 
 
