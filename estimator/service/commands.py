@@ -1,7 +1,7 @@
 """Commands from people: asked on a thread of the bus, done on the service's own, answered with what came of it.
 
 A command sent again with the same request id gets the same answer, changes nothing, and is counted: so a recording of commands
-that is played does nothing. One that was answered as too late is not done afterwards.
+that is played does nothing. One that was answered as too late is not done afterwards. It is answered once it is written down.
 """
 
 import queue
@@ -15,10 +15,11 @@ from bridge.wire.messages import Command, CommandReply
 from bridge.wire.refusal import Refusal
 
 #: how long a command waits for its turn, and then for its end; together less than who asks waits
-ANSWER_S, FINISH_S = 1.2, 0.5
+ANSWER_S, FINISH_S = 1.0, 0.8
 _REMEMBERED = 1000
 
-Do = Callable[[keys.Key, Command], CommandReply]
+#: is given what to call once that may be answered
+Do = Callable[[keys.Key, Command, Callable[[], None]], CommandReply]
 
 
 @dataclass(slots=True)
@@ -77,18 +78,27 @@ class Commands:
             except queue.Empty:
                 return
             if asked.decide():
-                asked.reply = self._once(asked, do)
+                self._once(asked, do)
+
+    def _once(self, asked: _Asked, do: Do) -> None:
+        request = (asked.key.device, asked.key.ids["verb"], asked.command.request_id)
+        if (before := self._answered.get(request)) is not None:
+            self._counted("repeated")
+            asked.reply = before
+            asked.done.set()
+            return
+        kept = threading.Event()  # maybe before there is a reply, on this thread
+
+        def answer() -> None:
+            kept.set()
+            if asked.reply is not None:
                 asked.done.set()
 
-    def _once(self, asked: _Asked, do: Do) -> CommandReply:
-        request = (asked.key.device, asked.key.ids["verb"], asked.command.request_id)
-        if request not in self._answered:
-            self._answered[request] = do(asked.key, asked.command)
-            while len(self._answered) > _REMEMBERED:
-                self._answered.popitem(last=False)
-        else:
-            self._counted("repeated")
-        return self._answered[request]
+        asked.reply = self._answered[request] = do(asked.key, asked.command, answer)
+        if kept.is_set():
+            asked.done.set()
+        while len(self._answered) > _REMEMBERED:
+            self._answered.popitem(last=False)
 
     def _late(self, asked: _Asked, message: str) -> bytes:
         return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=message))

@@ -38,16 +38,18 @@ class Orders:
         self._devices, self._record, self._gate, self._silent = devices, record, gate, silent
         self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
 
-    def do(self, key: keys.Key, command: Command) -> CommandReply:
-        """Do it, unless it was done before."""
+    def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+        """Do it, unless it was done before; kept is called once it is written down that it was."""
         if (before := self._record.answered(key, command)) is not None:
             self._counts.add(REPEATED)
+            kept()
             return before
         if key.device not in self._devices:
+            kept()
             return self._unknown(key, command)
         reply = self._done(self._devices[key.device], key.ids["verb"], command)
         log.info("%s: %s by %s: %s", key.device, key.ids["verb"], command.who, reply.message)
-        self._record.audit(self._devices[key.device], key, command, reply)
+        self._record.audit(self._devices[key.device], key, command, reply, kept)
         return reply
 
     def _unknown(self, key: keys.Key, command: Command) -> CommandReply:

@@ -9,9 +9,11 @@ The first failure is told aloud, those after it are counted, and that it works a
 """
 
 import logging
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
@@ -38,6 +40,8 @@ BOOTS_LOOKED_AFTER = 32
 SCRATCH = "from scratch"
 #: so many commands are known without the store
 REPLIES = 256
+#: lines of the audit that there was no room for while the store did not work are counted under
+UNWRITTEN = "lines of the audit not written"
 #: so many boots of a device are known again after a restart
 BOOTS_KNOWN = 48
 #: longer than a bridge keeps what it has sent
@@ -75,9 +79,10 @@ class Record:
         self._used: dict[str, tuple[Calibration, ...]] = {}
         #: replies to the latest commands, which may not be written yet
         self._replies: dict[tuple[str, str, str], CommandReply] = {}
-        self._unwritten: deque[Callable[[], None]] = deque(maxlen=REPLIES)
-        #: calibrations that are said at this time at the latest, monotonic s
-        self._due: deque[tuple[float, Device, str]] = deque()
+        #: lines that could not be written, and of devices whose boot number came again
+        self._unwritten, self._again = deque[Callable[[], None]](), dict[str, Callable[[], None]]()
+        #: what is done at this time at the latest, monotonic s: to say a calibration, to answer a command
+        self._due: deque[tuple[float, Callable[[], None]]] = deque()
         #: why the store does not work now; empty when it does
         self.trouble = store.database.trouble
         if self.trouble:
@@ -88,8 +93,8 @@ class Record:
         """What was written since, or failed."""
         self._clerk.collect()
         while self._due and self._due[0][0] <= now:
-            _, device, calibration = self._due.popleft()
-            self._let_go(device, calibration)
+            _, do = self._due.popleft()
+            do()
 
     def close(self) -> None:
         """Have written what waits."""
@@ -165,7 +170,7 @@ class Record:
             if device.repeated == boot:  # where the store failed meanwhile, it may have been calibrated anew
                 self._store.repeat(device.name, boot, time_ns, made)
 
-        self._write_down(once)
+        self._write_down(once, again=device.name)
         self._tell(device)
 
     def keep(self, device: Device, calibration: Calibration) -> None:
@@ -297,7 +302,7 @@ class Record:
             self._in_use(c)
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
             device.hold(c.id, payload)
-            self._due.append((now + HELD_S, device, c.id))
+            self._due.append((now + HELD_S, partial(self._let_go, device, c.id)))
             self.checkpoint(device, now, force=True)
         else:
             words = f"{c.verdict.name.lower()}: {c.reason}"
@@ -375,8 +380,13 @@ class Record:
             return None
         return None if found is None else CommandReply(command.request_id, accepted=found[0], message=found[1])
 
-    def audit(self, device: Device, key: keys.Key, command: Command, reply: CommandReply) -> None:
-        """What was asked for, and what came of it: said to the other estimators before it is answered."""
+    def audit(
+        self, device: Device, key: keys.Key, command: Command, reply: CommandReply, kept: Callable[[], None]
+    ) -> None:
+        """What was asked for, and what came of it: said to the other estimators, and written, before it is answered.
+
+        kept is called when it is, at once where it cannot be, and at the latest when one who asks would wait no longer.
+        """
         self._replicas.answer(device.name, ((key.ids["verb"], reply),))
         self._tell(device)
         self._replies[key.device, key.ids["verb"], command.request_id] = reply
@@ -384,15 +394,28 @@ class Record:
             del self._replies[next(iter(self._replies))]
         row = (key.device, key.ids["verb"], command.request_id, command.who, command.reason, reply.message)
         time_ns = self._now_ns()
-        self._write_down(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted))
+        self._due.append((time.monotonic() + HELD_S, kept))
+        self._write_down(lambda: self._store.add_audit(time_ns, *row, accepted=reply.accepted), kept)
 
-    def _write_down(self, line: Callable[[], None]) -> None:
-        """A line of the audit; where it cannot be written now, it is when the store works again."""
+    def _write_down(
+        self, line: Callable[[], None], then: Callable[[], None] = lambda: None, *, again: str = ""
+    ) -> None:
+        """A line of the audit; where it cannot be written now, it is when the store works again.
+
+        again: the device of which it says that its boot number came again; of others only so many are kept.
+        """
 
         def done(error: StoreError | None) -> None:
             if error is not None:
                 self._failing(error)
-                self._unwritten.append(line)
+                if again:
+                    self._again[again] = line
+                else:
+                    self._unwritten.append(line)
+                if len(self._unwritten) > REPLIES:
+                    self._unwritten.popleft()
+                    self._counts.add(UNWRITTEN)
+            then()
 
         self._clerk.do(line, done)
 
@@ -451,5 +474,8 @@ class Record:
         if self.trouble:
             self.trouble = ""
             log.warning("store %s works again", self._store.path)
+            again, self._again = self._again, {}
+            for device, line in again.items():
+                self._write_down(line, again=device)
             for _ in range(len(self._unwritten)):
                 self._write_down(self._unwritten.popleft())

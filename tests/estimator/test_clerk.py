@@ -90,6 +90,21 @@ def test_no_sample_waits_long_for_a_disk_that_does_not_answer(busy: Busy, monkey
     assert [c.id for c in ward.client.calibrations(wait_s=0.05)] == [batches[-1].calibration]
 
 
+def test_who_was_answered_can_rely_on_it_unless_the_disk_does_not_answer(
+    busy: Busy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward = busy.ward
+    ward.send(calibration(seed=1).batches()[:60], info(1))
+    monkeypatch.setattr(record, "HELD_S", 0.1)
+    assert ward.command(lambda: ward.client.note(NAME, "nurse", "she lay down")).accepted
+    monkeypatch.setattr(record, "HELD_S", 60.0)
+    unknown = ward.command(lambda: ward.client.note(NAME, "nurse", "she sat up"))
+    assert (unknown.accepted, "how it ended is not known" in unknown.message) == (False, True)
+    busy.free()
+    assert ward.command(lambda: ward.client.note(NAME, "nurse", "she stood up")).accepted
+    assert [line["reason"] for line in ward.store.database.rows("audit", "verb = 'note'", ())][-1] == "she stood up"
+
+
 def test_one_that_cannot_be_written_keeps_the_others_from_nothing(store: Store) -> None:
     clerk, heard = Clerk(store.database), list[StoreError | None]()
     bad = replace(CALIBRATIONS[0], id=None)  # type: ignore[arg-type]

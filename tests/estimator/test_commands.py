@@ -24,8 +24,9 @@ class Worker:
         while not self._stop.wait(0.002):
             self._desk.work(self.do)
 
-    def do(self, key: keys.Key, command: Command) -> CommandReply:
+    def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
         self.done.append((key.ids["verb"], command.request_id))
+        kept()
         return CommandReply(command.request_id, accepted=True, message=f"number {len(self.done)}")
 
     def __enter__(self) -> Self:
@@ -97,7 +98,7 @@ def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest
     monkeypatch.setattr(commands, "FINISH_S", 0.05)
     desk, over = Commands(), threading.Event()
 
-    def slow(_key: keys.Key, command: Command) -> CommandReply:
+    def slow(_key: keys.Key, command: Command, _kept: Callable[[], None]) -> CommandReply:
         over.wait(5)
         return CommandReply(command.request_id, accepted=True, message="done")
 
@@ -112,6 +113,26 @@ def test_what_was_begun_but_is_not_done_in_time_is_called_so(monkeypatch: pytest
     worker.join()
     assert not reply.accepted
     assert "begun" in reply.message
+
+
+def test_it_is_answered_once_it_is_written_down() -> None:
+    desk, writes = Commands(), list[Callable[[], None]]()
+
+    def work(_key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
+        writes.append(kept)
+        return CommandReply(command.request_id, accepted=True, message="done")
+
+    replies: list[CommandReply] = []
+    asking = threading.Thread(target=lambda: replies.append(ask(desk)))
+    asking.start()
+    while not writes:
+        desk.work(work)
+    asking.join(0.2)
+    assert asking.is_alive()
+    assert replies == []
+    writes[0]()
+    asking.join()
+    assert replies == [CommandReply("r1", accepted=True, message="done")]
 
 
 def test_too_many_at_once_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -246,7 +246,9 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert service._devices.info("b1", "chest") is None
     assert (
         "not enrolled"
-        in service._orders.do(keys.parse(keys.build("w", "rpc", device="chest", verb="cancel")), ASKED).message
+        in service._orders.do(
+            keys.parse(keys.build("w", "rpc", device="chest", verb="cancel")), ASKED, lambda: None
+        ).message
     )
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
