@@ -1,6 +1,7 @@
 """Several subscriptions read as one: of a few devices, where a pattern would bring all of them over the network."""
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Sequence
 
@@ -8,7 +9,7 @@ from bridge.bus.contract import Message, Subscription
 from bridge.bus.inbox import Inbox
 
 _CHUNK = 512
-_WAIT_S = 1.0
+_WAIT_S, _TURN_S = 1.0, 0.005
 
 
 class Together:
@@ -17,7 +18,8 @@ class Together:
     def __init__(self, subscriptions: Sequence[Subscription], capacity: int = 65536) -> None:
         if not subscriptions:
             raise ValueError("nothing to read together; give one subscription or more")
-        self._parts, self._inbox = tuple(subscriptions), Inbox(capacity)
+        self._parts, self._inbox, self._capacity = tuple(subscriptions), Inbox(capacity), capacity
+        self._putting = threading.Lock()
         self._queues: tuple[Inbox | Subscription, ...] = (self._inbox, *self._parts)
         self._open = len(self._parts)
         self._lock = threading.Lock()
@@ -26,7 +28,13 @@ class Together:
 
     def _pump(self, part: Subscription) -> None:
         while not part.closed:
-            self._inbox.put(part.drain(_CHUNK, _WAIT_S))
+            came = part.drain(min(_CHUNK, self._capacity), _WAIT_S)
+            with (
+                self._putting
+            ):  # what there is no room for waits where it came, which is where the past has room of its own
+                while self._inbox.waiting + len(came) > self._capacity and not self._inbox.closed:
+                    time.sleep(_TURN_S)
+                self._inbox.put(came)
         with self._lock:
             self._open -= 1
             if not self._open:

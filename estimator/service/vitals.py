@@ -103,7 +103,11 @@ class Vitals:
             "troubles", "Refused, lost or given up, on the whole ward.", ("what",), _by(note.counts), counter=True
         )
         yield Family(
-            "law_violations_all", "Samples of the ward that are nowhere.", (), {(): note.violations}, counter=True
+            "law_violations_all",
+            "How often samples of the ward were found that are nowhere.",
+            (),
+            {(): note.violations},
+            counter=True,
         )
         yield from _of_devices(note.devices)
 
@@ -122,7 +126,12 @@ def _of_devices(devices: Mapping[str, DeviceVitals]) -> Iterator[Family]:
     yield family(
         "samples_missing", "Samples that never came.", lambda d: d.status.events.get("missing_samples", 0), counter=True
     )
-    yield family("law_violations", "Samples that are neither out nor dropped.", lambda d: d.violations, counter=True)
+    yield family(
+        "law_violations",
+        "How often samples were found that are neither out nor dropped.",
+        lambda d: d.violations,
+        counter=True,
+    )
     yield family("rate_hz", "Samples a second, by the device's clock.", lambda d: d.status.rate_hz)
     yield family("latency_seconds", "From a sample's receipt at the bridge to its publication.", lambda d: d.latency_s)
     yield family("evidence_age_seconds", "Since the bias was measured last; none where it never was.", _evidence_age)

@@ -6,14 +6,17 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from bridge.wire.messages import Quality
+from bridge.wire import keys
+from bridge.wire.messages import Command, CommandReply, Quality
+from bridge.wire.refusal import Tally
 from estimator.database import Database, StoreError
 from estimator.service import clerk as rules
 from estimator.service import record
-from estimator.service.clerk import Clerk
+from estimator.service.clerk import Clerk, Done, Inline, Write
 from estimator.service.store import Store
 from tests.estimator.database.kept import CALIBRATIONS
 from tests.estimator.memory_ward import Ward
@@ -206,3 +209,29 @@ def test_many_that_wait_are_not_kept_until_it_is_time(store: Store, monkeypatch:
         time.sleep(0.01)
     assert len(counted.heard) >= 8
     assert counted.close() == [4, 4, 1]
+
+
+def test_while_nothing_can_be_written_what_is_asked_pushes_out_no_boot_that_came_again(store: Store) -> None:
+    class Refusing(Inline):
+        on = True
+
+        def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
+            if self.on:
+                done(StoreError("the disk is gone"))
+            else:
+                super().do(write, done, soon=soon)
+
+    clerk, counts = Refusing(), Tally()
+    kept = record.Record(store, counts, lambda: 5, clerk)
+    device, key = Mock(unsaved=()), keys.parse(keys.build("w", "rpc", device=NAME, verb="note"))
+    device.name, answered = NAME, list[int]()
+    kept.repeat(device, 7)
+    for n in range(record.REPLIES + 9):
+        reply = CommandReply(f"r{n}", accepted=True, message="noted")
+        kept.audit(device, key, Command(f"r{n}", "nurse", ""), reply, lambda n=n: answered.append(n))  # type: ignore[misc]
+    assert answered == list(range(record.REPLIES + 9)), "nobody waits for what cannot be"
+    assert counts.as_dict()[record.UNWRITTEN] == 9
+    clerk.on = False
+    kept._works()
+    lines = store.database.rows("audit", "device = ?", (NAME,))
+    assert len(lines) == record.REPLIES + 1, "and that of the boot that came again"

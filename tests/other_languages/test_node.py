@@ -158,6 +158,20 @@ def test_it_says_what_python_says(run: Run, batches: list[CorrectedBatch], sessi
         np.testing.assert_allclose(said["rate_std"], one.rate_std[0], rtol=1e-12)
 
 
+def test_a_piece_of_what_came_at_once_is_no_new_start(run: Run, batches: list[CorrectedBatch]) -> None:
+    of = batches[0]
+    n = 1000
+    long = replace(
+        of,
+        ticks=of.ticks[0] + np.arange(n, dtype=np.uint64) * np.uint64(round(0.01 / of.tick_period_s)),
+        rate=np.repeat(of.rate[:1], n, axis=0),
+        flags=np.zeros(n, np.uint32),
+    )
+    sent = [message("corrected", codec.encode_corrected(b)) for b in (long, long.after(500), long.after(999))]
+    assert [one["number"] for one in run(sent)] == [str(of.sequence + i) for i in range(n)]
+    assert len(expected(sent)) == n
+
+
 def test_it_takes_nothing_of_an_older_epoch(run: Run, batches: list[CorrectedBatch]) -> None:
     """One estimator hangs, another goes on with what it has not said and some more, the first wakes up and says the rest."""
     former, present = [replace(b, epoch=7) for b in batches[-30:]], [replace(b, epoch=2**56) for b in batches[-30:]]

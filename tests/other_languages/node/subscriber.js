@@ -148,15 +148,16 @@ function current(device, epoch) {
   return true;
 }
 
-// Takes each sample once: the number after the last one taken, and when that batch began, of each boot of each device.
+// Takes each sample once: the number after the last one taken, and when the latest was, of each boot of each device.
 const taken = new Map();
 function first(batch) {
   const which = `${batch.device} ${batch.boot}`;
   const end = batch.sequence + BigInt(batch.ticks.length);
-  let { next, start } = taken.get(which) ?? { next: batch.sequence, start: batch.start };
-  if (end <= next && batch.start > start + 1_000_000_000n) next = batch.sequence; // started anew under its old boot number
+  const last = time(batch, batch.ticks.length - 1);
+  let { next, latest } = taken.get(which) ?? { next: batch.sequence, latest: last };
+  if (end <= next && batch.start > latest + 1_000_000_000n) next = batch.sequence; // started anew under its old boot number
   const known = next > batch.sequence ? Number(next - batch.sequence) : 0;
-  taken.set(which, { next: next > end ? next : end, start: start > batch.start ? start : batch.start });
+  taken.set(which, { next: next > end ? next : end, latest: latest > last ? latest : last });
   return Math.min(known, batch.ticks.length);
 }
 
