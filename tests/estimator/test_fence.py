@@ -57,6 +57,13 @@ def test_from_the_first_number_of_a_turn_on_no_earlier_one_is_taken() -> None:
     assert turns.of(1, 20, 10, 0.6) == 0
 
 
+def test_an_earlier_turn_is_not_taken_up_again_because_some_of_it_came_long_ago_and_comes_now() -> None:
+    turns = Turns()
+    assert [turns.of(epoch, 30, 10, now) for epoch, now in ((1, 0.0), (2, 1.0), (1, 2.0), (2, 60.0), (1, 61.0))] == [
+        *(10, 10, 0, 10, 0)
+    ]
+
+
 def test_of_three_turns_the_first_is_over_where_the_second_begins() -> None:
     turns = Turns()
     for epoch, first in ((1, 0), (3, 50), (2, 20)):

@@ -12,6 +12,8 @@ from estimator.service.sources import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
 from tests.estimator.stream import Stream, stream
 
 R = Ruling
+#: what a steady clock shows where the machine has been on for a day
+UP_S = 86_400.0
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +76,7 @@ def test_who_is_refused_now_is_known_until_silent() -> None:
 
 def test_what_goes_on_is_taken_at_any_pace(source: Stream) -> None:
     for step in (0.0, 0.1, 100.0):
-        rulings = rule(Source(2.0), Sequence(), source.batches()[::3], at=0.0, step=step)
+        rulings = rule(Source(2.0), Sequence(), source.batches()[::3], at=UP_S, step=step)
         assert rulings == [R.BOOT] + [R.TAKE] * (len(rulings) - 1)
 
 
@@ -90,7 +92,7 @@ def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None
         )
         for n, batch in enumerate(source.batches(range(5, len(source), 5)))
     ]
-    rulings = rule(Source(2.0), Sequence(), fast[:100], at=0.0, step=0.05)
+    rulings = rule(Source(2.0), Sequence(), fast[:100], at=UP_S, step=0.05)
     assert rulings == [R.BOOT] + [R.TAKE] * 99
 
 
@@ -98,7 +100,7 @@ def test_a_replay_at_a_thousand_times_its_speed_is_taken(source: Stream) -> None
 def test_one_leap_is_refused_and_harms_nothing(source: Stream, field: str) -> None:
     batches = source.batches()
     bad = replace(batches[5], sequence=2**61) if field == "sequence" else leapt(batches[5])
-    rulings = rule(Source(2.0), Sequence(), [*batches[:5], bad, *batches[5:20]], at=0.0, step=0.1)
+    rulings = rule(Source(2.0), Sequence(), [*batches[:5], bad, *batches[5:20]], at=UP_S, step=0.1)
     assert rulings == [R.BOOT] + [R.TAKE] * 4 + [R.RANGE] + [R.TAKE] * 15
 
 
@@ -106,7 +108,7 @@ def test_one_leap_is_refused_and_harms_nothing(source: Stream, field: str) -> No
 def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
     batches = source.batches()
     far = [replace(b, sequence=b.sequence + 2**61) if field == "sequence" else leapt(b) for b in batches[5:60]]
-    rulings = rule(Source(2.0), Sequence(), [*batches[:5], *far], at=0.0, step=0.1)
+    rulings = rule(Source(2.0), Sequence(), [*batches[:5], *far], at=UP_S, step=0.1)
     refused = rulings.count(R.RANGE)
     assert refused == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[5 + refused :] == [R.JUMP] + [R.TAKE] * (len(far) - refused - 1)
@@ -114,7 +116,7 @@ def test_a_leap_that_stays_is_followed(source: Stream, field: str) -> None:
 
 def test_a_leap_at_the_first_is_got_over(source: Stream) -> None:
     batches = source.batches()
-    rulings = rule(Source(2.0), Sequence(), [replace(batches[0], sequence=2**61), *batches[1:60]], at=0.0, step=0.1)
+    rulings = rule(Source(2.0), Sequence(), [replace(batches[0], sequence=2**61), *batches[1:60]], at=UP_S, step=0.1)
     assert rulings[0] is R.BOOT
     assert rulings.count(R.REPEAT) == 1
     assert rulings[-10:] == [R.TAKE] * 10
@@ -122,13 +124,13 @@ def test_a_leap_at_the_first_is_got_over(source: Stream) -> None:
 
 def test_what_could_not_be_said_again_is_refused_for_ever(source: Stream) -> None:
     bad = [replace(b, start_time_ns=2**62, clock_rate=1e4) for b in source.batches()]
-    assert set(rule(Source(2.0), Sequence(), bad, at=0.0, step=0.1)) == {R.RANGE}
+    assert set(rule(Source(2.0), Sequence(), bad, at=UP_S, step=0.1)) == {R.RANGE}
 
 
 def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None:
     first, second = source.batches(boot=1), source.batches(boot=2)
     judge, sequence = Source(2.0), Sequence()
-    rule(judge, sequence, [*first[:100], *second[:100]], at=0.0, step=0.1)
+    rule(judge, sequence, [*first[:100], *second[:100]], at=UP_S, step=0.1)
     assert set(rule(judge, sequence, [*first[:100], *second[:100]], at=20.0, step=0.001)) == {R.LATE}
     # Interleaved with news, for as long as they like.
     mixed = [b for pair in zip(first[:100], second[100:200], strict=True) for b in pair]
@@ -138,7 +140,7 @@ def test_late_and_repeated_batches_are_late_however_many(source: Stream) -> None
 def test_a_recording_is_late_however_long_it_is_played_while_the_device_is_silent(source: Stream) -> None:
     first, second = source.batches(boot=1), received(source.batches(boot=2), 60.0)
     judge, sequence = Source(2.0), Sequence()
-    rule(judge, sequence, [*first, *second], at=0.0, step=0.1)
+    rule(judge, sequence, [*first, *second], at=UP_S, step=0.1)
     shuffled = [(first + second)[i] for i in np.random.default_rng(1).permutation(len(first) + len(second))]
     for recorded in (first, second, first[100:], shuffled):
         assert set(rule(judge, sequence, recorded, at=1000.0, step=0.1)) == {R.LATE}
@@ -147,14 +149,14 @@ def test_a_recording_is_late_however_long_it_is_played_while_the_device_is_silen
 def test_a_boot_from_before_its_hosts_clock_was_set_back_is_not_waited_for_for_ever(source: Stream) -> None:
     first, second = received(source.batches(boot=1), 3600.0), source.batches(boot=2)
     judge, sequence = Source(2.0), Sequence()
-    rulings = rule(judge, sequence, [*first[:50], *second[:60]], at=0.0, step=0.1)
+    rulings = rule(judge, sequence, [*first[:50], *second[:60]], at=UP_S, step=0.1)
     late = rulings.count(R.LATE)
     assert late == pytest.approx(PERSISTS_S / 0.1, abs=2)
     assert rulings[50 + late :] == [R.RETURN] + [R.TAKE] * (60 - late - 1)
     # Where the boot before was still heard afterwards, the new one is taken at once.
     back = [replace(b, receive_time_ns=b.receive_time_ns - 2 * 3_600_000_000_000) for b in first[50:60]]
     judge, sequence = Source(2.0), Sequence()
-    rulings = rule(judge, sequence, [*first[:50], *back, *second[:60]], at=0.0, step=0.1)
+    rulings = rule(judge, sequence, [*first[:50], *back, *second[:60]], at=UP_S, step=0.1)
     assert rulings == [R.BOOT] + [R.TAKE] * 59 + [R.BOOT] + [R.TAKE] * 59
 
 
@@ -162,7 +164,7 @@ def test_a_boot_from_before_its_hosts_clock_was_set_back_is_not_waited_for_for_e
 def test_a_boot_of_the_past_that_stays_is_not_dead(source: Stream, start: int, back: Ruling) -> None:
     first, second = source.batches(boot=1), source.batches(boot=2)
     judge, sequence = Source(2.0), Sequence()
-    rule(judge, sequence, [*first[:100], *second[:5]], at=0.0, step=0.1)
+    rule(judge, sequence, [*first[:100], *second[:5]], at=UP_S, step=0.1)
     again = received(first[start : start + 60], 60.0)
     rulings = rule(judge, sequence, again, at=20.0, step=0.1)
     late = rulings.count(R.LATE)
@@ -184,18 +186,18 @@ def crowd(batch: SampleBatch, step: float, batches: int) -> list[SampleBatch]:
 
 
 def test_of_a_clock_that_hardly_moves_only_so_much_is_taken_however_long_it_goes_on(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1e-9, 2000), at=0.0, step=0.01)
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1e-9, 2000), at=UP_S, step=0.01)
     assert rulings[:4] == [R.BOOT, R.TAKE, R.TAKE, R.TAKE]
     assert set(rulings[4:]) == {R.RANGE}
 
 
 def test_the_fastest_gyro_is_none(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1.01e-4, 200), at=0.0, step=0.1)
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 1.01e-4, 200), at=UP_S, step=0.1)
     assert set(rulings[1:]) == {R.TAKE}
 
 
 def test_of_a_batch_that_lasts_for_longer_than_any_nothing_is_taken(source: Stream) -> None:
-    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 0.7, 20), at=0.0, step=1.0)
+    rulings = rule(Source(2.0), Sequence(), crowd(source.batches()[0], 0.7, 20), at=UP_S, step=1.0)
     assert set(rulings) == {R.RANGE}
 
 
