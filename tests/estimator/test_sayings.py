@@ -168,8 +168,13 @@ def test_a_field_is_no_pattern() -> None:
     assert said("a bb ccc.d*") == "?a bb ccc.d*"
 
 
-def test_nothing_takes_long_whatever_is_said() -> None:
-    assert len(ZH("a: b; " * 80 + "it is so. ")) > 0
+@pytest.mark.parametrize("endless", ["a. " * 166, "so it is. " * 50])
+def test_what_would_take_for_ever_is_left_as_it_is_and_the_rest_is_said(endless: str) -> None:
+    """As many notices of a bridge as the wire takes, and as long."""
+    of_a_bridge = "; ".join(f"notice {i}: {endless}" for i in range(16))
+    said = ZH(f"{of_a_bridge}; hold the device still for 3 seconds")
+    assert said.count(endless) == 16
+    assert said.endswith("；请让设备静止 3 秒")
 
 
 #: as they are put together by their speakers
