@@ -11,7 +11,6 @@ from rich.text import Text
 
 from bridge.bus.contract import BusError
 from bridge.columns import Column, Columns
-from bridge.wire.messages import Calibration, DeviceInfo, Status
 from estimator.client import Client
 from estimator.device_knobs import Treatment
 from estimator.guide.compare import compared, differing, last_before
@@ -20,12 +19,15 @@ from estimator.guide.steps import Step, Told
 from estimator.gyro import AXES, SIGMAS
 from estimator.session_knobs import SessionKnobs
 from estimator.texts import Texts
+from estimator.web.guide_view import unless_broken
+from estimator.web.known import Known, Story
 
 #: how often it looks
 LOOK_S = 0.1
 #: after so long a device that no bridge lists is taken for one that there is not
 MISNAMED_S = 3.0
-_STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.AWAY: "bold red", Step.CANCELLED: "bold yellow"}
+_STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.CANCELLED: "bold yellow"}
+_STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN), "bold red")
 _UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.TURNING, Step.POSE, Step.SETTLE)
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 
@@ -41,27 +43,15 @@ def calibrate(
     knobs: SessionKnobs | None = None,
 ) -> int:
     """Ask for a calibration where none is under way, and guide it to its end; 0 when the device is calibrated."""
-    samples, statuses = client.raw(device), client.follow(device)
-    made, infos = client.follow_calibrations(device), client.follow_infos()
-    there: dict[str, DeviceInfo] = {}
-    knobs = knobs or Treatment().of(device)
-    guide, known = Guide(knobs.method, knobs.stillness), dict[str, Calibration]()
-    asked, status, begin, misnamed = False, None, time.monotonic(), False
+    heard = Heard(client, device, knobs or Treatment().of(device))
+    told, asked, begin, misnamed = heard.guide.told(), False, time.monotonic(), False
     screen = Screen(console, t, device)
     try:
         while True:
-            for batch in samples.drain(LOOK_S):
-                guide.take_samples(batch)
-            if (latest := statuses.latest()) is not None:  # what was said before somebody looked is over
-                status = latest
-                guide.take_status(latest)
-            known.update({calibration.id: calibration for calibration in made.drain()})
-            there |= {info.device: info for info in infos.drain()}
-            told = guide.told()
-            passed = time.monotonic() - begin
-            if passed > MISNAMED_S and not misnamed and status is None and there and device not in there:
+            told, passed = heard.told(LOOK_S), time.monotonic() - begin
+            if passed > MISNAMED_S and not misnamed and (there := heard.others()):
                 misnamed = True
-                console.print(t.said(f"no device {device} was heard; there are: {', '.join(sorted(there))}"))
+                console.print(t.said(f"no device {device} was heard; there are: {', '.join(there)}"))
             if told.step is Step.IDLE and not asked:
                 asked = True
                 reply = client.recalibrate(device, who)
@@ -77,12 +67,49 @@ def calibrate(
         pass
     finally:
         screen.close()
-        if (step := guide.told().step) not in (Step.DONE, Step.CANCELLED, Step.IDLE):
+        if (step := heard.guide.told().step) not in (Step.DONE, Step.CANCELLED, Step.IDLE):
             said = _given_up(client, device, who) if asked else _left(t, step, device, time.monotonic() - begin)
             console.print(Text(said, "dim"), end="\n" if said else "")
-        for stream in (samples, statuses, made, infos):
+        heard.close()
+    return _end(console, t, told, heard.story)
+
+
+class Heard:
+    """All that is heard of a device, and who is alive to tell of it."""
+
+    def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
+        self._client, self._device, self._known = client, device, Known(client.ward)
+        self.guide, self.story = Guide(knobs.method, knobs.stillness), self._known.story(device) or Story(0)
+        self._samples, self._statuses = client.raw(device), client.follow(device)
+        self._made, self._infos = client.follow_calibrations(device), client.follow_infos()
+        self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]
+
+    def told(self, wait_s: float) -> Told:
+        """What is told by now; waits so long for readings."""
+        for batch in self._samples.drain(wait_s):
+            self.guide.take_samples(batch)
+        now = time.monotonic()
+        self._known.take_router(now, there=self._client.connected)
+        if (latest := self._statuses.latest()) is not None:  # what was said before somebody looked is over
+            self._known.take_status(latest, now)
+            self.guide.take_status(latest)
+        for calibration in self._made.drain():
+            self._known.take_calibration(calibration)
+        for info in self._infos.drain():
+            self._known.take_info(info)
+        return unless_broken(self.guide.told(), self._known, self._device, now)
+
+    def others(self) -> list[str]:
+        """The devices there are, where this one is none of them."""
+        there = sorted(name for name, story in self._known.stories.items() if story.info is not None)
+        return there if self.story.status is None and self._device not in there else []
+
+    def close(self) -> None:
+        """Stop listening."""
+        for stream in (self._samples, self._statuses, self._made, self._infos):
             stream.close()
-    return _end(console, t, guide.told(), status, known)
+        for watch in self._watches:
+            watch.close()
 
 
 def _given_up(client: Client, device: str, who: str) -> str:
@@ -154,13 +181,13 @@ def panel(told: Told, device: str, t: Texts) -> list[RenderableType]:
     return lines
 
 
-def _end(console: Console, t: Texts, told: Told, status: Status | None, known: dict[str, Calibration]) -> int:
+def _end(console: Console, t: Texts, told: Told, story: Story) -> int:
     if console.is_terminal:  # elsewhere it stands there already
         console.print("\n".join(sentences(told, t)), highlight=False)
-    calibration = known.get(status.calibration) if status is not None else None
+    calibration = story.calibrations.get(story.status.calibration) if story.status is not None else None
     if told.step is not Step.DONE or calibration is None:
         return 0 if told.step is Step.DONE else 1
-    before = last_before(calibration, known.values())
+    before = last_before(calibration, story.calibrations.values())
     rows = compared(calibration, before)
     table = Columns([Column(t(f"guide.{name}"), number=True) for name in ("axis", "scale", "scale_before", "bias")])
     for one in rows:

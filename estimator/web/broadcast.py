@@ -49,7 +49,7 @@ class Heard:
 
     def hear(self, now: float) -> None:
         """Take what has come."""
-        self._known.connected = self._client.connected
+        self._known.take_router(now, there=self._client.connected)
         for info in self._infos.drain():
             self._known.take_info(info)
         for status in self._statuses.drain():

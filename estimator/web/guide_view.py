@@ -12,7 +12,6 @@ from estimator.guide.reasons import Words
 from estimator.guide.steps import Picture, Step, Told
 from estimator.gyro import AXES
 from estimator.texts import LANGUAGES, Texts, texts
-from estimator.ward_view import SILENT
 from estimator.web import words
 from estimator.web.device_page import interval
 from estimator.web.known import Known
@@ -82,9 +81,7 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
     """What is to be shown now of a device that was heard of."""
     story = known.stories[device]
     status = story.status
-    deaf = known.deaf(device)
-    if known.row(device, now).state == SILENT or deaf:
-        told = Told(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
+    deaf, told = known.deaf(device), unless_broken(told, known, device, now)
     calibration = story.calibrations.get(status.calibration) if status and told.step in _OVER else None
     before = None if calibration is None else last_before(calibration, story.calibrations.values())
     return GuideView(
@@ -102,6 +99,13 @@ def guide_view(told: Told, known: Known, device: str, now: float) -> GuideView:
         result=rows(calibration, before) if calibration else (),
         say={name: _said(told, known, calibration, before, texts(name)) for name in LANGUAGES},
     )
+
+
+def unless_broken(told: Told, known: Known, device: str, now: float) -> Told:
+    """What is told, or, where the ward itself keeps it from being heard, that: it is not the device's fault."""
+    if not known.broken(device, now):
+        return told
+    return Told(Step.BROKEN, Picture.NOTHING, Words("broken"), rebooted=told.rebooted)
 
 
 def rows(calibration: Calibration, before: Calibration | None) -> list[Axis]:

@@ -9,9 +9,11 @@ from estimator import glance
 from estimator.glance import Glance
 from estimator.history import History
 from estimator.lifecycle import AWAY
-from estimator.ward_view import UNKNOWN, WORDS, Row, WardView
+from estimator.ward_view import SILENT, UNKNOWN, WORDS, Row, WardView
 from estimator.web.trail import Mark, Trail
 
+#: who is alive shows it within so long of there being a router, s
+LOOKED_S = 2.0
 #: so many devices are remembered; further ones are counted
 DEVICES = 2000
 CALIBRATIONS, NOTES, BOOTS = 50, 50, 50
@@ -84,6 +86,9 @@ class Known:
     def __init__(self, ward: str) -> None:
         self.ward = ward
         self.connected = False
+        #: whether there is a router for so long that an estimator which does not show itself is none
+        self.looked = False
+        self._alone_at: float | None = None
         self.left_out = Tally()
         self.stories: dict[str, Story] = {}
         #: ids of what is alive now, by `bridge` and `estimator`; written by a thread of the bus
@@ -101,6 +106,13 @@ class Known:
                 return None
             self.stories[device] = Story(len(self.stories))
         return self.stories[device]
+
+    def take_router(self, now: float, *, there: bool) -> None:
+        """Whether there is a router, at `now` seconds."""
+        self.connected = there
+        if self._alone_at is None or not there:
+            self._alone_at = now
+        self.looked = now - self._alone_at > LOOKED_S
 
     def take_status(self, status: Status, now: float) -> None:
         """The estimator's word on a device, heard at `now` seconds."""
@@ -173,8 +185,12 @@ class Known:
         """Whether nothing of a device can be heard by fault of the ward: router, estimator, or its bridge are gone."""
         info = self.stories[device].info
         estimators, bridges = self.alive["estimator"].copy(), self.alive["bridge"].copy()
-        none = bool(estimators) and not any(estimators.values())
+        none = (self.looked or bool(estimators)) and not any(estimators.values())
         return not self.connected or none or (info is not None and bridges.get(info.bridge) is False)
+
+    def broken(self, device: str, now: float) -> bool:
+        """The same, or nobody has a word for it any more."""
+        return self.deaf(device) or self.row(device, now).state == SILENT
 
     def glance(self) -> Glance:
         """The ward at one look."""

@@ -3,6 +3,7 @@
 import io
 import threading
 import time
+from collections.abc import Callable
 
 import pytest
 from rich.console import Console, Group
@@ -15,6 +16,7 @@ from estimator.client import Client
 from estimator.guide.reasons import Words
 from estimator.guide.steps import Picture, Step, Told
 from estimator.texts import texts
+from estimator.ward_view import SILENT_S
 from tests.estimator.stream import NAME
 from tests.web.played import Played
 from tests.web.talk import WARD, Talk, about
@@ -96,6 +98,24 @@ def test_a_device_nobody_hears_of() -> None:
         assert calibrate(console, client, "nobody", "nurse", texts("en"), seconds=0.2) == 1
     assert isinstance(console.file, io.StringIO)
     assert "Nothing is heard of it" in console.file.getvalue()
+
+
+@pytest.mark.parametrize("gone", [Talk.die, Talk.hush])
+def test_what_the_ward_cannot_hear_is_no_fault_of_the_device(gone: Callable[[Talk], None]) -> None:
+    """Estimator and bridge are gone, or nothing is said any more."""
+    broker = MemoryBroker()
+    talk = Talk(broker)
+    played = Played(talk, speed=20.0)
+    played.switch_on([Still(3.0)])
+    console = Console(file=io.StringIO(), width=100)
+    threading.Timer(0.5, gone, (talk,)).start()
+    with Client(ward=WARD, bus=MemoryBus(broker)) as client:
+        assert calibrate(console, client, NAME, "nurse", texts("en"), seconds=SILENT_S + 2.0) == 1
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    said = console.file.getvalue()
+    assert said.index("Put it at the edge of the table") < said.index("The ward's computer does not answer")
+    assert "The device is well" in said
 
 
 def test_a_name_that_is_mistyped_is_answered_by_those_there_are() -> None:

@@ -12,7 +12,7 @@ from estimator.ward_view import URGENCY
 from estimator.web import words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading
-from estimator.web.known import DEVICES, Known
+from estimator.web.known import DEVICES, LOOKED_S, Known
 from estimator.web.reports import past
 from estimator.web.strips import Strips
 from estimator.web.tiles import TONES, ward_page
@@ -92,6 +92,18 @@ def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
     assert page.troubles == [EN("ward.no_router")]
     ward.connected = True
     assert {tile.state for tile in ward_page(ward, 100.0, NOW, EN).tiles} == {"tracking", "lost", "unknown"}
+
+
+def test_a_ward_where_no_estimator_has_shown_itself_is_deaf() -> None:
+    ward = known(about("a", bridge="b"))
+    ward.alive["bridge"]["b"] = True
+    ward.take_router(100.0, there=True)
+    assert not ward.deaf("a"), "who is there may be slow to show it"
+    assert not ward.broken("a", 100.0)
+    ward.take_router(101.0 + LOOKED_S, there=True)
+    assert ward.broken("a", 101.0 + LOOKED_S)
+    ward.alive["estimator"]["e"] = True
+    assert not ward.broken("a", 101.0 + LOOKED_S)
 
 
 def test_a_rest_is_said_only_where_there_was_one() -> None:
