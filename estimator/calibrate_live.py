@@ -27,7 +27,7 @@ LOOK_S = 0.1
 #: after so long a device that no bridge lists is taken for one that there is not
 MISNAMED_S = 3.0
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.CANCELLED: "bold yellow"}
-_STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN), "bold red")
+_STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN, Step.REFUSED), "bold red")
 _UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.TURNING, Step.POSE, Step.SETTLE)
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 

@@ -34,6 +34,7 @@ class Guide:
         self._status: Status | None = None
         self._boot = 0
         self._rebooted = self._began = False
+        self._turned = False  # turns are done of a calibration that goes on, as far as was heard
         self._before = ""  # the calibration in force when this one began
         #: what was said of the last turn when this one began
         self._verdict: tuple[object, ...] = ()
@@ -51,12 +52,14 @@ class Guide:
         """The estimator's word on it; the same again changes nothing."""
         before, self._status = self._status, status
         if status.boot and status.boot != self._boot:
-            self._rebooted |= before is not None and before.state in CALIBRATING and bool(before.axes_done)
-            self._boot, self._sides = status.boot, ()
+            self._rebooted |= self._turned
+            self._boot, self._sides, self._turned = status.boot, (), False
         if status.axes_done and self._rebooted:
             self._rebooted = False
         if before is not None and before.state is State.AWAITING_STILL and status.state is State.BIAS_ONLY:
             self._verdict = self._said()
+        if status.state in (*CALIBRATING, *_CALIBRATED):
+            self._turned = status.state in CALIBRATING and bool(status.axes_done)
         if status.state not in CALIBRATING:
             return
         begins = before is not None and status.state is State.AWAITING_STILL and before.state is not status.state
@@ -74,6 +77,8 @@ class Guide:
 
     def _now(self) -> Told:
         status = self._status
+        if status is not None and status.state is State.UNKNOWN and (why := reasons.said(status.reason)):
+            return Told(Step.REFUSED, Picture.NOTHING, Words("refused"), wrong=why)
         if status is None or status.state in (State.UNKNOWN, State.LOST):
             return Told(Step.AWAY, Picture.NOTHING, Words("away"))
         if status.state is State.WARMING:
@@ -84,12 +89,13 @@ class Guide:
 
     def _over(self, status: Status) -> Told:
         self._rebooted = False
-        if not self._began:
-            return Told(Step.IDLE, Picture.WELL, Words("idle"), done=self._order(()))
-        if status.calibration == self._before:
-            who = reasons.said(status.reason)
-            return Told(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=who)
-        return Told(Step.DONE, Picture.WELL, Words("done"), 1.0, done=self._order(()))
+        why, exact = reasons.said(status.reason), status.state is State.TRACKING
+        if self._began and status.calibration == self._before:
+            return Told(Step.CANCELLED, Picture.EDGE, Words("cancelled_old"), wrong=why)
+        step, words, ring = (Step.DONE, Words("done"), 1.0) if self._began else (Step.IDLE, Words("idle"), 0.0)
+        if exact:
+            return Told(step, Picture.WELL, words, ring, done=self._order(()))
+        return Told(step, Picture.EDGE, Words("degraded"), ring, done=self._order(()), wrong=why)
 
     def _under_way(self, status: Status) -> Told:
         hand = self.hand

@@ -11,6 +11,7 @@ class Step(StrEnum):
 
     AWAY = "away"  # nothing comes from it
     BROKEN = "broken"  # who would hear it does not answer: that is not the device's fault
+    REFUSED = "refused"  # the estimator does not take what it sends, and says why
     IDLE = "idle"  # it is calibrated, and nobody asks for anything
     WARM = "warm"  # it was just switched on
     PLACE = "place"  # put it against the edge, and let it rest

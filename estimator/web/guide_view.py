@@ -165,12 +165,10 @@ def _side(side: int, seen: Sequence[int], t: Texts) -> Turn:
 
 
 def _tone(told: Told) -> str:
-    if told.step in (Step.AWAY, Step.BROKEN):
+    if told.step in (Step.AWAY, Step.BROKEN, Step.REFUSED):
         return "bad"
-    if told.step is Step.CANCELLED:
-        return "ask"
     if told.step in _OVER:
-        return "well"
+        return "well" if told.picture is Picture.WELL else "ask"
     return "ask" if told.wrong else "busy"
 
 

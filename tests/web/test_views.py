@@ -7,10 +7,12 @@ import pytest
 
 from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
+from estimator.guide.guide import Guide
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
 from estimator.web import words
 from estimator.web.device_page import device_page
+from estimator.web.guide_view import guide_view
 from estimator.web.heading import Heading
 from estimator.web.known import DEVICES, LOOKED_S, Known
 from estimator.web.reports import past
@@ -104,6 +106,16 @@ def test_a_ward_where_no_estimator_has_shown_itself_is_deaf() -> None:
     assert ward.broken("a", 101.0 + LOOKED_S)
     ward.alive["estimator"]["e"] = True
     assert not ward.broken("a", 101.0 + LOOKED_S)
+
+
+def test_the_guide_shows_no_tick_of_a_device_that_is_less_exact() -> None:
+    ward, tones = known(said("a", State.DEGRADED, reason="the bias jumped"), said("b")), {}
+    for name in ("a", "b"):
+        guide = Guide()
+        guide.take_status(ward.stories[name].status or said(name))
+        view = guide_view(guide.told(), ward, name, 100.0)
+        tones[name] = view.tone, view.say["en"].wrong
+    assert tones == {"a": ("ask", ["the bias jumped"]), "b": ("well", [])}
 
 
 def test_a_rest_is_said_only_where_there_was_one() -> None:

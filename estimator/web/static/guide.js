@@ -2,7 +2,7 @@
 
 import { say, trouble, watch } from "./live.js";
 
-const CALM_MS = 400, OVER = new Set(["idle", "done", "cancelled", "away", "broken"]);
+const CALM_MS = 400, OVER = new Set(["idle", "done", "cancelled", "away", "broken", "refused"]);
 const page = document.querySelector(".guide"), id = page.dataset.id, language = document.documentElement.lang;
 const $ = (name) => document.getElementById(name);
 const title = document.title;

@@ -131,6 +131,16 @@ def test_turns_lost_by_a_reboot_are_said_until_there_is_a_new_one() -> None:
     assert all(one.done == () for one in second if one.step in (Step.WARM, Step.PLACE))
 
 
+def test_turns_are_lost_by_a_reboot_also_where_it_is_long_off() -> None:
+    device, guide = DeviceSession(NAME), Guide()
+    follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0))))
+    device.silence("no samples for 3 s")
+    guide.take_status(device.status(1))
+    assert guide.told().step is Step.AWAY
+    first, *_ = follow(guide, device, batches(turned(TurnPlan(2), seed=2), boot=2))
+    assert (first.step, first.rebooted) == (Step.WARM, True)
+
+
 def test_a_reboot_that_lost_nothing_is_none() -> None:
     device, guide = DeviceSession(NAME), Guide()
     follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
@@ -194,6 +204,27 @@ def test_a_calibrated_device_is_idle_and_a_lost_one_away() -> None:
     device.silence("no samples for 3 s")
     guide.take_status(device.status(2))
     assert guide.told().step is Step.AWAY
+
+
+def test_what_is_less_exact_is_said_to_be_so_and_why() -> None:
+    device, guide = DeviceSession(NAME), Guide()
+    told = follow(guide, device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
+    assert (told[-1].picture, told[-1].wrong) == (Picture.WELL, ())
+    jumped = replace(device.status(1), state=State.DEGRADED, reason="at rest it reads 1.20 °/s off")
+    for one, step in ((Guide(), Step.IDLE), (guide, Step.DONE)):
+        one.take_status(jumped)
+        said = one.told()
+        assert (said.step, said.head.key, said.picture) == (step, "degraded", Picture.EDGE)
+        assert [words.values for words in said.wrong] == [{"words": jumped.reason}]
+
+
+def test_whose_samples_are_not_used_is_not_asked_to_be_switched_on() -> None:
+    guide, never = Guide(), DeviceSession(NAME).status(1)
+    guide.take_status(never)
+    assert guide.told().step is Step.AWAY
+    guide.take_status(replace(never, state=State.UNKNOWN, reason="not enrolled"))
+    said = guide.told()
+    assert (said.step, [words.values for words in said.wrong]) == (Step.REFUSED, [{"words": "not enrolled"}])
 
 
 def test_late_and_repeated_readings_change_nothing() -> None:
