@@ -72,7 +72,7 @@ def device_page(known: Known, device: str, now: float, now_ns: int, t: Texts) ->
     row = known.row(device, now)
     status = story.status
     in_use = status.calibration if status else ""
-    shown, deaf = tile(row, story, now_ns, t), known.deaf(device)
+    shown, deaf = tile(row, story, now, now_ns, t), known.deaf(device)
     return DevicePage(
         ward=known.ward,
         title=f"{device}: {shown.word} · {known.ward}",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Floats
 from estimator import rotation
-from estimator.web.traces import KEPT_S, Pair
+from estimator.web.traces import BACK_S, KEPT_S, Pair
 
 #: a pause so long tears the attitude: it begins anew
 TORN_S = 0.5
@@ -71,8 +71,8 @@ class Heading:
         return self.points[-1] if self.points else _NOTHING
 
     def restart(self, at_s: float) -> None:
-        """Begin anew from a moment of host time, such as the beginning of a rest; one that was told already changes nothing."""
-        if at_s > self._asked_s:
+        """Begin anew from a moment of host time, such as the beginning of a rest; the same again changes nothing."""
+        if at_s != self._asked_s:
             self._asked_s = at_s
             self._anew()
 
@@ -95,7 +95,8 @@ class Heading:
             if not len(pair.time_s):
                 return
         dt = np.diff(pair.device_s, prepend=self._latest_s)
-        if not 0 < dt[0] < TORN_S:
+        back = pair.time_s[-1] < (self.now.time_s or self.since_s) - BACK_S
+        if back or not 0 < dt[0] < TORN_S:
             if np.isfinite(dt[0]) and dt[0] <= 0:
                 return
             self._anew()

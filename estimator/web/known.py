@@ -42,8 +42,8 @@ class Story:
     status: Status | None = None
     info: DeviceInfo | None = None
     trail: Trail = field(default_factory=Trail)
-    #: when it was said last that samples come from it; 0 when it never was
-    heard_ns: int = 0
+    #: when it was said last that samples come from it, by the clock messages are heard by; None when it never was
+    heard_s: float | None = None
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
     boots: dict[int, Boot] = field(default_factory=dict)
@@ -119,7 +119,7 @@ class Known:
         if (story := self.story(status.device)) is not None:
             story.status = status
             if status.state not in AWAY:
-                story.heard_ns = max(story.heard_ns, status.time_ns)
+                story.heard_s = now
             story.trail.take(status)
             self._view.take_status(status, now)
             self._news += 1

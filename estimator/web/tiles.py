@@ -81,7 +81,7 @@ class WardPage:
 def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
     """What is to be shown now: `now` in seconds of the clock messages were heard by, now_ns of the wall's."""
     rows = known.rows(now)
-    tiles = [tile(row, known.stories[row.device], now_ns, t) for row in rows]
+    tiles = [tile(row, known.stories[row.device], now, now_ns, t) for row in rows]
     counts = [(state, TONES[state], sum(row.state == state for row in rows), word(state, t)) for state in URGENCY]
     tracking = sum(row.state == TRACKING for row in rows)
     count = t("ward.count", tracking=tracking, of=len(rows))
@@ -116,7 +116,7 @@ def troubles(known: Known, t: Texts) -> list[str]:
     return found
 
 
-def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
+def tile(row: Row, story: Story, now: float, now_ns: int, t: Texts) -> Tile:
     """One device."""
     status, info = story.status, story.info
     told_hz, measured_hz = (info.rate_hz, info.measured_rate_hz) if info else (0.0, 0.0)
@@ -147,7 +147,7 @@ def tile(row: Row, story: Story, now_ns: int, t: Texts) -> Tile:
         if status and calibrating
         else "",
         rebooted=_rebooted(story, now_ns, t) if row.state != TRACKING else "",
-        stale=_stale(row, story, now_ns, t),
+        stale=_stale(row, story, now, t),
         calibrate=t("ward.calibrate") if row.state in _BY_HAND else "",
         bias_std=max(status.bias_std) if status else None,
         calibrated_ns=calibrated_ns or None,
@@ -174,10 +174,11 @@ def _rebooted(story: Story, now_ns: int, t: Texts) -> str:
     return t("words.rebooted_by", ago=ago, cause=t.said(boot.cause)) if boot.cause else t("words.rebooted", ago=ago)
 
 
-def _stale(row: Row, story: Story, now_ns: int, t: Texts) -> str:
+def _stale(row: Row, story: Story, now: float, t: Texts) -> str:
     """Of when the numbers are, where they are not of now."""
-    silent = row.state in ("lost", SILENT, UNKNOWN) and story.status is not None
-    return t("words.as_of", ago=words.ago(story.heard_ns, now_ns, t)) if silent and story.heard_ns else ""
+    if row.state not in ("lost", SILENT, UNKNOWN) or story.heard_s is None:
+        return ""
+    return t("words.as_of", ago=t("words.ago", age=words.lasting(now - story.heard_s, t)))
 
 
 def rebooted(story: Story) -> bool:

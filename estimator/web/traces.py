@@ -14,6 +14,8 @@ ALONE_S = 1.0
 #: seconds of points that a newcomer is given
 KEPT_S = 20.0
 _WAITING = 400
+#: a host's clock that goes back by more was set, or is another's: what was by it before is over
+BACK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +55,8 @@ class Traces:
     def __init__(self) -> None:
         self._raw: deque[tuple[float, SampleBatch]] = deque(maxlen=_WAITING)
         self._corrected: deque[CorrectedBatch] = deque(maxlen=_WAITING)
-        self._kept: deque[Points] = deque()
+        self._latest = 0, -np.inf  # boot and device time
+        self._kept: deque[Points] = deque(maxlen=_WAITING)
 
     def take(self, now: float, raw: list[SampleBatch], corrected: list[CorrectedBatch]) -> list[Pair]:
         """What belongs together of what has come by `now`, in order of the readings; one batch may be answered in parts."""
@@ -74,18 +77,28 @@ class Traces:
         return found
 
     def points(self, pairs: list[Pair]) -> Points | None:
-        """A frame of them; None when there is nothing new."""
+        """A frame of them; None when there is nothing new: what comes late, in the device's own time, is left out."""
+        pairs = [pair for pair in pairs if not self._late(pair)]
         if not pairs:
             return None
         columns = [
             np.concatenate([getattr(pair, name) for pair in pairs]) for name in ("time_s", "raw", "corrected", "std")
         ]
         time = columns[0]
-        found = Points(*_thinned(columns, 2 + 2 * round((time[-1] - time[0]) * POINTS_HZ / 2)))
+        found = Points(*_thinned(columns, 2 + 2 * round(max(0.0, time[-1] - time[0]) * POINTS_HZ / 2)))
+        if self._kept and time[-1] < self._kept[-1].time_s[-1] - BACK_S:
+            self._kept.clear()
         self._kept.append(found)
         while len(self._kept) > 1 and time[-1] - self._kept[0].time_s[0] > KEPT_S:
             self._kept.popleft()
         return found
+
+    def _late(self, pair: Pair) -> bool:
+        boot, latest_s = self._latest
+        late = pair.boot == boot and 0 <= latest_s - pair.device_s[-1] < KEPT_S
+        if not late:
+            self._latest = pair.boot, float(pair.device_s[-1])
+        return late
 
     def kept(self) -> Points | None:
         """The last seconds."""

@@ -17,6 +17,8 @@ REST_S = 3.0
 #: of what a rest teaches: it began so long before its first evidence came
 TAUGHT_S = SecondKnobs().length_s
 RESTS, MARKS = 120, 120
+#: a clock that goes back by more was set, or is another's: what it has not come to yet is not known any more
+BACK_NS = 5 * 10**9
 #: of a device's events those that are evidence refused, as the tracker names them: `zaru: the reason`
 _REFUSED = ": "
 
@@ -37,6 +39,7 @@ class Trail:
         self._times = np.zeros(POINTS, np.int64)
         self._rows = np.zeros((POINTS, 7))
         self._n = 0
+        self._behind_ns = 0  # the time of the last status, where it was left out
         self.rests: deque[tuple[int, int]] = deque(maxlen=RESTS)
         self.marks: deque[Mark] = deque(maxlen=MARKS)
         self._events: dict[str, int] | None = None
@@ -56,9 +59,16 @@ class Trail:
         return self._rows[: self._n]
 
     def take(self, status: Status) -> None:
-        """A status, said once a second and at every change; one that is not newer than the last is left out."""
-        if self._n and status.time_ns <= self._times[self._n - 1]:
-            return
+        """A status, said once a second and at every change; one that is not newer than the last is left out.
+
+        A second one, newer than that, is by a clock that was set back.
+        """
+        behind_ns, self._behind_ns = self._behind_ns, 0
+        if self._n and status.time_ns <= (latest := self._times[self._n - 1]):
+            if not 0 < behind_ns < status.time_ns < latest - BACK_NS:
+                self._behind_ns = status.time_ns
+                return
+            self._cut(status.time_ns)
         self._happenings(status)
         if self._n == POINTS:
             self._thin()
@@ -110,6 +120,11 @@ class Trail:
         for name, count in status.events.items():
             if _REFUSED in name and count > before.get(name, 0):
                 self.mark(Mark(status.time_ns, "refused", name))
+
+    def _cut(self, at_ns: int) -> None:
+        self._n = int(np.searchsorted(self.times_ns, at_ns))
+        earlier = [(begin, min(end, at_ns)) for begin, end in self.rests if begin < at_ns]
+        self.rests = deque(earlier, self.rests.maxlen)
 
     def _thin(self) -> None:
         half = POINTS // 2

@@ -18,7 +18,7 @@ from estimator.web.known import DEVICES, LOOKED_S, Known
 from estimator.web.reports import past
 from estimator.web.strips import Strips
 from estimator.web.tiles import TONES, ward_page
-from estimator.web.traces import ALONE_S, Traces
+from estimator.web.traces import ALONE_S, Points, Traces
 from estimator.web.trail import POINTS, Trail
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.talk import about, said
@@ -79,7 +79,9 @@ def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     assert (tile.state, tile.tone) == ("silent", "bad")
     assert "10 s" in tile.reason
     assert ward_page(known(said("a")), 100.0, NOW, EN).tiles[0].stale == ""
-    assert ward_page(known(said("a", time_ns=NOW - 12 * S)), 110.0, NOW, EN).tiles[0].stale == "as of 12 s ago"
+    for ahead_s in (-3600, 3600):  # by the estimator's clock; when it was heard is a matter of our own
+        ward = known(said("a", time_ns=NOW + ahead_s * S))
+        assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "as of 10 s ago"
 
 
 def test_without_a_router_a_device_is_unknown_and_never_gone() -> None:
@@ -174,6 +176,21 @@ def test_a_trail_is_bounded_and_keeps_the_ends() -> None:
     assert np.all(np.diff(trail.times_ns) > 0)
     trail.take(said("a", boot=1, time_ns=NOW))
     assert trail.points[-1, 0] == 5 * POINTS - 1
+
+
+def test_a_clock_that_was_set_back_takes_from_a_trail_what_it_has_not_come_to_yet() -> None:
+    trail = Trail()
+    for i in range(100):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S, evidence_age_s=0.2))
+    trail.take(said("a", boot=1, time_ns=NOW + 10 * S))
+    assert len(trail) == 100, "one alone is late"
+    for i in range(100, 103):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S))
+    for i in range(40, 50):
+        trail.take(said("a", boot=1, time_ns=NOW + i * S, bias=(1.0, 0.0, 0.0)))
+    assert trail.times_ns.tolist() == [NOW + i * S for i in range(50)]
+    assert trail.points[:, 0].tolist() == [0.0] * 41 + [1.0] * 9
+    assert all(end <= NOW + 50 * S for _, end in trail.rests)
 
 
 def test_rests_are_told_by_the_age_of_evidence() -> None:
@@ -271,6 +288,38 @@ def test_many_samples_keep_their_extremes() -> None:
     kept = traces.kept()
     assert kept is not None
     assert len(kept) == len(points)
+
+
+def test_a_clock_that_was_set_back_begins_the_pictures_anew() -> None:
+    traces, heading = Traces(), Heading()
+
+    def go_on(first: int, last: int, back_s: int = 0) -> list[Points | None]:
+        found = []
+        for i in range(first, last):
+            read = raw("a", 0.1, 5 * i)
+            read = replace(read, start_time_ns=read.start_time_ns - back_s * S)
+            pairs = traces.take(0.0, [read], [corrected("a", 0.1, 5 * i)])
+            for pair in pairs:
+                heading.add(pair)
+            found.append(traces.points(pairs))
+        return found
+
+    go_on(0, 200)
+    assert go_on(190, 191) == [None], "it came late"
+    assert len(heading.points) == 10
+    go_on(200, 300, 3600)
+    for times in ([point.time_s for point in heading.points], traces.kept().time_s):  # type: ignore[union-attr]
+        assert len(times) > 4
+        assert np.all(np.diff(times) > 0)
+        assert times[-1] < NOW / S - 3500
+
+
+def test_a_clock_that_is_set_back_within_what_comes_at_once_harms_nothing() -> None:
+    traces = Traces()
+    both = [raw("a", 0.1, 0), replace(raw("a", 0.1, 5), start_time_ns=NOW - 3600 * S)]
+    points = traces.points(traces.take(0.0, both, [corrected("a", 0.1, 0, 10)]))
+    assert points is not None
+    assert len(points) > 0
 
 
 def test_a_heading_drifts_by_the_bias_that_was_not_removed() -> None:

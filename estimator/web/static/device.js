@@ -4,7 +4,7 @@ import { chart, hour, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
 import { say, spoken, trouble, watch } from "./live.js";
 
-const AXES = ["x", "y", "z"], WINDOW_S = 20;
+const AXES = ["x", "y", "z"], WINDOW_S = 20, BACK_S = 1;
 const page = document.querySelector(".device"), id = page.dataset.id;
 const $ = (name) => document.getElementById(name);
 let trail = { rests: [], marks: [] };
@@ -65,6 +65,7 @@ const rates = AXES.map((axis) => chart($("rates"), {
   series: [{ label: page.dataset.asRead, colour: "raw", dash: [3, 3], width: 2 }, { label: page.dataset.corrected, colour: axis }],
 }));
 const columns = { time: [], raw: [[], [], []], corrected: [[], [], []] };
+const all = [columns.time, ...columns.raw, ...columns.corrected];
 let newest = 0;
 
 const pause = $("pause");
@@ -77,7 +78,8 @@ watch(`trace/${id}`, (data) => {
   if (!(data instanceof ArrayBuffer)) { heading(data); return; }
   const n = data.byteLength / 44, time = new Float64Array(data, 0, n), rest = new Float32Array(data, 8 * n);
   for (let i = 0; i < n; i++) {
-    if (time[i] <= newest) continue;
+    if (time[i] <= newest - BACK_S) for (const column of all) column.length = 0; // the host's clock was set back, or is another's
+    else if (time[i] <= newest) continue;
     newest = time[i];
     columns.time.push(time[i]);
     for (let axis = 0; axis < 3; axis++) {
@@ -87,7 +89,7 @@ watch(`trace/${id}`, (data) => {
   }
   let old = 0;
   while (old < columns.time.length && columns.time[old] < newest - WINDOW_S) old++;
-  for (const column of [columns.time, ...columns.raw, ...columns.corrected]) column.splice(0, old);
+  for (const column of all) column.splice(0, old);
   due = true;
 });
 
