@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from bridge.sim.motion import Piece, Still, Turn
+from bridge.wire.messages import CommandReply
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from tests.estimator.batch.sessions import in_poses
@@ -152,6 +153,20 @@ def test_begun_and_cancelled_by_the_keyboard(page: Page, played: Played, shot: S
     expect(page.locator(".picture:visible .good")).to_have_count(0)
     shot("guide-cancelled")
     assert serious(page) == []
+
+
+def test_a_refusal_stays_until_the_next_step(page: Page, site: Site, played: Played) -> None:
+    played.switch_on(rests_between(turn(2), turn(0), turn(1)))
+    open_guide(page)
+    log_in(page)
+    played.play_piece(6)
+    expect(page.locator("#do")).to_have_text(DONE)
+    site.talk.answer = lambda verb, device: CommandReply("", accepted=False, message="too busy: try again")
+    page.get_by_role("button", name="Begin").click()
+    expect(page.locator("#said")).to_contain_text("too busy")
+    # The guide that has followed knows how it came there, and tells it after the page was written by one that does not.
+    expect(page.locator("#do")).to_have_text(DONE)
+    expect(page.locator("#said")).to_contain_text("too busy")
 
 
 def test_a_reboot_in_the_middle_is_said(page: Page, played: Played, shot: Shot) -> None:

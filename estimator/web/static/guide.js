@@ -6,12 +6,13 @@ const CALM_MS = 400, OVER = new Set(["idle", "done", "cancelled", "away", "broke
 const page = document.querySelector(".guide"), id = page.dataset.id, language = document.documentElement.lang;
 const $ = (name) => document.getElementById(name);
 const title = document.title;
+let before = null; // the step of the last frame: the server wrote the page by a guide that may not know how it came to it
 
 watch(`guide/${id}`, (now) => {
   const said = now.say[language], how = now.step === "idle" && page.dataset.idle ? page.dataset.idle : said.how;
   page.dataset.tone = now.tone;
-  if (page.dataset.step !== now.step) document.getElementById("said")?.remove(); // an answer is of the step before
-  page.dataset.step = now.step;
+  if (before !== null && before !== now.step) document.getElementById("said")?.remove(); // an answer is of the step before
+  page.dataset.step = before = now.step;
   awake(!OVER.has(now.step));
   say($("do"), said.head);
   say($("how"), how);
