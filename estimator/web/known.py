@@ -54,11 +54,14 @@ class Story:
         return self.status.boot if self.status else self.info.boot if self.info else 0
 
     def take_calibration(self, calibration: Calibration) -> None:
-        """One that was made, accepted or not; one that is known already changes nothing."""
+        """One that was made, accepted or not; one that is known already changes nothing, nor does one that is too old."""
         if calibration.id in self.calibrations:
             return
-        self.calibrations[calibration.id] = calibration
-        self.calibrations = dict(sorted(self.calibrations.items(), key=lambda item: item[1].time_ns)[-CALIBRATIONS:])
+        found = sorted((*self.calibrations.values(), calibration), key=lambda one: one.time_ns)
+        in_use = [one for one in found[:-CALIBRATIONS] if self.status is not None and one.id == self.status.calibration]
+        self.calibrations = {one.id: one for one in (*in_use, *found[-CALIBRATIONS:])}
+        if calibration.id not in self.calibrations:
+            return
         accepted = calibration.verdict is Verdict.ACCEPTED
         self.trail.mark(Mark(calibration.time_ns, "calibrated" if accepted else "refused", calibration.reason))
 
@@ -156,7 +159,7 @@ class Known:
         """What a store has of a device."""
         if (story := self.story(past.device)) is None:
             return
-        for calibration in past.calibrations:
+        for calibration in reversed(past.calibrations):  # those that are too old come last, and leave no marks
             story.take_calibration(calibration)
         for row in past.boots:
             cause = _CAUSES.get(BootCause[row["cause"]], "") if row["cause"] in BootCause.__members__ else ""

@@ -42,11 +42,11 @@ async def ward(request: Request) -> Response:
 async def certificate(request: Request) -> Response:
     """One calibration, accepted or not."""
     desk, name, number = Desk.of(request), request.path_params["device"], request.path_params["calibration"]
-    story = desk.story(name)
-    await desk.remember(name)
-    if (found := story.calibrations.get(number)) is None:
+    known = {calibration.id: calibration for calibration in await desk.calibrations(name)}
+    if (found := known.get(number)) is None:
         raise Fault(HTTPStatus.NOT_FOUND, "unknown_calibration", f"no calibration {number[:80]} of {name} is known")
-    page = reports.certificate(found, story, texts(language(request)))
+    story = desk.story(name)
+    page = reports.certificate(found, known.values(), story.status, texts(language(request)))
     return _report(request, "certificate.html", page, picture=bool(reports.past(story, name).biases))
 
 

@@ -1,12 +1,12 @@
 """A certificate of one calibration, and a summary of a ward, as plain values in one language. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import degrees
 
 import numpy as np
 
-from bridge.wire.messages import Calibration
+from bridge.wire.messages import Calibration, Status
 from estimator.guide.compare import last_before
 from estimator.gyro import AXES
 from estimator.history import Biases, History
@@ -72,10 +72,10 @@ class Summary:
     devices: Sequence[Line]
 
 
-def certificate(calibration: Calibration, story: Story, t: Texts) -> Certificate:
-    """Of one calibration of a device, accepted or not."""
+def certificate(calibration: Calibration, known: Iterable[Calibration], status: Status | None, t: Texts) -> Certificate:
+    """Of one of the calibrations that are known of a device, accepted or not."""
     c = calibration
-    before = last_before(c, story.calibrations.values())
+    before = last_before(c, known)
     whole = bool(np.any(c.matrix - np.diag(np.diag(c.matrix))))
     noise = " ".join(f"{degrees(float(std)):.3f}" for std in c.noise_std)
     facts = [
@@ -96,7 +96,7 @@ def certificate(calibration: Calibration, story: Story, t: Texts) -> Certificate
         device=c.device,
         verdict=t(f"report.{c.verdict.name.lower()}"),
         accepted=c.verdict.name == "ACCEPTED",
-        in_use=story.status is not None and story.status.calibration == c.id,
+        in_use=status is not None and status.calibration == c.id,
         facts=[(t(f"report.{name}"), value) for name, value in facts if value],
         result=rows(c, before) if c.parameters else (),
         matrix=[[f"{value:.5f}".replace("-", words.MINUS) for value in row] for row in c.matrix] if whole else (),

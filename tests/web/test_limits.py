@@ -16,6 +16,7 @@ from argon2 import PasswordHasher
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from bridge.wire.messages import Note
 from estimator.service.store import Store
 from estimator.web import form, hub, listener, live
 from estimator.web.attempts import FREE
@@ -368,6 +369,29 @@ def test_what_fails_here_is_said_as_everything_else(asking: Asking, monkeypatch:
         assert answer.headers["content-security-policy"].startswith("default-src 'self';")
         assert answer.headers["cache-control"] == "no-store"
         assert "dashboard&#39;s log" in answer.text or error(answer) == (500, "failed")
+
+
+def test_old_calibrations_have_certificates_and_push_nothing_out(tmp_path: Path) -> None:
+    ids = [f"c{i:03}" for i in range(4 * CALIBRATIONS)]
+    store = Store(tmp_path / "ward.sqlite3")
+    for i, name in enumerate(ids):
+        store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id=name, time_ns=10**18 + i * 10**9))
+    store.close()
+    server = Server(WARD, Dashboard(people=PEOPLE), tmp_path / "ward.sqlite3")
+    known = server.desk.known
+    known.take_status(said("chest", boot=5, calibration=ids[100]), 0.0)
+    known.take_note(Note("chest", 5, 2 * 10**18, "nurse", "sat up"))
+    with TestClient(server.app, base_url=URL) as client:
+        for name in (ids[2], ids[100]):
+            answer = client.get(f"/devices/chest/calibrations/{name}/certificate")
+            assert answer.status_code == 200
+            assert "There is none to compare it with." not in answer.text
+        server.desk._past_at.clear()
+        assert client.get("/devices/chest").status_code == 200
+    story = known.stories["chest"]
+    assert list(story.calibrations) == [ids[100], *ids[-CALIBRATIONS:]]
+    assert len(story.trail.marks) == 2 + CALIBRATIONS
+    assert story.trail.marks[0].kind == "note"
 
 
 def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
