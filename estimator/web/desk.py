@@ -147,14 +147,16 @@ class Desk:
 
     async def remember(self, device: str) -> None:
         """Add what the store has of a device, where the store is at hand."""
-        now = time.monotonic()
-        if self._store is None or now - self._past_at.get(device, -PAST_S) < PAST_S or not self._store.is_file():
+        if self._store is None or not self._store.is_file():
             return
-        self._past_at[device] = now
-        try:
-            self.known.take_past(await run_in_threadpool(_past, self._store, device))
-        except (StoreError, OSError) as error:
-            log.warning("the store %s cannot be read: %s", self._store, error)
+        async with self._reading:  # whoever asks meanwhile waits for it, too
+            if time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S:
+                return
+            try:
+                self.known.take_past(await run_in_threadpool(_past, self._store, device))
+            except (StoreError, OSError) as error:
+                log.warning("the store %s cannot be read: %s", self._store, error)
+            self._past_at[device] = time.monotonic()
 
     async def calibrations(self, device: str) -> list[Calibration]:
         """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""

@@ -1,5 +1,6 @@
 """What a guesser, a flood, a slow client and a mistyped request get, and that nobody else pays for it."""
 
+import asyncio
 import json
 import logging
 import resource
@@ -392,6 +393,23 @@ def test_old_calibrations_have_certificates_and_push_nothing_out(tmp_path: Path)
     assert list(story.calibrations) == [ids[100], *ids[-CALIBRATIONS:]]
     assert len(story.trail.marks) == 2 + CALIBRATIONS
     assert story.trail.marks[0].kind == "note"
+
+
+def test_who_asks_while_the_store_is_read_gets_all_of_it_too(tmp_path: Path) -> None:
+    store = Store(tmp_path / "ward.sqlite3")
+    store.add_calibration(replace(CALIBRATION, device="chest", boot=5, id="first"))
+    store.close()
+    desk = Server(WARD, Dashboard(people=PEOPLE), tmp_path / "ward.sqlite3").desk
+    desk.known.take_status(said("chest", boot=5), 0.0)
+
+    async def ask_twice() -> list[str]:
+        first = asyncio.create_task(desk.calibrations("chest"))
+        await asyncio.sleep(0)
+        second = await desk.calibrations("chest")
+        await first
+        return [one.id for one in second]
+
+    assert asyncio.run(ask_twice()) == ["first"]
 
 
 def test_all_calibrations_can_be_had_page_by_page(tmp_path: Path) -> None:
