@@ -26,7 +26,8 @@ HEAR_S = 0.2
 LINGER_S = 5.0
 #: what failed is begun anew after so long
 AGAIN_S = 2.0
-#: topics of devices at a time: most of them hold subscriptions, which cost threads
+#: topics of devices at a time: most of them hold subscriptions, which cost threads;
+#: half of them such as one address alone watches, or did last
 TOPICS = 256
 #: a round that is so late has lost its place: frames are left out, not made up for
 LATE_S = 1.0
@@ -75,6 +76,7 @@ class Broadcast:
         self._topics: dict[str, Topic] = {}
         self._due: dict[str, float] = {}
         self._last_watched: dict[str, float] = {}
+        self._watchers: dict[str, set[str]] = {}  # the addresses that watch, or did so last
         self._heard: Heard | None = None
         self._hear_at = 0.0
         #: topics that failed, by kind; times that one found no room
@@ -100,13 +102,13 @@ class Broadcast:
         if self._heard is not None and now >= self._hear_at:
             self._hear_at = now + HEAR_S
             self._guarded("what is heard", now, partial(self._heard.hear, now))
-        for name in self._hub.wanted():
-            if name not in self._topics and now >= self._due.get(name, now) and self._may_begin(name, now):
+        for name, who in self._hub.wanted().items():
+            if name not in self._topics and now >= self._due.get(name, now) and self._may_begin(name, now, who):
                 self._guarded(name, now, partial(self._begin, name, now))
             if name in self._topics and name in self._hub.newcomers:
                 self._guarded(name, now, partial(self._greet, name, now, now_ns))
             if name in self._topics:
-                self._last_watched[name] = now
+                self._last_watched[name], self._watchers[name] = now, who
         for name in list(self._topics):
             if now - self._last_watched[name] > LINGER_S:
                 self._end(name)
@@ -116,18 +118,22 @@ class Broadcast:
     def _greet(self, name: str, now: float, now_ns: int) -> None:
         self._hub.greet(name, self._topics[name].whole(now, now_ns))
 
-    def _may_begin(self, name: str, now: float) -> bool:
+    def _may_begin(self, name: str, now: float, who: set[str]) -> bool:
         """A device that was never heard of waits until it is; so does what there is no room for."""
         device = topics.device_of(name)
         if not device:
             return True
         if device not in self._sources.known.stories:
             return False
-        if sum(bool(topics.device_of(topic)) for topic in self._topics) < TOPICS:
+        there = [topic for topic in self._topics if topics.device_of(topic)]
+        no_others = sum(self._watchers.get(topic, who) <= who for topic in there) if len(who) == 1 else 0
+        if len(there) < TOPICS and no_others < TOPICS // 2:
             return True
         self._due[name] = now + AGAIN_S
         if self.left_out.add("topics") == 1:
-            log.warning("%d topics of devices are watched: %s waits (more that wait are only counted)", TOPICS, name)
+            log.warning(
+                "%d topics of devices are watched: %s waits (more that wait are only counted)", len(there), name
+            )
         return False
 
     def _begin(self, name: str, now: float) -> None:
@@ -162,5 +168,6 @@ class Broadcast:
     def _end(self, name: str) -> None:
         self._due.pop(name, None)
         self._last_watched.pop(name, None)
+        self._watchers.pop(name, None)
         with contextlib.suppress(BusError):
             self._topics.pop(name).close()

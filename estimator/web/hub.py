@@ -97,9 +97,13 @@ class Hub:
             viewer.topics.add(topic)
             self.newcomers.setdefault(topic, set()).add(viewer)
 
-    def wanted(self) -> set[str]:
-        """The topics that somebody watches."""
-        return {topic for viewer in self.viewers for topic in viewer.topics}
+    def wanted(self) -> dict[str, set[str]]:
+        """The topics that somebody watches, and from which addresses."""
+        found: dict[str, set[str]] = {}
+        for viewer in self.viewers:
+            for topic in viewer.topics:
+                found.setdefault(topic, set()).add(viewer.address)
+        return found
 
     def greet(self, topic: str, frames: Iterable[Frame]) -> None:
         """Give newcomers what they need to begin with."""

@@ -123,19 +123,41 @@ def test_so_many_topics_of_devices_and_those_of_the_ward_always(
         monkeypatch.setitem(topics.KINDS, kind, fresh)
     monkeypatch.setattr("estimator.web.broadcast.TOPICS", 2)
     hub, sources = Hub(), Sources(Known(WARD))
-    broadcast, first, second = Broadcast(hub, sources), hub.add(), hub.add()
+    broadcast, first, beside, second = Broadcast(hub, sources), hub.add("1"), hub.add("2"), hub.add("3")
     for name in "abc":
         sources.known.story(name)
-    hub.watch(first, ["trace/a", "trace/b"])
+    for viewer in (first, beside):
+        hub.watch(viewer, ["trace/a", "trace/b"])
     broadcast.step(0.0, 0)
     hub.watch(second, ["trace/c", "ward"])
     broadcast.step(1.0, 0)
     assert set(broadcast._topics) == {"trace/a", "trace/b", "ward"}
     assert "trace/c waits" in caplog.text
-    hub.remove(first)
+    for viewer in (first, beside):
+        hub.remove(viewer)
     broadcast.step(2.0 + LINGER_S, 0)
     broadcast.step(2.0 + LINGER_S + AGAIN_S, 0)
     assert set(broadcast._topics) == {"trace/c", "ward"}
+
+
+def test_one_address_leaves_room_for_the_topics_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    fresh: type[Counted] = type("Fresh", (Counted,), {})
+    monkeypatch.setitem(topics.KINDS, "trace", fresh)
+    monkeypatch.setattr("estimator.web.broadcast.TOPICS", 6)
+    hub, sources = Hub(), Sources(Known(WARD))
+    broadcast, greedy, more, other = Broadcast(hub, sources), hub.add("1"), hub.add("1"), hub.add("2")
+    for name in "abcdefgh":
+        sources.known.story(name)
+    hub.watch(greedy, [f"trace/{name}" for name in "abc"])
+    broadcast.step(0.0, 0)
+    hub.watch(greedy, ())  # what it has left counts, too, as long as it is kept
+    hub.watch(more, [f"trace/{name}" for name in "def"])
+    hub.watch(other, ["trace/d", "trace/g"])
+    broadcast.step(1.0, 0)
+    assert set(broadcast._topics) == {f"trace/{name}" for name in "abcdg"}
+    broadcast.step(1.0 + LINGER_S, 0)
+    broadcast.step(1.0 + LINGER_S + AGAIN_S, 0)
+    assert set(broadcast._topics) == {f"trace/{name}" for name in "defg"}
 
 
 def test_a_topic_that_fails_is_told_begun_anew_and_harms_no_other(
