@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, Route, WebSocketRoute, expect
 
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
 from tests.estimator.test_correction import CALIBRATION
@@ -211,6 +211,26 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
     expect(page.locator("#lost")).to_contain_text("what is shown is old", timeout=10_000)
     shot("ward-without-dashboard")
     assert serious(page) == []
+
+
+def test_a_connection_that_dies_without_a_word_is_made_anew(page: Page, site: Site) -> None:
+    names, made, dead = ward(site, 2), list[WebSocketRoute](), list[WebSocketRoute]()
+
+    def between(socket: WebSocketRoute) -> None:
+        made.append(socket)
+        server = socket.connect_to_server()
+        socket.on_message(server.send)
+        server.on_message(lambda frame: None if socket in dead else socket.send(frame))
+
+    page.clock.install()
+    page.route_web_socket("**/live", between)
+    page.goto("/")
+    expect(page.get_by_role("heading", level=1)).to_have_text("2 of 2 tracking")
+    dead += made
+    site.talk(said(names[1], State.DEGRADED, boot=5, time_ns=now_ns()))
+    page.clock.fast_forward(11_000)
+    expect(page.get_by_role("heading", level=1)).to_have_text("1 of 2 tracking")
+    assert len(made) == 2
 
 
 def test_what_changes_while_the_page_loads_is_told_too(page: Page, site: Site) -> None:

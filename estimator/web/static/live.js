@@ -1,13 +1,14 @@
 // One websocket a page. watch(topic, take) asks for a topic; take gets what a JSON frame says, or a DataView of a binary one.
 // A topic that is vital must come every second: when it stops, the banner says so, and the page turns pale.
 
-const LATER = 1013, LATE_MS = 4000, RETRY_MS = [300, 1000, 2000, 4000];
+const LATER = 1013, LATE_MS = 4000, GONE_MS = 10000, RETRY_MS = [300, 1000, 2000, 4000];
 // of a topic that is told in words: the page's own language
 export const spoken = (topic) => `${topic}@${document.documentElement.lang}`;
 
 const takers = new Map(), vital = new Set();
 const banner = document.getElementById("lost");
 let socket = null, tries = 0, heard = performance.now(), lost = performance.now(), wanted = true, full = false;
+let moved = 0; // when the socket was opened, or something came by it
 
 export function watch(topic, take, { must = false } = {}) {
   takers.set(topic, take);
@@ -28,7 +29,7 @@ function ask() {
 function connect() {
   const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   opened.binaryType = "arraybuffer";
-  opened.onopen = () => { tries = 0; ask(); };
+  opened.onopen = () => { tries = 0; moved = performance.now(); ask(); };
   opened.onmessage = (event) => take(event.data);
   opened.onclose = (event) => {
     if (socket !== opened) return;
@@ -39,7 +40,15 @@ function connect() {
   socket = opened;
 }
 
+// The end of a connection that has died on the way is told nobody.
+function beginAnew() {
+  socket.onmessage = socket.onclose = null;
+  socket.close();
+  connect();
+}
+
 function take(data) {
+  moved = performance.now();
   if (typeof data === "string") {
     const frame = JSON.parse(data);
     if (vital.has(frame.topic)) heard = performance.now();
@@ -56,6 +65,7 @@ function look() {
   if (!silent) lost = heard;
   document.body.classList.toggle("old", silent);
   banner.hidden = !silent;
+  if (silent && now - moved > GONE_MS && socket?.readyState === WebSocket.OPEN) beginAnew();
   if (silent) say(banner, full ? banner.dataset.full : banner.dataset.words.replace("{seconds}", Math.round((now - lost) / 1000)));
 }
 
