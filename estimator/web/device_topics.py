@@ -7,7 +7,7 @@ import numpy as np
 
 from bridge.wire.messages import SampleBatch
 from estimator.streams import Corrected, Stream
-from estimator.web import topics
+from estimator.web import topics, words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading, Lost
 from estimator.web.hub import Frame
@@ -93,7 +93,8 @@ class TraceTopic:
     def _headings(self) -> str:
         """Since when, and each second of it: time, as read, as read less the first bias, σ of the corrected; degrees."""
         heading = self._heading
-        about = {"since": heading.since_s, "vertical": heading.vertical, "turned": degrees(heading.turned)}
+        since = words.clock(round(heading.since_s * 1e9)) if heading.since_s else ""
+        about = {"since": since, "vertical": heading.vertical, "turned": degrees(heading.turned)}
         points = [_in_degrees(point) for point in heading.points]
         return topics.text(self._topic, {**about, "now": _in_degrees(heading.now), "points": points})
 

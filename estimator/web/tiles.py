@@ -64,7 +64,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class WardPage:
-    """Everything the ward page shows. `troubles` are of the ward itself; `counts` how many are in which state, and its word."""
+    """Everything the ward page shows. `troubles` are of the ward itself; `counts` how many are in each state, and its word."""
 
     ward: str
     count: str
@@ -93,7 +93,7 @@ def ward_page(known: Known, now: float, now_ns: int, t: Texts) -> WardPage:
         connected=known.connected,
         tracking=tracking,
         of=len(rows),
-        counts=[count for count in counts if count[2]],
+        counts=counts,
         troubles=troubles(known, t),
         tiles=tiles,
     )

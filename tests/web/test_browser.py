@@ -4,6 +4,7 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -13,6 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, WebSocketRoute, expect
 
 from bridge.wire.messages import BootCause, CommandReply, CorrectedBatch, Note, Quality, SampleBatch, State, Status
+from estimator.web import words
 from tests.estimator.test_correction import CALIBRATION
 from tests.web.conftest import PASSWORD, Site, served
 from tests.web.talk import about, said
@@ -177,6 +179,17 @@ def test_what_was_chosen_is_chosen_again(page: Page, site: Site, shot: Shot) -> 
     expect(tile.locator('[data-of="quality"]')).to_be_visible()
 
 
+def test_a_link_shows_the_same_also_where_no_device_is_so_now(page: Page, site: Site) -> None:
+    names = ward(site, 2)
+    page.goto("/?only=lost")
+    expect(page.get_by_role("button", name="lost 0")).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#unlike")).to_contain_text("No device is like that.")
+    expect(page).to_have_url(re.compile(r"\?only=lost$"))
+    site.talk(said(names[1], State.LOST, boot=5, time_ns=now_ns()))
+    expect(page.get_by_role("button", name="lost 1")).to_be_visible()
+    expect(page.locator(".tile:visible")).to_have_count(1)
+
+
 def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> None:
     names = ward(site, 6)
     page.goto("/")
@@ -272,6 +285,7 @@ def test_a_device(page: Page, site: Site, shot: Shot) -> None:
         site.talk(tracking(name, evidence_age_s=0.5))
     rates(site, name, 4.0)
     expect(page.locator("#heading")).to_contain_text("by its raw rates alone")
+    expect(page.locator("#heading")).to_contain_text(f"{words.zone_name(datetime.now().astimezone())}, when it last")
     drawn = """[...document.querySelectorAll("#rates canvas")].every((canvas) =>
       canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))"""
     assert page.evaluate(drawn)

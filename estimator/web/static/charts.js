@@ -4,7 +4,7 @@
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const charts = new Set();
 
-export function hour(seconds, step = 1) {
+function hour(seconds, step = 1) {
   const parts = { hour: "2-digit", minute: "2-digit", hour12: false, ...(step < 60 ? { second: "2-digit" } : {}) };
   return new Date(seconds * 1000).toLocaleTimeString([], parts);
 }

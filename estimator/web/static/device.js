@@ -1,6 +1,6 @@
 // The page of one device: words once a second, rates as they come.
 
-import { chart, hour, post, stripe } from "./charts.js";
+import { chart, post, stripe } from "./charts.js";
 import { fill, tone } from "./fields.js";
 import { say, spoken, trouble, watch } from "./live.js";
 
@@ -123,7 +123,7 @@ function heading(now) {
   headings.set([0, 1, 2, 3].map((i) => points.map((p) => p[i])).concat([points.map((p) => -p[3])]));
   if (!now.since) return;
   const size = (value, digits) => Math.abs(value).toFixed(digits);
-  const values = { since: hour(now.since), read: size(read, 1), zeroed: size(zeroed, 1), std: size(std, 2), turned: size(now.turned, 1) };
+  const values = { since: now.since, read: size(read, 1), zeroed: size(zeroed, 1), std: size(std, 2), turned: size(now.turned, 1) };
   const words = $("heading").dataset[now.vertical ? "heading" : "attitude"].replace(/\{(\w+)\}/g, (_, name) => values[name]);
   say($("heading"), words);
   headings.figure.setAttribute("aria-label", words);

@@ -100,10 +100,10 @@ function head(now) {
 
 function chips(counts) {
   const place = document.getElementById("counts");
-  const states = counts.map(([state]) => state);
-  for (const state of only) if (state !== "needs" && !states.includes(state)) only.delete(state);
-  for (const chip of [...place.children]) if (!states.includes(chip.dataset.only)) chip.remove();
-  counts.forEach(([state, name, n, words], i) => {
+  for (const state of only) if (state !== "needs" && !counts.some(([one]) => one === state)) only.delete(state); // there is none such
+  const shown = counts.filter(([state, , n]) => n || only.has(state));
+  for (const chip of [...place.children]) if (!shown.some(([state]) => state === chip.dataset.only)) chip.remove();
+  shown.forEach(([state, name, n, words], i) => {
     let chip = [...place.children].find((one) => one.dataset.only === state);
     if (!chip) {
       chip = document.createElement("button");
@@ -124,7 +124,7 @@ function chips(counts) {
 function share(counts, of) {
   const picture = document.querySelector(".share");
   let x = 0;
-  const parts = [...counts].reverse().map(([, name, n]) => {
+  const parts = counts.filter(([, , n]) => n).reverse().map(([, name, n]) => {
     const part = document.createElementNS("http://www.w3.org/2000/svg", "rect");
     part.dataset.tone = name;
     part.setAttribute("x", x / of);
