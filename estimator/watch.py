@@ -21,7 +21,7 @@ from estimator.glance import Glance
 from estimator.gyro import AXES, SIGMAS
 from estimator.listening import FIRST_S, Ears, interrupted
 from estimator.screen import table, word
-from estimator.ward_view import NEVER_S, WardView, listed
+from estimator.ward_view import NEVER_S, SILENT_S, WardView, listed
 
 
 def show_devices(console: Console, ward: str, endpoints: Sequence[str]) -> int:
@@ -128,7 +128,7 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
         status = client.follow(device)
         revisions = client.revisions(device, history=False)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None
-        view, latest = WardView(), None
+        view, latest, shown = WardView(), None, _Shown()
         heard, waiting = False, f"waiting for {device} …"
         told = False
         shown_at = begin = time.monotonic()
@@ -136,11 +136,12 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
             live.start()
         try:
             while seconds is None or time.monotonic() - begin < seconds:
-                batch = corrected.receive(0.2)
+                new = corrected.receive(0.2)
+                batch = shown.of(new, time.monotonic())
                 if (said := status.latest()) is not None:
                     view.take_status(said, time.monotonic())
                 latest = view.statuses(time.monotonic()).get(device)
-                heard = heard or batch is not None
+                heard = heard or new is not None
                 if (revision := revisions.receive(0.0)) is not None:
                     console.print(_revision_line(revision), highlight=False)
                 if not (heard or latest or told) and time.monotonic() - begin > NONE_S:
@@ -149,9 +150,9 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
                         console.print(waiting, highlight=False, soft_wrap=True)
                 if live:
                     live.update(_panel(device, batch, latest) if batch or latest else Text(waiting))
-                elif batch is not None and time.monotonic() - shown_at >= 1.0:
+                elif new is not None and time.monotonic() - shown_at >= 1.0:
                     shown_at = time.monotonic()
-                    console.print(_line(batch, latest), highlight=False)
+                    console.print(_line(new, latest), highlight=False)
         except KeyboardInterrupt:
             interrupted(begin, heard=heard)
         finally:
@@ -160,6 +161,19 @@ def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, se
     if not heard:
         console.print(_unheard(device, ward, latest), highlight=False, soft_wrap=True)
     return 0 if heard else 1
+
+
+class _Shown:
+    """The last batch, for as long as it is of now: some devices send one now and then."""
+
+    def __init__(self) -> None:
+        self._batch: CorrectedBatch | None = None
+        self._until = 0.0
+
+    def of(self, new: CorrectedBatch | None, now: float) -> CorrectedBatch | None:
+        if new is not None or now > self._until:
+            self._batch, self._until = new, now + SILENT_S
+        return self._batch
 
 
 def _who_is_there(client: Client, device: str) -> str:

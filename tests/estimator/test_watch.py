@@ -1,16 +1,21 @@
 """What `truerate devices` says: every value under its heading, and all of it in 80 columns."""
 
 import io
+import threading
 from dataclasses import replace
 
 import pytest
 from rich.console import Console, RenderableType
 
+from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire.messages import BootCause, DeviceInfo, State
 from estimator import screen, watch
+from estimator.client import Client
 from estimator.glance import glance
 from tests.estimator.test_revision import revision
 from tests.estimator.test_ward_view import status
+from tests.web.talk import WARD, Talk, said
+from tests.web.test_views import corrected
 
 INFO = DeviceInfo(
     device="wrist-right-01",
@@ -100,6 +105,19 @@ def test_a_device_that_cannot_be_opened_is_shown_with_its_trouble() -> None:
 def test_a_revision_says_how_far_back_and_why() -> None:
     said = watch._revision_line(revision(reason="at rest again after 95 s"))
     assert said == "the bias of 2 s is known better now, to ± 28.0749 °/s (95 %): at rest again after 95 s"
+
+
+def test_what_comes_now_and_then_stays_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    broker = MemoryBroker()
+    talk, client = Talk(broker), Client(ward=WARD, bus=MemoryBus(broker))
+    monkeypatch.setattr(watch, "Client", lambda *_, **__: client)
+    console = Console(file=io.StringIO(), width=80, force_terminal=True)
+    talk(said("a"))
+    threading.Timer(0.3, talk, (corrected("a", 0.5),)).start()
+    assert watch.watch(console, WARD, (), "a", 1.2) == 0
+    talk.close()
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().rfind("nan") < console.file.getvalue().index("+28.65")
 
 
 def test_a_device_that_is_lost_is_said_to_be_lost_and_why() -> None:

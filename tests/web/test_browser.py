@@ -301,6 +301,10 @@ def test_who_may_and_who_may_not(page: Page, site: Site, shot: Shot) -> None:
     ward(site, 2)
     log_in(page, "/devices/bed-01-chest", "wrong password")
     expect(page.get_by_role("alert").filter(has_text="wrong")).to_have_text("The name or the password is wrong.")
+    for language in ("中文", "English"):  # where it goes on to is kept
+        page.get_by_role("link", name=language).click()
+        expect(page.locator('[name="to"]')).to_have_value("/devices/bed-01-chest")
+    log_in(page, "/devices/bed-01-chest", "wrong password")
     shot("login-wrong")
     assert serious(page) == []
     log_in(page, "/devices/bed-01-chest")
