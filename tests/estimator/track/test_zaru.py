@@ -384,6 +384,14 @@ def test_movement_ends_an_insistence() -> None:
         rest.moves(0.5)
 
 
+def test_who_is_quiet_and_does_not_rest_ends_an_insistence_too() -> None:
+    rest = Rest()
+    rest.lives(10.0)
+    for _ in range(3):
+        assert not any(r.reason == "insisted" for r in rest.lives(ZaruKnobs().insist_s - 5.0, 0.5))
+        rest.lives(2.0, 0.5, still=False)
+
+
 def test_after_a_gap_a_surprise_widens_the_bias_within_reason() -> None:
     """A bias that walked three times as fast as was thought is taken; one that walked thirty times as fast is doubted."""
     gap = 300.0
