@@ -103,13 +103,13 @@ def _of_a_ward(args: argparse.Namespace) -> list[dict[str, object]]:
 def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
     if not args.file.is_file():
         raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
-    if args.device is None and args.file.suffix != ".part":  # of which loading says what is to be done first
-        raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
     from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
 
-    load_recording(args.file, args.rate_hz)
+    device = load_recording(args.file, args.rate_hz).device if args.device is None else args.device
+    if not device:
+        raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
     rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}
-    return [{**_replayed(args), "id": args.device, **rate}]
+    return [{**_replayed(args), "id": device, **rate}]
 
 
 def _replayed(args: argparse.Namespace) -> dict[str, object]:

@@ -61,18 +61,23 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def sentence(words: str) -> str:
+    """What a verb does, as a sentence."""
+    return f"{words[:1].upper()}{words[1:]}{'' if words.endswith(('.', '?')) else '.'}"
+
+
 def add_verb(
     verbs: "Verbs[argparse.ArgumentParser]", name: str, run: Callable[[argparse.Namespace], int | None], help_text: str
 ) -> argparse.ArgumentParser:
     """Add a verb that calls run with the parsed arguments."""
-    parser = verbs.add_parser(name, help=help_text, description=help_text[:1].upper() + help_text[1:] + ".")
+    parser = verbs.add_parser(name, help=help_text, description=sentence(help_text))
     parser.set_defaults(run=run)
     return parser
 
 
 def add_group(verbs: "Verbs[argparse.ArgumentParser]", name: str, does: str, example: str) -> argparse.ArgumentParser:
     """Add a verb that has an example, and maybe verbs of its own."""
-    return verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: {example}")
+    return verbs.add_parser(name, help=does, description=sentence(does), epilog=f"Example: {example}")
 
 
 def add_guarded(

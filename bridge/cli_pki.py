@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from bridge.bus import router_file
-from bridge.cli_parser import Verbs
+from bridge.cli_parser import Verbs, sentence
 from bridge.columns import Column, Columns
 from bridge.config import ConfigError, check, check_endpoints
 from bridge.console import plain_console
@@ -29,7 +29,7 @@ examples:
   truerate pki issue router:router-1 --host 10.0.0.5 --host ward-3.example
   truerate pki issue bridge:bridge-1 estimator:estimator-1 commander:desk
   truerate pki router router:router-1 --ward ward-3 --listen tls/10.0.0.5:7447 > router.json5
-  truerate pki show                                  exit code 1 within 14 days of an end
+  truerate pki show                                  exit code 1 where one ends within 14 days, or is in its last third
 docs/security.md goes through it, word by word."""
 
 
@@ -86,7 +86,7 @@ def _verb(verbs: "Verbs[argparse.ArgumentParser]", name: str, run: object, does:
     verb = verbs.add_parser(
         name,
         help=does,
-        description=f"{does[0].upper()}{does[1:]}.",
+        description=sentence(does),
         epilog=ROLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

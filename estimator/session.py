@@ -357,9 +357,10 @@ class DeviceSession:
         bridge: str = "",
         refused_bridges: tuple[str, ...] = (),
         epoch: int = 0,
+        silent_s: float = 0.0,
         more: Iterable[tuple[str, int]] = (),
     ) -> Status:
-        """All of it, for the bus, with what is known of it outside the core; more: events that are counted there."""
+        """All of it, for the bus, with what is known of it outside the core: since when nothing came, events counted there."""
         known, learnt, reason = self._ready, self.learnt, self.life.reason
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
@@ -377,7 +378,7 @@ class DeviceSession:
             scale=tuple(known.model.matrix.diagonal().tolist()),
             calibration=known.calibration,
             calibrated_time_ns=self.calibration.time_ns if self.calibration else 0,
-            evidence_age_s=min(self.tracker.evidence_age(learnt.now), NO_REST_S),
+            evidence_age_s=min(self.tracker.evidence_age(learnt.now) + silent_s, NO_REST_S),
             temperature_c=self.tracker.thermometer.reading,
             rate_hz=self._rate(),
             samples_in=self.sequence.samples_in,

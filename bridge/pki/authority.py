@@ -70,8 +70,7 @@ def issue(
     hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
     role, unless told otherwise. Raises ValueError.
     """
-    if member.role is Role.ROUTER and not hosts:
-        raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
+    check_hosts(member, hosts)
     ca = x509.load_pem_x509_certificate(authority.certificate)
     signer = _private(authority.key)
     if ends > ca.not_valid_after_utc:
@@ -93,6 +92,12 @@ def issue(
     )
     between = authority.certificate if ca.issuer != ca.subject else b""
     return Pair(_signed(made, signer) + between, _pem(own))
+
+
+def check_hosts(member: Member, hosts: Sequence[str]) -> None:
+    """ValueError where a router is reached nowhere."""
+    if member.role is Role.ROUTER and not hosts:
+        raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
 
 
 def check_host(text: str) -> str:

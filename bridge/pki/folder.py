@@ -10,7 +10,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, issue, new_authority, new_issuer
+from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, check_hosts, issue, new_authority, new_issuer
 from bridge.pki.identity import Identity, certificates, common_name, hosts_of, lasts_of, signer
 from bridge.pki.member import Member
 from bridge.pki.papers import Lasts
@@ -41,6 +41,7 @@ class Folder:
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
         named = [check_host(host) for host in hosts]
+        check_hosts(member, named)  # before an issuer is made
         pair = issue(self._begun(member, now), member, now - EARLIER, now + timedelta(days=days), hosts=named)
         _keep(self.path / member.file, pair)
         return files

@@ -27,6 +27,8 @@ CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note"
 ANNOUNCED_AT = 5
 #: what is kept of a device by whoever had it before is good for so long
 FIRST_CHECKPOINT_S = 1.0
+#: of who said nothing for longer it is told how old what is known is now, s
+SILENT_S = 2.0
 #: calibrations that wait for a store that works again
 UNSAVED = 8
 
@@ -301,9 +303,15 @@ class Device:
         """All of it, fit for the wire."""
         more = [(OVERLOADED, self.overloaded_s)] if self.overloaded_s else []
         more += [(UNKEPT, 1)] if self.unkept else []
-        refused = self.source.refused(time.monotonic())
+        now = time.monotonic()
+        silent_s = now - self.heard if now - self.heard > SILENT_S else 0.0
         said = self.session.status(
-            time_ns, bridge=self.source.owner, refused_bridges=refused, epoch=self.epoch, more=more
+            time_ns,
+            bridge=self.source.owner,
+            refused_bridges=self.source.refused(now),
+            epoch=self.epoch,
+            silent_s=silent_s,
+            more=more,
         )
         return published.status(said)
 

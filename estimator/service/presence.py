@@ -43,6 +43,7 @@ class Presence:
         self._waiting: deque[tuple[str, bool]] = deque(maxlen=_MAX_WAITING)
         self._bridges = _Known(MAX_NAMES)
         self._devices: dict[str, _Known] = {}
+        self._forgot = False
 
     def change(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
         """A token was born or has died; called on a thread of the bus."""
@@ -67,6 +68,7 @@ class Presence:
 
     def forget(self) -> None:
         """The router is gone, and every token with it: that says nothing of anybody."""
+        self._forgot = True
         self._waiting.clear()
         self._bridges.tokens.clear()
         self._devices.clear()
@@ -94,6 +96,8 @@ class Presence:
             return f"its bridge {bridge} is gone: does it run, does it reach the router?"
         if token is not None and not token.alive:
             return f"bridge {bridge} hears it no more: is it switched on, plugged in, in reach?"
+        if there is None and self._forgot:
+            return f"its bridge {bridge} has not shown itself since the router is back: does it run?"
         return ""
 
     def _boot(self, device: str, boot: int) -> _Token | None:

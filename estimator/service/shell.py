@@ -120,7 +120,7 @@ class Service:
         self._quiet = Quiet(lambda: self._raw.waited_s > 0 or self._pressing)
         self._orders = Orders(self._devices, self._record, self._gate, self._silent, self._guarded, self.counts, now_ns)
         self._commands = Commands(self._peers.answers, lambda reason: self.counts.add(f"commands {reason}"))
-        self._next_status = 0.0
+        self._next_status, self._looked = 0.0, time.monotonic()
         self._router = RouterWatch(log, STATUS_S, vitals.routers if vitals else None)
         # Of a past that there is no room for the oldest is what others, or we before a restart, have corrected.
         self._raw = data.subscribe(
@@ -356,10 +356,13 @@ class Service:
             self._presence.forget()
         if self._router.look(now, connected=connected):
             for device in self._devices.values():  # nothing can be heard: unknown, not lost
-                device.heard = now
+                # Who was silent before is no more so by that, and no less.
+                was_silent = now - device.heard > self.settings.silence_s + STATUS_S
+                device.heard = min(now, device.heard + now - self._looked) if was_silent else now
                 device.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
+        self._looked = now
         for device in self._devices.values():
             self._quiet.add(Kind.LOOK, device.name, partial(self._look_after, device))
         ready = self._interim.ready

@@ -154,8 +154,10 @@ def _turns(told: Told, t: Texts) -> list[Turn]:
     for axis in (*told.done, *told.needed):
         mark = "done" if axis in told.done else "now" if turning and axis == told.axis else "next"
         picture = told.ways[axis]
-        found.append(Turn(AXES[axis], picture, mark, t(f"guide.{picture}"), t(f"guide.{mark}")))
-    return sorted(found, key=lambda turn: (turn.picture != Picture.FLAT, turn.axis))
+        # By which edge it was turned only its posture of then could tell.
+        how = "" if told.step in _OVER else t(f"guide.{picture}")
+        found.append(Turn(AXES[axis], picture, mark, how, t(f"guide.{mark}")))
+    return sorted(found, key=lambda turn: (bool(turn.how) and turn.picture != Picture.FLAT, turn.axis))
 
 
 def _side(side: int, seen: Sequence[int], t: Texts) -> Turn:

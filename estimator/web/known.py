@@ -3,13 +3,15 @@
 from collections import deque
 from dataclasses import dataclass, field, replace
 
+from bridge.wire import keys
 from bridge.wire.messages import BiasRevision, BootCause, Calibration, DeviceInfo, Note, Status, Verdict
 from bridge.wire.refusal import Tally
 from estimator import glance
 from estimator.glance import Glance
-from estimator.history import History
+from estimator.history import Biases, History
 from estimator.lifecycle import AWAY
-from estimator.ward_view import SILENT, UNKNOWN, WORDS, Row, WardView
+from estimator.texts import LANGUAGES, texts
+from estimator.ward_view import SILENT, UNKNOWN, Row, WardView
 from estimator.web.trail import Mark, Trail
 
 #: who is alive shows it within so long of there being a router, s
@@ -47,6 +49,8 @@ class Story:
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: deque[Note] = field(default_factory=lambda: deque(maxlen=NOTES))
     boots: dict[int, Boot] = field(default_factory=dict)
+    #: of its present boot, from a store
+    biases: Biases | None = None
 
     @property
     def boot(self) -> int:
@@ -166,6 +170,7 @@ class Known:
             story.take_boot(
                 Boot(int(row["boot"], 16), row["time_ns"], cause, f"{row['model']} {row['firmware']}".strip())
             )
+        story.biases = next((one for one in past.biases if one.boot == keys.boot_id(story.boot)), None)
 
     def rows(self, now: float) -> list[Row]:
         """Every device, those that need a person first."""
@@ -180,7 +185,7 @@ class Known:
     def _unheard(self, row: Row) -> Row:
         """The same while nothing can be heard: unknown, and never gone."""
         status = self.stories[row.device].status
-        was = UNKNOWN if status is None else WORDS[status.state]
+        was = UNKNOWN if status is None else texts(LANGUAGES[0])(f"state.{status.state.name.lower()}")
         said = "" if was == UNKNOWN else f": it was {was} when it was heard last"
         return replace(row, state=UNKNOWN, reason=f"the router is gone{said}")
 

@@ -143,15 +143,19 @@ def summary(known: Known, now: float, t: Texts) -> Summary:
 
 def past(story: Story, device: str) -> History:
     """How its bias went, for a picture; when it was far less sure than now is left out, lest it hide what it is now."""
-    trail = story.trail
-    std = trail.points[:, 3:6].max(axis=1)
-    known = np.isfinite(trail.points[:, :6]).all(axis=1)
+    times_ns, points = story.trail.times_ns, story.trail.points
+    if (stored := story.biases) is not None and len(times_ns):
+        before = stored.time_ns < times_ns[0]
+        rows = np.column_stack([stored.bias, stored.std, stored.temperature_c])
+        times_ns, points = np.append(stored.time_ns[before], times_ns), np.append(rows[before], points, axis=0)
+    std = points[:, 3:6].max(axis=1)
+    known = np.isfinite(points[:, :6]).all(axis=1)
     known &= std <= _UNSURE * std[known].min(initial=np.inf)
-    points, times_ns = trail.points[known], trail.times_ns[known]
+    points, times_ns = points[known], times_ns[known]
     if len(points) < 2:
         return History(device, (), (), (), ())
     biases = Biases("", times_ns, points[:, :3], points[:, 3:6], points[:, 6])
-    since_ns = trail.times_ns[0] - _BEFORE_NS
+    since_ns = times_ns[0] - _BEFORE_NS
     boots = [{"time_ns": boot.time_ns} for boot in story.boots.values() if boot.time_ns >= since_ns]
     made = [c for c in story.calibrations.values() if c.time_ns >= since_ns]
     return History(device, made, boots, (), [biases])

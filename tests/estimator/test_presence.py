@@ -67,6 +67,9 @@ def test_without_a_router_nothing_is_known() -> None:
     presence.forget()
     presence.note(1.0)
     assert not gone(presence, 1, 100.0)
+    assert "has not shown itself since the router is back" in presence.words("wrist", 1, "b")
+    presence.change(BRIDGE, True)
+    presence.note(2.0)
     assert presence.words("wrist", 1, "b") == ""
 
 

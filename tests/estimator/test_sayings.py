@@ -11,6 +11,7 @@ from estimator import glance
 from estimator.sayings import Sayings
 from estimator.service.shedding import WHY
 from estimator.texts import texts
+from estimator.track import zaru
 
 ROOT = Path(glance.__file__).parents[1]
 ZH = texts("zh").sayings or Sayings({}, {}, "{words}")
@@ -108,6 +109,12 @@ def spoken(path: Path) -> Iterator[str]:
             yield "".join(str(v.value) if isinstance(v, ast.Constant) else "1" for v in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and not hasattr(node, "of_no_interest"):
             yield node.value
+
+
+def test_why_evidence_is_refused_has_a_chinese() -> None:
+    for why in (zaru.REFUSED_TILT, zaru.UNPROVEN, "outside the gate", "not finite"):
+        assert texts("zh").said(f"zaru: {why}") != f"zaru: {why}"
+        assert not re.search("[a-z]{2}", texts("zh").said(why)), why
 
 
 @pytest.mark.parametrize("speaker", SPEAKERS)

@@ -263,6 +263,26 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     assert (later.state, later.reason[:25]) == (State.LOST, "no samples for 20 minutes")
 
 
+def test_who_was_lost_before_the_router_went_is_lost_for_as_long_when_it_is_back(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    device = ward.service._devices[NAME]
+    device.heard -= 600.0
+    assert ward.latest().reason == "no samples for 10 minutes"
+    ward.broker.stop()
+    for _ in range(3):
+        ward.service._every_second(time.monotonic())
+    ward.broker.start()
+    again = ward.latest()
+    assert again.reason.startswith("no samples for 10 minutes: its bridge bridge has not shown itself since the router")
+
+
+def test_what_is_known_of_a_silent_device_grows_old(ward: Ward, once: Stream) -> None:
+    ward.send(once.batches(), info(1))
+    before = ward.latest().evidence_age_s
+    ward.service._devices[NAME].heard -= 600.0
+    assert ward.latest().evidence_age_s == pytest.approx(before + 600.0, abs=30.0)
+
+
 def test_run_serves_until_stopped_and_says_goodbye(ward: Ward, once: Stream) -> None:
     alive: dict[str, bool] = {}
     watcher = MemoryBus(ward.broker)

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.wire import keys
 from bridge.wire.codec import Rates
 from bridge.wire.messages import NO_REST_S, BiasRevision, BootCause, CorrectedBatch, Quality, SampleBatch, State
 from estimator.guide.guide import Guide
+from estimator.history import Biases, History
 from estimator.texts import texts
 from estimator.ward_view import URGENCY
 from estimator.web import words
@@ -119,6 +121,32 @@ def test_the_guide_shows_no_tick_of_a_device_that_is_less_exact() -> None:
         view = guide_view(guide.told(), ward, name, 100.0)
         tones[name] = view.tone, view.say["en"].wrong
     assert tones == {"a": ("ask", ["the bias jumped"]), "b": ("well", [])}
+
+
+def test_of_turns_that_are_over_it_is_not_said_by_which_edge() -> None:
+    ward, guide = known(said("a")), Guide()
+    guide.take_status(ward.stories["a"].status or said("a"))
+    turns = guide_view(guide.told(), ward, "a", 100.0).say["en"].turns
+    assert [(turn.axis, turn.how, turn.state) for turn in turns] == [(axis, "", "done") for axis in "xyz"]
+
+
+def test_without_a_router_a_page_says_its_own_word_for_how_a_device_was() -> None:
+    ward = known(said("a", State.BIAS_ONLY))
+    ward.connected = False
+    (tile,) = ward_page(ward, 500.0, NOW, EN).tiles
+    assert tile.reason == "the router is gone: it was to be turned when it was heard last"
+    assert texts("zh").said(tile.reason) == f"路由器不在：最后收到时它处于“{texts('zh')('state.bias_only')}”"
+
+
+def test_a_picture_begins_where_the_store_does() -> None:
+    ward = known(said("a", boot=1, time_ns=NOW), said("a", boot=1, time_ns=NOW + S))
+    at = NOW - np.arange(50, 0, -1) * 60 * S
+    stored = Biases(keys.boot_id(1), at, np.zeros((50, 3)), np.full((50, 3), 1e-4), np.full(50, 30.0))
+    ward.take_past(History("a", (), (), (), (stored, replace(stored, boot="other"))))
+    (drawn,) = past(ward.stories["a"], "a").biases
+    assert len(drawn.time_ns) == 52
+    assert np.all(np.diff(drawn.time_ns) > 0)
+    assert drawn.time_ns[0] == at[0]
 
 
 def test_a_rest_is_said_only_where_there_was_one() -> None:

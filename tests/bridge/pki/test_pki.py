@@ -53,6 +53,12 @@ def test_private_keys_are_for_their_owner_alone(pki: Path) -> None:
     assert {stat.S_IMODE(folder.stat().st_mode) for folder in (pki, pki / "issuers")} == {0o700}
 
 
+def test_a_router_that_is_reached_nowhere_leaves_nothing_behind(pki: Path) -> None:
+    before = sorted(pki.rglob("*"))
+    assert run(pki, "issue", "router:r") == 2
+    assert sorted(pki.rglob("*")) == before
+
+
 def test_where_nothing_is_to_be_renewed_that_is_said(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(pki, "renew", "--soon") == 0
     assert "none ends soon" in capsys.readouterr().out

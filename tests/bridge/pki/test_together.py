@@ -252,6 +252,16 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
     assert not (tmp_path / "truerate.sqlite3").exists(), "who may not serve leaves no store behind"
 
 
+def test_two_estimators_on_one_machine_have_two_stores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, store in (("e1", "a.sqlite3"), ("e2", "./a.sqlite3"), ("e3", "b.sqlite3")):
+        bus = '[bus]\nconnect = ["tcp/127.0.0.1:7447"]'
+        text = f'ward = "w"\n{bus}\n[estimator]\nid = "{name}"\nstore = "{store}"\n'
+        (tmp_path / f"{name}.toml").write_text(text, "utf-8")
+    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e3"))]) == 0
+    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e2"))]) == 2
+    assert "each estimator needs one of its own" in capsys.readouterr().err
+
+
 def test_a_plain_bus_asks_nobody_who_he_is() -> None:
     assert Bus().routers_as(Role.BRIDGE, name="b1").identity is None
 

@@ -11,6 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from bridge.bus.contract import Message
+from bridge.config import Bridge
 from bridge.record.stretches import read
 from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
@@ -265,7 +266,7 @@ def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
         (["record", "--config", "none.toml"], 2, "there is no such file"),
         (["bridge", "replay", "x.npz"], 1, "x.npz: there is no such file"),
         (["bridge", "replay", "/"], 1, "/: not a file"),
-        (["bridge", "replay", __file__], 2, "does not say which device it is of: say it with --device ID"),
+        (["bridge", "replay", __file__], 1, "a recording ends in .npz"),
         (["calibrate", "x.mcap.part"], 1, "cannot be read"),
     ],
 )
@@ -279,3 +280,21 @@ def test_what_was_not_finished_is_to_be_made_whole_before_it_is_played(tmp_path:
     (part := tmp_path / "ward.mcap.part").touch()
     assert main(["bridge", "replay", str(part)]) == 1
     assert f"make it whole first: truerate recording recover {part}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("device", ["", "chest"])
+def test_a_recording_of_one_device_is_played_as_that_one_where_it_says_which(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    rest = {"gyro_rad_s": np.zeros((200, 3)), "rate_hz": np.array(100.0), "boot": np.array("0" * 15 + "1")}
+    np.savez(tmp_path / "one.npz", device=np.array(device), **rest)  # type: ignore[arg-type]
+    played = list[str]()
+
+    def serve(_ward: str, bridge: Bridge, *_: object, **__: object) -> int:
+        played.extend(one.id for one in bridge.devices)
+        return 0
+
+    monkeypatch.setattr("bridge.cli._serve", serve)
+    code = main(["bridge", "replay", str(tmp_path / "one.npz")])
+    assert (code, played) == ((0, ["chest"]) if device else (2, []))
+    assert ("say it with --device ID" in capsys.readouterr().err) == (not device)
