@@ -162,7 +162,8 @@ def test_a_slow_program_loses_the_oldest_and_is_told(
         for start in range(5, 500, 5):
             put(sending, start)
         assert numbers(until(iter(quick), 499)) == list(range(500)), "nobody else is hurt"
-    eventually(lambda: slow.dropped == 89)  # of the 99 that came since it has read
+    # Of the 99 that came since it has read; of several devices some wait on their way into one queue.
+    eventually(lambda: (89 if devices == "d" else 69) <= slow.dropped <= 89)
     with caplog.at_level(logging.WARNING):
         found = list(slow)
     assert found[-1].sequence == 495
