@@ -22,7 +22,7 @@ _BUDGET = 1e-5 / (100 * 365.25 * 86_400)  # false alarms a device second
 _RESTS = 10  # seconds at rest before the noise is known
 _REST_STD = radians(1.0)
 _LEAST_SAMPLES = 8  # of a second
-_MOST_SAMPLES = 16_384  # of a clock that hardly moves
+_MOST_SAMPLES = 1 << 18  # of a clock that hardly moves
 _NOISY = 1.5  # steps: rms of the difference of two readings, below which the step hides the noise
 _LEAP_K, _WARMING_K_PER_S = 2.0, 1.0  # coarse thermometers step by a whole kelvin
 

@@ -19,6 +19,7 @@ from estimator.guide.steps import Step, Told
 from estimator.gyro import AXES, SIGMAS
 from estimator.session_knobs import SessionKnobs
 from estimator.texts import Texts
+from estimator.ward_view import listed
 from estimator.web.guide_view import unless_broken
 from estimator.web.known import Known, Story
 
@@ -51,7 +52,7 @@ def calibrate(
             told, passed = heard.told(LOOK_S), time.monotonic() - begin
             if passed > MISNAMED_S and not misnamed and (there := heard.others()):
                 misnamed = True
-                console.print(t.said(f"no device {device} was heard; there are: {', '.join(there)}"))
+                console.print(t.said(f"no device {device} was heard; there are: {listed(there)}"))
             if told.step is Step.IDLE and not asked:
                 asked = True
                 reply = client.recalibrate(device, who)

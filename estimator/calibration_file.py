@@ -133,11 +133,14 @@ def save(calibration: Calibration, path: Path | str) -> None:
     """Write a calibration, whole or not at all."""
     path = Path(path)
     part = path.with_name(f".{path.name}.part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(as_json(calibration)) + "\n")
-        file.flush()
-        os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
-    part.replace(path)
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(json.dumps(as_json(calibration)) + "\n")
+            file.flush()
+            os.fsync(file.fileno())  # else a loss of power may leave the new name, and nothing in it
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def load(path: Path | str) -> Calibration:

@@ -17,7 +17,7 @@ CLOCK_LOST_S = 1.0
 #: device time up to which samples may end after the one before and be looked at no further
 PLAIN_S = 60.0
 #: and which they are apart, at least
-CLOSEST_S = 1e-4
+CLOSEST_S = 5e-6
 
 
 class Point(NamedTuple):

@@ -1,8 +1,7 @@
 """Several subscriptions read as one: of a few devices, where a pattern would bring all of them over the network."""
 
 import threading
-import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from bridge.bus.contract import Message, Subscription
@@ -19,7 +18,7 @@ class Together:
         if not subscriptions:
             raise ValueError("nothing to read together; give one subscription or more")
         self._parts, self._inbox, self._capacity = tuple(subscriptions), Inbox(capacity), capacity
-        self._putting = threading.Lock()
+        self._turns, self._line = threading.Condition(), deque[object]()
         self._queues: tuple[Inbox | Subscription, ...] = (self._inbox, *self._parts)
         self._open = len(self._parts)
         self._lock = threading.Lock()
@@ -28,17 +27,25 @@ class Together:
 
     def _pump(self, part: Subscription) -> None:
         while not part.closed:
-            came = part.drain(min(_CHUNK, self._capacity), _WAIT_S)
-            with (
-                self._putting
-            ):  # what there is no room for waits where it came, which is where the past has room of its own
-                while self._inbox.waiting + len(came) > self._capacity and not self._inbox.closed:
-                    time.sleep(_TURN_S)
-                self._inbox.put(came)
+            if came := part.drain(min(_CHUNK, self._capacity), _WAIT_S):
+                self._put(came, part)
         with self._lock:
             self._open -= 1
             if not self._open:
                 self._inbox.close()
+
+    def _put(self, came: list[Message], part: Subscription) -> None:
+        """What there is no room for waits where it came, which is where the past has room of its own; one after the other."""
+        turn = object()
+        with self._turns:
+            self._line.append(turn)
+            while self._line[0] is not turn or self._inbox.waiting + len(came) > self._capacity:
+                if self._inbox.closed or part.closed:
+                    break
+                self._turns.wait(_TURN_S)
+            self._line.remove(turn)
+            self._inbox.put(came)
+            self._turns.notify_all()
 
     def receive(self, timeout_s: float) -> Message | None:
         """See contract.Subscription."""

@@ -43,7 +43,7 @@ class TextDecoder:
     ) -> None:
         self.faults = Tally()
         self._profile = profile
-        self._captured = captured
+        self._captured, self._told = captured, 0
         self._refused = refused
         self._lines = Lines()
         self._banners = [re.compile(rf"(?:{banner})\Z") for banner in profile.banners]
@@ -103,11 +103,18 @@ class TextDecoder:
                 return self._began()
             if isinstance(read, Row):
                 self._booting = False
-                came_ns = round(read.tick * self._tick_s * 1e9) if self._captured else receive_time_ns
+                came_ns = self._told_ns(read.tick) if self._captured else receive_time_ns
                 self._assembly.add(*read, receive_time_ns=came_ns)
             else:
                 self._refuse(read, line.text)
         return []
+
+    def _told_ns(self, tick: int) -> int:
+        """When it came, by the device's clock: a counter that is lower by more than half a turn went round."""
+        turn = 1 << self._tick_bits
+        step = (tick - self._told) % turn
+        self._told += step if step < turn // 2 else step - turn
+        return round(self._told * self._tick_s * 1e9)
 
     def _is_banner(self, text: str) -> bool:
         """Whether the device said that it starts; what else it said of itself is kept."""
@@ -146,11 +153,14 @@ class TextDecoder:
 
     def _assemble(self) -> Assembly:
         time = self._profile.time
-        self._tick_s = 0.0
+        self._tick_s, self._tick_bits = 0.0, 64
         if time is None or not self._clock:
             return Assembly(self.faults, self._about_it(), None)
-        self._tick_s, bits = (TIMES[time.unit], time.width) if time.width else (DECIMAL_TICK_S, 64)
-        return Assembly(self.faults, self._about_it(), self._tick_s, bits)
+        if time.width:
+            self._tick_s, self._tick_bits = TIMES[time.unit], time.width
+        else:
+            self._tick_s = DECIMAL_TICK_S
+        return Assembly(self.faults, self._about_it(), self._tick_s, self._tick_bits)
 
     def _about_it(self) -> About:
         """A clock knows the rate better than whoever wrote it down."""

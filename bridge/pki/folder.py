@@ -62,8 +62,11 @@ class Folder:
                 f" give that a new one: truerate pki revoke {member.label}, then issue"
             )
         key = Path(files.key).read_bytes()
-        for_ = lasted.ends - lasted.begins - EARLIER if days is None else timedelta(days=days)
-        pair = issue(self._begun(member, now), member, now - EARLIER, now + for_, hosts=hosts, key=key)
+        if days is None:  # the authority's own end is another's to see to
+            ends = min(now + (lasted.ends - lasted.begins - EARLIER), self.authority_lasts().ends)
+        else:
+            ends = now + timedelta(days=days)
+        pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 

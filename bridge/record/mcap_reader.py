@@ -79,6 +79,7 @@ class McapReader:
         if magic != MCAP0_MAGIC[: len(magic)]:
             raise RecordingError(f"{place}: not an MCAP file; it begins with {magic!r}")
         self.good = self._sure = len(magic)  # behind the last chunk that was whole
+        self._since = set[int]()  # where other records are, since then, that were understood
 
     @property
     def whole(self) -> bool:
@@ -179,7 +180,7 @@ class McapReader:
             for hit in _BEGIN.finditer(block):
                 self._file.seek(at + hit.start())
                 record = self._next()
-                if record is not None and _holds(*record):
+                if record is not None and at + hit.start() not in self._since and _holds(*record):
                     return at + hit.start()
             if len(block) < _BLOCK or at > self._end:
                 return None
@@ -199,6 +200,9 @@ class McapReader:
             return
         if opcode == Opcode.CHUNK:
             self._sure = self.good + _HEAD.size + stream.count
+            self._since.clear()
+        else:
+            self._since.add(self.good)
         for record in records:
             if isinstance(record, Message):
                 if (channel := self._channels.get(record.channel_id)) is None:

@@ -33,8 +33,11 @@ def connect(path: str, *, uri: bool = False) -> sqlite3.Connection:
 
 
 def on_file(db: sqlite3.Connection) -> bool:
-    """Whether it is of a file, and not of memory."""
-    return any(place for _, _, place in db.execute("PRAGMA database_list"))
+    """Whether it is of a file, and not of memory; one that does not answer is."""
+    try:
+        return any(place for _, _, place in db.execute("PRAGMA database_list"))
+    except sqlite3.Error:
+        return True
 
 
 def beside(path: Path) -> sqlite3.Connection:

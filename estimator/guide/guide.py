@@ -15,6 +15,8 @@ from estimator.stillness import StillnessKnobs
 
 CALIBRATING = (State.AWAITING_STILL, State.BIAS_ONLY, State.TURNING)
 _CALIBRATED = (State.TRACKING, State.DEGRADED)
+#: in what the estimator says of a device that it hears and does not take; and where it hears nobody
+_UNUSED, _NO_ROUTER = "what it sends is not used", "the router is gone"
 #: seconds of rest after which the estimator has judged a turn, or never will
 _JUDGED_S = 3.0
 _FULL = 2 * pi
@@ -77,7 +79,10 @@ class Guide:
 
     def _now(self) -> Told:
         status = self._status
-        if status is not None and status.state is State.UNKNOWN and (why := reasons.said(status.reason)):
+        if status is not None and status.state is State.UNKNOWN and status.reason.startswith(_NO_ROUTER):
+            return Told(Step.BROKEN, Picture.NOTHING, Words("broken"))
+        unused = status is not None and (status.state is State.UNKNOWN or _UNUSED in status.reason)
+        if status is not None and unused and (why := reasons.said(status.reason)):
             return Told(Step.REFUSED, Picture.NOTHING, Words("refused"), wrong=why)
         if status is None or status.state in (State.UNKNOWN, State.LOST):
             return Told(Step.AWAY, Picture.NOTHING, Words("away"))

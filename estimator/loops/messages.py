@@ -20,7 +20,7 @@ Bytes = NDArray[np.uint8]
 MOST_OF_ONE = 56
 _FIXED, _VARINT, _BYTES = 1, 0, 2
 #: s; samples that come closer to each other are looked at one by one
-_CLOSEST_S = 1e-4
+_CLOSEST_S = 5e-6
 #: columns of `whole`: samples, the first of them, what is said of it, where in the messages its columns are, 0 where it has none,
 #: and whether it goes on where its sender is; and of `real`
 COUNT, FIRST, BOOT, SEQUENCE, RECEIVED, START, TICKS, GYRO, ACCEL, CELSIUS, AHEAD = range(11)

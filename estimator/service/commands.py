@@ -31,6 +31,11 @@ class _Asked:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _decided: bool = False
 
+    @property
+    def request(self) -> tuple[str, str, str]:
+        """By which it is the same as another."""
+        return self.key.device, self.key.ids["verb"], self.command.request_id
+
     def decide(self) -> bool:
         """Begin it, or give it up: True for whoever comes first."""
         with self._lock:
@@ -48,6 +53,7 @@ class Commands:
         self._refused: deque[str] = deque(maxlen=_REMEMBERED)  # on threads of the bus; counted on the service's own
         self._waiting: queue.Queue[_Asked] = queue.Queue(maxsize=64)
         self._answered: OrderedDict[tuple[str, str, str], CommandReply] = OrderedDict()
+        self._unkept: dict[tuple[str, str, str], list[_Asked]] = {}  # those that are done, and not written down yet
 
     def ask(self, key: str, payload: bytes) -> bytes:
         """Called by the bus: hand a command to the service and wait for what came of it."""
@@ -81,24 +87,29 @@ class Commands:
                 self._once(asked, do)
 
     def _once(self, asked: _Asked, do: Do) -> None:
-        request = (asked.key.device, asked.key.ids["verb"], asked.command.request_id)
+        request = asked.request
         if (before := self._answered.get(request)) is not None:
             self._counted("repeated")
-            asked.reply = before
-            asked.done.set()
+            self._answer(asked, before)
             return
-        kept = threading.Event()  # maybe before there is a reply, on this thread
+        self._unkept[request] = []
 
-        def answer() -> None:
-            kept.set()
-            if asked.reply is not None:
-                asked.done.set()
+        def kept() -> None:
+            for each in self._unkept.pop(request, ()):
+                each.done.set()
 
-        asked.reply = self._answered[request] = do(asked.key, asked.command, answer)
-        if kept.is_set():
-            asked.done.set()
+        self._answered[request] = do(asked.key, asked.command, kept)
+        self._answer(asked, self._answered[request])
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
+
+    def _answer(self, asked: _Asked, reply: CommandReply) -> None:
+        """At once, or when what was done is written down."""
+        asked.reply = reply
+        if (waiting := self._unkept.get(asked.request)) is None:
+            asked.done.set()
+        else:
+            waiting.append(asked)
 
     def _late(self, asked: _Asked, message: str) -> bytes:
         return codec.encode_reply(CommandReply(asked.command.request_id, accepted=False, message=message))

@@ -17,8 +17,8 @@ OWNED_S = 1.0
 PERSISTS_S, PERSISTS_BATCHES = 3.0, 5
 #: no device is faster; a cache may hold this much that was said in no time
 FASTEST_HZ, CACHE_S = 1e4, 60.0
-#: of samples closer to each other so many are taken; what waits for its device's time to go on would have no end
-CROWD = 4096
+#: of samples closer to each other than these so many are taken; what waits for its device's time to go on would have no end
+CROWD, CROWD_HZ = 4096, 2e5
 #: no batch is of a longer time: each second of it is work of its own
 BATCH_S = 600.0
 #: device time may run this much ahead of what the clock's rate says: a replay's rate is only learnt after a while
@@ -148,7 +148,7 @@ class Source:
         """Whether its samples are closer together, or further apart, than those of any device."""
         begin_s, end_s = (int(tick) * batch.tick_period_s for tick in (batch.ticks[0], batch.ticks[-1]))
         since_s = begin_s if self._latest is None else min(begin_s, self._latest.device_s)
-        room = min(CROWD, self._room + (end_s - since_s) * FASTEST_HZ) - len(batch)
+        room = min(CROWD, self._room + (end_s - since_s) * CROWD_HZ) - len(batch)
         if room < 0 or end_s - begin_s > BATCH_S:
             return True
         self._room = room

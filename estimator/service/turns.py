@@ -7,7 +7,7 @@ device says keeps its order, so what comes of it is the same whenever its turn i
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 
 from bridge.bus.contract import Message
@@ -43,10 +43,14 @@ class Turns:
     """
 
     def __init__(
-        self, take: Take, dropped: Callable[[str, int], None], clock: Callable[[], float] = time.monotonic
+        self,
+        take: Take,
+        dropped: Callable[[str, int], None],
+        clock: Callable[[], float] = time.monotonic,
+        busy: Callable[[], float] = time.thread_time,
     ) -> None:
-        self._take, self._dropped, self._clock = take, dropped, clock
-        self._queues: dict[str, deque[Message]] = {}  # of those that wait or are slow
+        self._take, self._dropped, self._clock, self._busy = take, dropped, clock, busy
+        self._queues: dict[str, _Queue] = {}  # of those that wait or are slow
         self._slow: set[str] = set()
         # Of them: those that are brought up to now, the ones of which that comes before all else, and of which nothing came yet.
         self._past, self._soon, self._first = set[str](), dict[str, None](), set[str]()
@@ -89,7 +93,7 @@ class Turns:
         """Whether a message of this key may now take as long as a calibration does."""
         if now:
             self._slow.add(key)
-            self._queues.setdefault(key, deque())
+            self._queues.setdefault(key, _Queue())
         else:
             self._slow.discard(key)
 
@@ -100,7 +104,7 @@ class Turns:
         """
         if key in self._past:
             return
-        queue = self._queues.setdefault(key, deque())
+        queue = self._queues.setdefault(key, _Queue())
         if not queue:  # else what comes next is not the first
             self._first.add(key)
         self._past.add(key)
@@ -126,16 +130,17 @@ class Turns:
         part_s = min(PART * (began - self._ended), PART_S)
         while (key := self._next()) is not None:
             queue, past = self._queues.pop(key), key in self._past
-            part, counts = _share(queue, one=key in self._slow)
+            part, counts = queue.share(one=key in self._slow)
             self._count(key, -len(part))
             if queue or key in self._slow:
                 self._queues[key] = queue  # behind the others
             if not queue:
                 self._caught_up(key)
-            left, before = self._left(key), self._clock()
+            left, before = self._left(key), self._busy()
             self._take(part)
-            took = int((self._clock() - before) / LONG_S)
-            self._allowed[key] = left - max(counts, min(took, A_SECOND)), self._clock()
+            if not past:
+                counts = max(counts, min((self._busy() - before) / LONG_S, A_SECOND))
+            self._allowed[key] = left - counts, self._clock()
             if len(self._allowed) > _REMEMBERED:
                 self._allowed = {
                     k: one for k, one in self._allowed.items() if k in self._queues or self._left(k) < AT_ONCE
@@ -182,24 +187,19 @@ class Turns:
                 taken[key] += _counts(message)
                 prompt.append(message)
                 continue
-            queue = self._queues.setdefault(key, deque())
-            queue.append(message)
+            queue = self._queues.setdefault(key, _Queue())
+            queue.put(message)
             self._count(key, 1)
-            if (over := len(queue) - self._room(key, message)) > 0:
-                for _ in range(over):
-                    queue.popleft()
+            if over := queue.fit(self._room(key)) if key not in self._past else queue.shorten(MOST):
                 self._count(key, -over)
                 self._dropped(key, over)
             elif len(queue) > MOST // 2 and key in self._past and key not in self._soon:
                 self._soon = {key: None} | self._soon  # before any of it is dropped
         return prompt
 
-    def _room(self, key: str, message: Message) -> int:
-        """How many messages like this may wait under its key."""
-        counts, waiting = _counts(message), len(self._queues[key])
-        if counts * waiting <= A_SECOND:
-            return waiting
-        return max(1, round((MOST if self._left(key) > 0 else A_SECOND) / counts))
+    def _room(self, key: str) -> float:
+        """As how many messages those may count that wait under a key."""
+        return MOST if self._left(key) > 0 else A_SECOND
 
     def _count(self, key: str, more: int) -> None:
         self.waiting += more
@@ -217,11 +217,49 @@ def _counts(message: Message) -> int:
     return 1 + len(message.payload) // LARGE
 
 
-def _share(queue: deque[Message], *, one: bool) -> tuple[list[Message], int]:
-    """The next of a queue that may be handled before time is looked at again, and as how many they count."""
-    part = [queue.popleft()]
-    counts = _counts(part[0])
-    while queue and not one and (more := counts + _counts(queue[0])) <= SHARE:
-        part.append(queue.popleft())
-        counts = more
-    return part, counts
+class _Queue:
+    """Messages that wait, and as how many they count."""
+
+    __slots__ = ("_messages", "counts")
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque()
+        self.counts = 0
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def __iter__(self) -> Iterator[Message]:
+        return iter(self._messages)
+
+    def put(self, message: Message) -> None:
+        self._messages.append(message)
+        self.counts += _counts(message)
+
+    def next(self) -> Message:
+        message = self._messages.popleft()
+        self.counts -= _counts(message)
+        return message
+
+    def fit(self, most: float) -> int:
+        """Drop the oldest until the rest counts as no more than so many; how many were dropped."""
+        dropped = 0
+        while self.counts > most and len(self._messages) > 1:
+            self.next()
+            dropped += 1
+        return dropped
+
+    def shorten(self, most: int) -> int:
+        """The same until they are no more than so many."""
+        dropped = 0
+        while len(self._messages) > most:
+            self.next()
+            dropped += 1
+        return dropped
+
+    def share(self, *, one: bool) -> tuple[list[Message], float]:
+        """The next that may be handled before time is looked at again, and as how many they count."""
+        counts, part = self.counts, [self.next()]
+        while self._messages and not one and counts - self.counts + _counts(self._messages[0]) <= SHARE:
+            part.append(self.next())
+        return part, counts - self.counts

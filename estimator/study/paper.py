@@ -102,8 +102,11 @@ def run(console: Console, scenario: Scenario, workers: int | None, picture: Path
     picture.parent.mkdir(parents=True, exist_ok=True)
     report = {"scenario": asdict(scenario), "rows": [asdict(row) for row in rows]}
     unfinished = beside.with_name(f".{beside.name}.part")
-    unfinished.write_text(json.dumps(report, indent=1) + "\n")
-    unfinished.replace(beside)
+    try:
+        unfinished.write_text(json.dumps(report, indent=1) + "\n")
+        unfinished.replace(beside)
+    finally:
+        unfinished.unlink(missing_ok=True)
     panels = []
     for noise, found in errors.items():
         for name, part, unit in (

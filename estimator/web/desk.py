@@ -4,6 +4,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from http import HTTPStatus
 from math import ceil
@@ -62,7 +63,11 @@ class Desk:
         #: the picture that was drawn last, and when, by device
         self.drawn: dict[str, tuple[float, bytes]] = {}
         self._store = store
-        self._reading = asyncio.Lock()
+        #: who reads of a device, its past and all of its calibrations
+        self._reading, self._listing = (
+            defaultdict[str, asyncio.Lock](asyncio.Lock),
+            defaultdict[str, asyncio.Lock](asyncio.Lock),
+        )
         self._past_at: dict[str, float] = {}
 
     @classmethod
@@ -146,17 +151,21 @@ class Desk:
             raise Fault(HTTPStatus.SERVICE_UNAVAILABLE, "no_answer", message) from error
 
     async def remember(self, device: str) -> None:
-        """Add what the store has of a device, where the store is at hand."""
-        if self._store is None or not self._store.is_file():
+        """Add what the store has of a device that is known, where the store is at hand; Fault where it is not."""
+        self.story(device)
+        if self._store is None or not self._store.is_file() or self._fresh(device):
             return
-        async with self._reading:  # whoever asks meanwhile waits for it, too
-            if time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S:
+        async with self._reading[device]:  # whoever asks meanwhile waits for it, too
+            if self._fresh(device):
                 return
             try:
                 self.known.take_past(await run_in_threadpool(_past, self._store, device))
             except (StoreError, OSError) as error:
                 log.warning("the store %s cannot be read: %s", self._store, error)
             self._past_at[device] = time.monotonic()
+
+    def _fresh(self, device: str) -> bool:
+        return time.monotonic() - self._past_at.get(device, -PAST_S) < PAST_S
 
     async def calibrations(self, device: str) -> list[Calibration]:
         """All of a device, oldest first: what was heard, and from the store what is older than is remembered."""
@@ -165,7 +174,7 @@ class Desk:
         if len(heard) < CALIBRATIONS or self._store is None or not self._store.is_file():
             return list(heard.values())
         try:
-            async with self._reading:
+            async with self._listing[device]:
                 stored = await run_in_threadpool(_calibrations, self._store, device)
         except (StoreError, OSError) as error:
             log.warning("the store %s cannot be read: %s", self._store, error)

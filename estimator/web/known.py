@@ -124,8 +124,8 @@ class Known:
     def take_status(self, status: Status, now: float) -> None:
         """The estimator's word on a device, heard at `now` seconds."""
         if (story := self.story(status.device)) is not None:
-            story.status = status
-            if status.state not in AWAY:
+            again, story.status = story.status is not None, status
+            if again and status.state not in AWAY:  # the first word may be one that the bus remembers
                 story.heard_s = now
             story.trail.take(status)
             self._view.take_status(status, now)
@@ -161,7 +161,7 @@ class Known:
 
     def take_past(self, past: History) -> None:
         """What a store has of a device."""
-        if (story := self.story(past.device)) is None:
+        if (story := self.stories.get(past.device)) is None:
             return
         for calibration in reversed(past.calibrations):  # those that are too old come last, and leave no marks
             story.take_calibration(calibration)

@@ -18,7 +18,7 @@ class Desk:
         self.now, self.done = 0.0, list[Message]()
         self.dropped: dict[str, int] = {}
         self._cost_s = cost_s or {}
-        self.turns = Turns(self.take, self.drop, lambda: self.now)
+        self.turns = Turns(self.take, self.drop, lambda: self.now, lambda: self.now)
 
     def take(self, messages: Sequence[Message]) -> None:
         self.done += messages
@@ -233,11 +233,11 @@ def test_with_too_many_waiting_nothing_more_is_to_be_taken_in(monkeypatch: pytes
     assert not desk.turns.full
 
 
-@pytest.mark.parametrize("keys", [6, 40])
+@pytest.mark.parametrize("keys", [6, 12])
 def test_however_many_send_too_much_who_does_not_is_heard_at_once(keys: int) -> None:
     floods = [f"flood{n}" for n in range(keys)]
     desk = Desk()
-    for number in range(1000):
+    for number in range(500):
         desk.turns.round([message for key in floods for message in messages(key, 25 * number, 25 * number + 25)])
         assert not desk.turns.full
         desk.turns.round(messages("calm", number, number + 1))
@@ -259,3 +259,27 @@ def test_what_is_large_counts_as_many_and_what_takes_long_is_handled_seldom() ->
         desk.now = max(desk.now, 0.05 * number)
     spent = 0.1 * sum(message.key == "long" for message in desk.done)
     assert spent < 2.5 + 0.25 * desk.now
+
+
+def test_a_large_one_drops_no_more_of_the_small_ones_before_it_than_it_takes_room_for() -> None:
+    desk = Desk({"a": 1.0})
+    desk.turns.round(messages("a", 0, 3000))
+    desk.turns.round([Message("a", b"3000" + bytes(40_000))])
+    assert desk.dropped == {}
+    desk.turns.round(messages("a", 3001, 4200))
+    assert 0 < desk.dropped["a"] < 4200 - rules.MOST + 40_004 // rules.LARGE + 2 * rules.SHARE
+
+
+def test_who_is_brought_up_to_now_is_so_though_what_it_teaches_takes_long() -> None:
+    desk = Desk({"back": 8e-3})
+    desk.turns.behind("back", soon=False)
+    desk.turns.slow("back", now=True)
+    at = 600
+    desk.turns.round(messages("back", 0, at))
+    while desk.turns.of_the_past("back"):
+        desk.turns.round(messages("back", at, at + 1))
+        at, desk.now = at + 1, desk.now + 0.05
+        assert desk.now < 60.0
+    assert desk.dropped == {}
+    desk.finish()
+    assert desk.numbers("back") == list(range(at))

@@ -389,6 +389,9 @@ def test_old_calibrations_have_certificates_and_push_nothing_out(tmp_path: Path)
             assert "There is none to compare it with." not in answer.text
         server.desk._past_at.clear()
         assert client.get("/devices/chest").status_code == 200
+        for path in ("/devices/nobody/calibrations/x/certificate", "/api/v1/devices/nobody/calibrations"):
+            assert client.get(path).status_code == 404
+    assert list(known.stories) == ["chest"], "of who is nobody nothing is kept"
     story = known.stories["chest"]
     assert list(story.calibrations) == [ids[100], *ids[-CALIBRATIONS:]]
     assert len(story.trail.marks) == 2 + CALIBRATIONS

@@ -83,7 +83,7 @@ def test_a_device_nobody_speaks_of_any_more_is_silent() -> None:
     assert "10 s" in tile.reason
     assert ward_page(known(said("a")), 100.0, NOW, EN).tiles[0].stale == ""
     for ahead_s in (-3600, 3600):  # by the estimator's clock; when it was heard is a matter of our own
-        ward = known(said("a", time_ns=NOW + ahead_s * S))
+        ward = known(said("a", time_ns=NOW + ahead_s * S), said("a", time_ns=NOW + ahead_s * S + 1))
         assert ward_page(ward, 110.0, NOW, EN).tiles[0].stale == "as of 10 s ago"
 
 

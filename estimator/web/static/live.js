@@ -29,8 +29,12 @@ function ask() {
 function connect() {
   const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   opened.binaryType = "arraybuffer";
-  opened.onopen = () => { tries = 0; moved = performance.now(); ask(); };
-  opened.onmessage = (event) => take(event.data);
+  opened.onopen = () => { moved = performance.now(); ask(); };
+  opened.onmessage = (event) => {
+    tries = 0; // one that is full lets in, and closes
+    full = false;
+    take(event.data);
+  };
   opened.onclose = (event) => {
     if (socket !== opened) return;
     full = event.code === LATER;

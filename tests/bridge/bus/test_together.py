@@ -1,5 +1,7 @@
 """Subscriptions that are read as one lose nothing that each by itself would not."""
 
+import time
+
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.bus.together import Together
@@ -28,3 +30,18 @@ def test_of_a_past_that_a_reader_has_no_room_for_nothing_is_lost_and_of_the_pres
     assert left + together.overflowed == 2 * n
     assert together.overflowed > 0
     together.close()
+
+
+def test_who_closes_it_while_nobody_reads_ends_what_reads_ahead() -> None:
+    broker = MemoryBroker()
+    sending, reading = MemoryBus(broker), MemoryBus(broker)
+    publishers = [sending.publisher(key) for key in ("w/a", "w/b")]
+    together = Together([reading.subscribe(key, capacity=10) for key in ("w/a", "w/b")], 10)
+    for _ in range(100):
+        for publisher in publishers:
+            publisher.put(b"")
+    reading.close()
+    until = time.monotonic() + 5.0
+    while not together.closed:
+        assert time.monotonic() < until
+        time.sleep(0.01)

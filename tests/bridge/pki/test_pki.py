@@ -89,6 +89,13 @@ def test_who_was_given_few_days_has_as_few_again_and_is_renewed_in_the_last_thir
     assert lasts(made.identity(router)).ends - utc_now() == pytest.approx(14 * DAY, abs=DAY / 10)
 
 
+def test_a_renewal_lasts_no_longer_than_the_authority(pki: Path) -> None:
+    made, router, now = Folder(pki), Member(Role.ROUTER, "r"), utc_now()
+    made.issue(router, now, 365, ("10.0.0.5",))
+    made.renew(router, made.authority_lasts().ends - 200 * DAY)
+    assert lasts(made.identity(router)).ends == made.authority_lasts().ends
+
+
 def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = {path: path.read_bytes() for path in pki.rglob("*.*")}
 

@@ -161,6 +161,21 @@ def test_what_is_damaged_between_chunks_costs_none(finish: bool) -> None:
         assert not reader.lost
 
 
+def test_what_is_torn_behind_declarations_is_said_once() -> None:
+    file = BytesIO()
+    writer = McapWriter(file, "truerate", {"ward": "w"})
+    for number in range(20):
+        topic = f"raw/bridge-1/d{number}"
+        writer.add(
+            writer.channel(topic, "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {"key": topic}), 1, 1, payload(0)
+        )
+    writer.flush()
+    data = file.getvalue()
+    entries, reader = read(data[: data.rindex(b"\4\0\0\0zstd") + 60])
+    assert entries == []
+    assert len(reader.trouble) == len(reader.lost) == 1
+
+
 def test_what_the_summary_says_of_channels_counts_for_it_has_a_checksum() -> None:
     file = BytesIO()
     write(file)

@@ -6,10 +6,13 @@ from math import degrees
 import numpy as np
 import pytest
 
+from bridge.enrolled import Enrolment
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
+from bridge.wire.refusal import Tally
 from estimator.guide.guide import Guide
 from estimator.guide.steps import Picture, Step, Told
+from estimator.service.gate import Gate
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import StillnessKnobs
@@ -225,6 +228,16 @@ def test_whose_samples_are_not_used_is_not_asked_to_be_switched_on() -> None:
     guide.take_status(replace(never, state=State.UNKNOWN, reason="not enrolled"))
     said = guide.told()
     assert (said.step, [words.values for words in said.wrong]) == (Step.REFUSED, [{"words": "not enrolled"}])
+    gate = Gate(Enrolment(enrolled=("other",)), Tally())
+    struck = replace(never, state=State.LOST, reason=f"no samples for 9.0 s: {gate.words(NAME)}")
+    guide.take_status(struck)
+    assert guide.told().step is Step.REFUSED
+    guide.take_status(replace(struck, reason="no samples for 9.0 s"))
+    assert guide.told().step is Step.AWAY
+    guide.take_status(
+        replace(never, state=State.UNKNOWN, reason="the router is gone: whether it still sends is not known")
+    )
+    assert guide.told().step is Step.BROKEN
 
 
 def test_late_and_repeated_readings_change_nothing() -> None:
