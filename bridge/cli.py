@@ -105,8 +105,8 @@ def _of_a_device(args: argparse.Namespace) -> list[dict[str, object]]:
         raise RecordingError(f"{args.file}: {'not a file' if args.file.exists() else 'there is no such file'}")
     from bridge.recording import load as load_recording  # noqa: PLC0415 - as above
 
-    device = load_recording(args.file, args.rate_hz).device if args.device is None else args.device
-    if not device:
+    recorded = load_recording(args.file, args.rate_hz).device
+    if not (device := args.device or recorded):
         raise ValueError(f"{args.file} does not say which device it is of: say it with --device ID")
     rate = {} if args.rate_hz is None else {"rate_hz": args.rate_hz}
     return [{**_replayed(args), "id": device, **rate}]

@@ -158,6 +158,11 @@ def _renew(given: argparse.Namespace) -> int:
             _made(folder.renew(member, now, given.days))
         except ValueError as error:
             wrong.append(str(error))
+    if now >= (authority := folder.authority_lasts()).soon:
+        print(
+            f"truerate: the authority itself ends on {authority.ends:%Y-%m-%d}, and with it all certificates: make a new one",
+            file=sys.stderr,
+        )
     if wrong:
         raise ValueError("\n".join(wrong))
     return 0

@@ -125,7 +125,7 @@ def _on_one_machine(wards: Mapping[Path, Root]) -> Iterator[str]:
     """Files of a ward whose programs go to routers of their own machine: to the same, and each listens at a port of its own."""
     first: dict[str, tuple[Path, Sequence[str]]] = {}
     taken: list[tuple[Path, str, str]] = []
-    stores: dict[Path, Path] = {}
+    stores: dict[tuple[str, Path], Path] = {}
     for path, root in wards.items():
         here = root.bus.connect
         if not all(map(loopback, here)):
@@ -137,7 +137,7 @@ def _on_one_machine(wards: Mapping[Path, Root]) -> Iterator[str]:
                 " not hear who goes to another: is one of the ports mistaken?"
             )
         own: Any = root.estimator
-        if own is not None and (other := stores.setdefault(Path(own.store).absolute(), path)) != path:
+        if own is not None and (other := stores.setdefault((root.ward, Path(own.store).absolute()), path)) != path:
             yield f"{path}: store is {own.store!r}, as in {other}: each estimator needs one of its own"
         for table in (root.bridge, root.estimator):
             health: str = table.health if table is not None else ""

@@ -42,7 +42,7 @@ class Together:
             while self._line[0] is not turn or self._inbox.waiting + len(came) > self._capacity:
                 if self._inbox.closed or part.closed:
                     break
-                self._turns.wait(_TURN_S)
+                self._turns.wait(_TURN_S if self._line[0] is turn else _WAIT_S)
             self._line.remove(turn)
             self._inbox.put(came)
             self._turns.notify_all()

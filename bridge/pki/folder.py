@@ -63,7 +63,9 @@ class Folder:
             )
         key = Path(files.key).read_bytes()
         if days is None:  # the authority's own end is another's to see to
-            ends = min(now + (lasted.ends - lasted.begins - EARLIER), self.authority_lasts().ends)
+            ends = now + (lasted.ends - lasted.begins - EARLIER)
+            if now < (authority := self.authority_lasts()).ends:
+                ends = min(ends, authority.ends)
         else:
             ends = now + timedelta(days=days)
         pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)

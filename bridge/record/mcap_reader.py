@@ -201,7 +201,7 @@ class McapReader:
         if opcode == Opcode.CHUNK:
             self._sure = self.good + _HEAD.size + stream.count
             self._since.clear()
-        else:
+        elif opcode in _READ:
             self._since.add(self.good)
         for record in records:
             if isinstance(record, Message):

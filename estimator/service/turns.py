@@ -190,15 +190,20 @@ class Turns:
             queue = self._queues.setdefault(key, _Queue())
             queue.put(message)
             self._count(key, 1)
-            if over := queue.fit(self._room(key)) if key not in self._past else queue.shorten(MOST):
+            if over := queue.fit(self._room(key)):
                 self._count(key, -over)
                 self._dropped(key, over)
+                if key in self._past:  # it goes on for longer than any past
+                    self._old -= len(queue)
+                    self._caught_up(key)
             elif len(queue) > MOST // 2 and key in self._past and key not in self._soon:
                 self._soon = {key: None} | self._soon  # before any of it is dropped
         return prompt
 
     def _room(self, key: str) -> float:
-        """As how many messages those may count that wait under a key."""
+        """As how many messages those may count that wait under a key; a bridge's cache of large ones, of its past."""
+        if key in self._past:
+            return 4 * MOST
         return MOST if self._left(key) > 0 else A_SECOND
 
     def _count(self, key: str, more: int) -> None:
@@ -245,14 +250,6 @@ class _Queue:
         """Drop the oldest until the rest counts as no more than so many; how many were dropped."""
         dropped = 0
         while self.counts > most and len(self._messages) > 1:
-            self.next()
-            dropped += 1
-        return dropped
-
-    def shorten(self, most: int) -> int:
-        """The same until they are no more than so many."""
-        dropped = 0
-        while len(self._messages) > most:
             self.next()
             dropped += 1
         return dropped

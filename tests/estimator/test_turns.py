@@ -283,3 +283,16 @@ def test_who_is_brought_up_to_now_is_so_though_what_it_teaches_takes_long() -> N
     assert desk.dropped == {}
     desk.finish()
     assert desk.numbers("back") == list(range(at))
+
+
+def test_a_flood_that_begins_as_a_past_is_bounded_and_is_none_any_more() -> None:
+    desk = Desk({"flood": 1e-3})
+    desk.turns.behind("flood", soon=False)
+    large = [Message("flood", b"%08d" % n + bytes(60_000)) for n in range(2000)]
+    for begin in range(0, 2000, 10):
+        desk.turns.round(large[begin : begin + 10])
+        desk.now += 0.01
+    assert desk.dropped["flood"] > 0
+    assert not desk.turns.of_the_past("flood")
+    assert desk.turns.waiting * 60_000 < 4 * rules.MOST * rules.LARGE
+    assert desk.turns.waiting + len(desk.done) + desk.dropped["flood"] == 2000

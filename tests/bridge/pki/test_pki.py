@@ -94,6 +94,8 @@ def test_a_renewal_lasts_no_longer_than_the_authority(pki: Path) -> None:
     made.issue(router, now, 365, ("10.0.0.5",))
     made.renew(router, made.authority_lasts().ends - 200 * DAY)
     assert lasts(made.identity(router)).ends == made.authority_lasts().ends
+    with pytest.raises(ValueError, match="the authority itself ends on"):
+        made.renew(router, made.authority_lasts().ends + DAY)
 
 
 def test_a_renewal_that_is_cut_off_leaves_the_old_pair(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:

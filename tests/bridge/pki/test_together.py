@@ -260,6 +260,8 @@ def test_two_estimators_on_one_machine_have_two_stores(tmp_path: Path, capsys: p
     assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e3"))]) == 0
     assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e2"))]) == 2
     assert "each estimator needs one of its own" in capsys.readouterr().err
+    (tmp_path / "e2.toml").write_text((tmp_path / "e2.toml").read_text("utf-8").replace('"w"', '"w2"'), "utf-8")
+    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e2"))]) == 0
 
 
 def test_a_plain_bus_asks_nobody_who_he_is() -> None:

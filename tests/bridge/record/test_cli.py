@@ -267,6 +267,7 @@ def test_help_has_the_verbs_in_the_order_of_use(capsys: Capture) -> None:
         (["bridge", "replay", "x.npz"], 1, "x.npz: there is no such file"),
         (["bridge", "replay", "/"], 1, "/: not a file"),
         (["bridge", "replay", __file__], 1, "a recording ends in .npz"),
+        (["bridge", "replay", __file__, "--device", "chest"], 1, "a recording ends in .npz"),
         (["calibrate", "x.mcap.part"], 1, "cannot be read"),
     ],
 )
