@@ -201,6 +201,16 @@ def test_of_a_batch_that_lasts_for_longer_than_any_nothing_is_taken(source: Stre
     assert set(rulings) == {R.RANGE}
 
 
+@pytest.mark.parametrize("leap_s", [3_000.0, 100_000.0])
+def test_however_long_a_machine_is_on_a_leap_is_one(source: Stream, leap_s: float) -> None:
+    batches, judge, sequence = source.batches(), Source(2.0), Sequence()
+    assert R.RANGE not in rule(judge, sequence, batches[:20], at=UP_S, step=0.05)
+    leap = np.uint64(round(leap_s / batches[20].tick_period_s))
+    assert rule(judge, sequence, [replace(batches[20], ticks=batches[20].ticks + leap)], at=UP_S + 1, step=1.0) == [
+        R.RANGE
+    ]
+
+
 def received(batches: list[SampleBatch], later_s: float) -> list[SampleBatch]:
     return [replace(b, receive_time_ns=b.receive_time_ns + round(later_s * 1e9)) for b in batches]
 
