@@ -125,6 +125,11 @@ class VirtualDevice:
         """How many samples it has sent in a boot; LookupError for one not known."""
         return self._sent[boot]
 
+    @property
+    def all_sent(self) -> dict[int, int]:
+        """How many samples it has sent, by boot."""
+        return dict(self._sent)
+
     def receive(self, data: bytes) -> None:
         """Bytes from the host; answered at the next advance."""
         for payload in self._deframer.feed(data):

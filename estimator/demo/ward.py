@@ -3,14 +3,16 @@
 import contextlib
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice
@@ -19,6 +21,8 @@ from estimator.batch.names import DEFAULT
 WARD = "demo"
 #: below what Linux and others give to outgoing connections
 _LISTENING = range(20_000, 30_000)
+#: how long a process that is to end is waited for, s
+_PATIENCE_S = 10.0
 _CONFIG = """ward = "{ward}"
 
 [bus]
@@ -59,8 +63,11 @@ class Ward:
         self.page = f"127.0.0.1:{free_port()}"
         self.config = folder / "ward.toml"
         self.ports: dict[str, PtyPort] = {}
+        #: what was wrong with how processes ended
+        self.complaints: list[str] = []
         self._places = {name: folder / "ports" / name for name in names}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._logs: dict[str, threading.Thread] = {}
         devices = "".join(_DEVICE.format(id=name, port=place) for name, place in self._places.items())
         self.config.write_text(
             _CONFIG.format(
@@ -90,14 +97,17 @@ class Ward:
     def start(self, *names: str) -> None:
         """Start processes by name: `router`, `estimator`, `bridge`, `dashboard`; in any order, each waits for what it needs."""
         for name in names:
-            with (self.folder / f"{name}.log").open("ab") as log:
-                self._processes[name] = subprocess.Popen(
-                    [sys.executable, "-m", "estimator.cli", *self._arguments[name]],
-                    stdout=log,
-                    stderr=log,
-                    stdin=subprocess.DEVNULL,
-                    env={**os.environ, **self._environment.get(name, {})},
-                )
+            process = self._processes[name] = subprocess.Popen(
+                [sys.executable, "-m", "estimator.cli", *self._arguments[name]],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                bufsize=0,
+                env={**os.environ, **self._environment.get(name, {})},
+            )
+            # We write what it says: it may be one whose disk is full.
+            self._logs[name] = threading.Thread(target=self._keep, args=(name, process.stdout), daemon=True)
+            self._logs[name].start()
 
     def wait_for_router(self, timeout_s: float = 20.0) -> None:
         """Until the router listens; raises DemoFailed."""
@@ -108,12 +118,17 @@ class Ward:
     def stop(self, name: str, number: signal.Signals = signal.SIGTERM) -> None:
         """End one process by a signal."""
         process = self._processes.pop(name)
+        if process.poll() is not None:
+            self.complaints.append(f"the {name} had stopped by itself with exit code {process.returncode}")
         process.send_signal(number)
         try:
-            process.wait(10)
+            process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:
+            self.complaints.append(f"the {name} did not end within {_PATIENCE_S:.0f} s")
             process.kill()
             process.wait()
+        if number is signal.SIGTERM and process.returncode > 0:
+            self.complaints.append(f"the {name} ended with exit code {process.returncode}")
 
     def pid(self, name: str) -> int | None:
         """Its process id; None while it does not run."""
@@ -137,6 +152,9 @@ class Ward:
 
     def log(self, name: str) -> str:
         """What a process has said."""
+        process = self._processes.get(name)
+        if name in self._logs and (process is None or process.poll() is not None):
+            self._logs[name].join(1.0)  # its last words
         return (self.folder / f"{name}.log").read_text(encoding="utf-8", errors="replace")
 
     def close(self) -> None:
@@ -145,6 +163,10 @@ class Ward:
             self.stop(name)
         for port in self.ports.values():
             port.close()
+
+    def _keep(self, name: str, said: IO[bytes]) -> None:
+        with said, (self.folder / f"{name}.log").open("ab", buffering=0) as log:
+            shutil.copyfileobj(said, log)
 
     def __enter__(self) -> Self:
         return self

@@ -4,6 +4,7 @@ import argparse
 import signal
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 from rich.console import Console
@@ -19,8 +20,8 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--devices", type=int, default=4)
     parser.add_argument("--seconds", type=float, default=40.0, help="of faults, in each run")
-    parser.add_argument("--estimators", type=int, default=1)
-    parser.add_argument("--routers", type=int, default=1)
+    parser.add_argument("--estimators", type=int, help="1, and with every second seed 3, where it is not said")
+    parser.add_argument("--routers", type=int, help="1, and with every second seed 2, where it is not said")
     args = parser.parse_args()
     console = Console(soft_wrap=True)
     # However it is ended, the ward it has begun ends with it.
@@ -29,9 +30,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         if Clock.found(Path(folder)) is None:
             console.print("No clocks are set: libfaketime is not installed (Debian: apt-get install libfaketime)")
-    failed = 0
+    failed, did = 0, Counter[str]()
     for seed in range(args.first, args.first + args.seeds):
-        result = run(seed, args.devices, args.seconds, args.estimators, args.routers)
+        estimators = args.estimators or (1, 3)[seed % 2]
+        routers = args.routers or (1, 2)[seed % 2]
+        result = run(seed, args.devices, args.seconds, estimators, routers)
+        did.update(result.sorts)
         console.print(
             f"seed {seed}: {len(result.faults)} faults, {result.samples:,} samples, "
             f"{result.good / max(1, result.samples):.0%} GOOD, {result.missing:,} told missing, "
@@ -44,9 +48,10 @@ def main() -> int:
                 console.print(line, markup=False)
             console.print(
                 f"  again: python -m tests.nemesis --first {seed} --seeds 1 --devices {args.devices} "
-                f"--estimators {args.estimators} --routers {args.routers} --seconds {args.seconds:g}; "
+                f"--estimators {estimators} --routers {routers} --seconds {args.seconds:g}; "
                 f"its logs are in {result.folder}"
             )
+    console.print("done: " + ", ".join(f"{sort} {count}" for sort, count in sorted(did.items())), markup=False)
     console.print(f"{args.seeds - failed} of {args.seeds} kept every promise")
     return int(failed > 0)
 

@@ -21,6 +21,8 @@ class Kind:
     least_s: float
     most_s: float
     do: _Fault
+    #: done to which of these it may cost samples: a device its own, else all
+    costs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,18 @@ class Planned:
     lasts_s: float
     kind: Kind
     to: str
+
+    @property
+    def costs(self) -> str | None:
+        """Whose samples it may cost: of a device, "" of all, or None."""
+        if self.kind.costs == DEVICES:
+            return self.to
+        return "" if self.to in self.kind.costs else None
+
+    @property
+    def sort(self) -> str:
+        """What it is, whichever of several it is done to."""
+        return f"{self.kind.name} {'a device' if self.kind.to == DEVICES else self.to.partition('-')[0]}"
 
     def __str__(self) -> str:
         return f"{self.kind.name} {self.to} for {self.lasts_s:.1f} s"
@@ -116,14 +130,14 @@ def _clock(ahead_s: float) -> _Fault:
 
 
 KINDS = (
-    Kind("kill", _ALL, 0.0, 1.5, _killed),
+    Kind("kill", _ALL, 0.0, 1.5, _killed, (BRIDGE,)),
     Kind("stop (SIGSTOP)", _ALL, 0.2, 4.0, _stopped),
-    Kind("restart", PARTS, 0.0, 0.5, _restarted),
+    Kind("restart", PARTS, 0.0, 0.5, _restarted, (BRIDGE,)),
     Kind("hold the line of", PARTS, 0.3, 4.0, _held),
     Kind("cut the line of", PARTS, 0.3, 3.0, _cut),
     Kind("reboot", DEVICES, 0.0, 1.0, _rebooted),
-    Kind("unplug", DEVICES, 0.1, 2.0, _unplugged),
-    Kind("garble the line of", DEVICES, 0.5, 2.0, _garbled),
+    Kind("unplug", DEVICES, 0.1, 2.0, _unplugged, DEVICES),
+    Kind("garble the line of", DEVICES, 0.5, 2.0, _garbled, DEVICES),
     Kind("fill the disk of", (ESTIMATOR,), 0.5, 5.0, _full),
 )
 #: where there are several routers

@@ -4,23 +4,24 @@ import resource
 import signal
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
 from bridge.bus import router_file, zenoh_settings
+from bridge.bus.zenoh_bus import ZenohBus
 from bridge.sim.imperfection import DEMO_SPEC
 from bridge.sim.script import demo_script
-from bridge.sim.source import SimulatedSource
+from bridge.sim.source import SimulatedSource, TrueSamples
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
-from estimator.client import Client
+from bridge.wire import codec, keys
+from estimator.client import Client, Stream
 from estimator.database import inspect
 from estimator.demo.ward import WARD, DemoFailed, Ward, free_port
+from estimator.door import Door
 from tests.nemesis.clock import Clock
-from tests.nemesis.history import Boot, Heard, History
-from tests.nemesis.invariants import Floats
+from tests.nemesis.history import Boot, Heard, History, Sent
 from tests.nemesis.line import Lines
 
 #: devices live so many times faster than we do
@@ -37,12 +38,18 @@ def numbered(part: str, count: int) -> tuple[str, ...]:
 
 
 class Listener(threading.Thread):
-    """A program on the ward's routers that subscribes to all there is; what it got is the history."""
+    """A program on the ward's routers that subscribes to all there is; what it got, and what was sent, is the history."""
 
-    def __init__(self, *endpoints: str) -> None:
+    def __init__(self, devices: Mapping[str, VirtualDevice], *endpoints: str) -> None:
         super().__init__(name="listener", daemon=True)
         self.history = History()
-        self._client = Client(endpoints, ward=WARD)
+        self._devices = devices
+        self._bus = ZenohBus(endpoints)
+        self._client = Client(ward=WARD, bus=self._bus)
+        self._said = Stream(
+            self._bus.subscribe(keys.pattern(WARD, "corrected"), history=False),
+            Door("corrected", codec.decode_corrected),
+        )
         self._corrected = self._client.corrected(on_miss=self.history.misses.append)
         self._statuses, self._calibrations = self._client.follow(), self._client.follow_calibrations()
         self._over = threading.Event()
@@ -50,14 +57,23 @@ class Listener(threading.Thread):
 
     def run(self) -> None:
         while not self._over.is_set():
-            batch = self._corrected.receive(0.05)
-            if batch is not None:
+            self._look_at_devices()
+            self._corrected.wait(0.05)
+            self.history.said += [Heard(time.monotonic(), batch) for batch in self._said.drain()]
+            for batch in self._corrected.drain():
                 self.history.heard[batch.device, batch.boot].append(Heard(time.monotonic(), batch))
             for calibration in self._calibrations.drain():
                 self.history.calibrations[calibration.id] = calibration
             for status in self._statuses.drain():
                 self.history.statuses[status.device], self.history.status_s = status, time.monotonic()
                 self.history.events.update((status.device, event) for event in status.events)
+
+    def _look_at_devices(self) -> None:
+        for name, device in self._devices.items():
+            for boot, samples in device.all_sent.items():
+                known = self.history.sent[name, boot]
+                if not known or known[-1].samples < samples:
+                    known.append(Sent(time.monotonic(), samples))
 
     def wait_for(self, estimators: int) -> None:
         """Until so many say what they have."""
@@ -70,7 +86,12 @@ class Listener(threading.Thread):
         """Stop; what was heard."""
         self._over.set()
         self.join()
+        self._look_at_devices()
+        for stream in (self._said, self._corrected, self._statuses, self._calibrations):
+            for why, count in stream.refused.items():
+                self.history.refused[why] = self.history.refused.get(why, 0) + count
         self._client.close()
+        self._bus.close()
         self.history.end_s = time.monotonic()
         return self.history
 
@@ -115,7 +136,7 @@ class Field:
         """Start everything."""
         self.ward.start(*self.routers, *self.estimators)
         self.ward.wait_for_router()
-        listener = Listener(*self.endpoints)
+        listener = Listener(self.devices, *self.endpoints)
         listener.wait_for(len(self.estimators))  # a device that moves while it is turned is to be turned anew
         self.ward.start(BRIDGE)
         for name, device in self.devices.items():
@@ -142,10 +163,10 @@ class Field:
 
     # ---- what became of it ----------------------------------------------------------------------------------------
 
-    def truth(self, boot: Boot, sequence: int) -> Floats:
-        """The true bias (3,) of a sample, rad/s."""
+    def truth(self, boot: Boot, first: int, last: int) -> TrueSamples:
+        """What is true of samples, both included; LookupError for such as were never sent."""
         name, number = boot
-        return np.asarray(self.devices[name].truth_between(number, sequence, sequence).bias[0])
+        return self.devices[name].truth_between(number, first, last)
 
     def complaints(self) -> list[str]:
         """What processes and store say of themselves, once all is over."""
@@ -157,7 +178,7 @@ class Field:
         stores = ["truerate", *self.estimators[1:]]
         for inspection in (inspect(self.ward.folder / f"{store}.sqlite3") for store in stores):
             found += [] if inspection.sound else [f"the store: {inspection}"]
-        return found
+        return found + self.ward.complaints
 
     def _another_router(self, name: str, endpoint: str) -> None:
         """It goes to the first, and does so again when it is back."""

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, Status, Verdict
@@ -17,19 +18,32 @@ class Heard(NamedTuple):
     batch: CorrectedBatch
 
 
+class Sent(NamedTuple):
+    """How many samples of a boot its device had sent at a time, monotonic s."""
+
+    time_s: float
+    samples: int
+
+
 class Done(NamedTuple):
-    """A fault, in words, from when to when, monotonic s."""
+    """A fault, in words, from when to when, monotonic s; `costs`: whose samples it may cost, "" for those of all."""
 
     what: str
     begin_s: float
     end_s: float
+    costs: str | None = None
 
 
 @dataclass(slots=True)
 class History:
     """Batches as the application got them, in order; statuses, calibrations and misses as they came."""
 
-    heard: dict[Boot, list[Heard]] = field(default_factory=lambda: defaultdict(list))
+    heard: defaultdict[Boot, list[Heard]] = field(default_factory=partial(defaultdict, list))
+    #: as they came over the bus, before anything was put in order
+    said: list[Heard] = field(default_factory=list)
+    sent: defaultdict[Boot, list[Sent]] = field(default_factory=partial(defaultdict, list))
+    #: messages that were not understood, by reason
+    refused: dict[str, int] = field(default_factory=dict)
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     statuses: dict[str, Status] = field(default_factory=dict)
     misses: list[Miss] = field(default_factory=list)

@@ -1,24 +1,29 @@
 """What must hold whatever happens to a ward. Pure: a history in, broken promises in words out; none is fine."""
 
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bridge.sim.source import TrueSamples
 from bridge.wire.messages import CorrectedBatch, Quality, SampleFlag, Verdict
 from estimator.fence import FORGET_S
 from estimator.service.law import EVENT
-from tests.nemesis.history import Boot, History
+from tests.nemesis.history import Boot, Heard, History
+from tests.nemesis.losses import invented, lost
 
-Floats = NDArray[np.float64]
-#: the true bias (3,) rad/s of a sample of a boot; LookupError where it is not known any more
-Truth = Callable[[Boot, int], Floats]
+#: what is true of samples first to last of a boot, both included; LookupError where they were never sent
+Truth = Callable[[Boot, int, int], TrueSamples]
 
-#: a bias is wrong that is off by more standard deviations than this and by more than that, rad/s
+#: a bias, or a rate, is wrong that is off by more standard deviations than this and by more than that, rad/s
 WRONG_SIGMAS, WRONG = 6.0, np.radians(0.15)
 _LOOKED_AT = 25  # every so many batches
+#: a device is heard all the time that is silent for no longer, s: then it would be called lost
+_SILENT_S = 2.0
+#: what is said at one time may be heard so much sooner on another way, s
+_APART_S = 0.5
 
 
 def good_without_calibration(history: History) -> Iterator[str]:
@@ -51,20 +56,46 @@ def out_of_order(history: History) -> Iterator[str]:
                 yield f"{device}: boot {before:016x} goes on {late:.2f} s after {after:016x} began"
 
 
+def said_again(history: History) -> Iterator[str]:
+    """An estimator says a sample once in a turn, though not always in order, and nothing of a boot that is over."""
+    said: dict[tuple[str, int], dict[int, list[tuple[int, int]]]] = defaultdict(dict)
+    for _, batch in history.said:
+        boots = said[batch.device, batch.epoch]
+        if batch.boot in boots and batch.boot != next(reversed(boots)):
+            yield f"{batch.device}: boot {batch.boot:016x} was over in epoch {batch.epoch}, and {batch.sequence} of it is said"
+            return
+        boots.setdefault(batch.boot, []).append((batch.sequence, batch.sequence + len(batch)))
+    for (device, epoch), boots in said.items():
+        for boot, spans in boots.items():
+            for (_, end), (again, _) in pairwise(sorted(spans)):
+                if again < end:
+                    yield f"{device}, boot {boot:016x}: sample {again} is said again in epoch {epoch}"
+                    return
+
+
 def outdated(history: History) -> Iterator[str]:
-    """Nothing of an older epoch after a newer one but what is flagged late, unless that is heard no more."""
+    """Nothing is given that came after a newer epoch had said it, or what is before it; unless that is heard no more."""
+    came: dict[tuple[str, int, int], list[tuple[int, float]]] = defaultdict(list)
+    for at_s, batch in history.said:
+        came[batch.device, batch.boot, batch.epoch].append((batch.sequence, at_s))
+    for messages in came.values():
+        messages.sort()
     for (device, boot), heard in history.heard.items():
-        newest, heard_s = 0, -np.inf
-        for at_s, batch in heard:
-            if batch.epoch < newest and at_s - heard_s < FORGET_S:
-                if _late(batch):
+        epochs = {epoch: messages for (d, b, epoch), messages in came.items() if (d, b) == (device, boot)}
+        for at_s, batch in heard if len(epochs) > 1 else ():
+            own = epochs.get(batch.epoch, [])
+            at = bisect_right(own, (batch.sequence, np.inf)) - 1
+            came_s = own[at][1] if at >= 0 else at_s
+            for newer, messages in epochs.items():
+                before = [(first, s) for first, s in messages if s < came_s - _APART_S]
+                if newer <= batch.epoch or not before or came_s - max(s for _, s in before) > FORGET_S:
                     continue
-                yield (
-                    f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} "
-                    f"{at_s - heard_s:.3f} s after {newest}"
-                )
-                break
-            newest, heard_s = batch.epoch, at_s
+                if min(before)[0] <= batch.sequence:
+                    yield (
+                        f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} is given, which came when "
+                        f"epoch {newer} had said {min(before)[0]}"
+                    )
+                    return
 
 
 def missing_unsaid(history: History) -> Iterator[str]:
@@ -90,33 +121,60 @@ def unaccounted(history: History) -> Iterator[str]:
 
 
 def not_recovered(history: History, within_s: float) -> Iterator[str]:
-    """Whatever was done: so many seconds after the last of it every device is heard."""
-    lifted = max((done.end_s for done in history.done), default=-np.inf)
-    for device, boots in _boots(history).items():
-        last = max(history.heard[device, boot][-1].time_s for boot in boots)
-        if history.end_s - lifted > within_s and last < history.end_s - within_s / 2:
-            silent_s, since_s = history.end_s - last, history.end_s - lifted
-            status_s = history.end_s - history.status_s
-            yield (
-                f"{device}: nothing for the last {silent_s:.1f} s, {since_s:.1f} s after the last fault; "
-                f"the last status of any {status_s:.1f} s ago"
-            )
+    """Whatever was done: so many seconds after it every device is heard as it lives, without a break, until more is done."""
+    for lifted_s, until_s in _spells(history, within_s):
+        for device, heard in _by_device(history).items():
+            due_s, live = lifted_s + within_s, [h.time_s for h in heard if not _late(h.batch)]
+            times = sorted([due_s, until_s, *(s for s in live if due_s < s < until_s)])
+            silent_s, at_s = max((after - before, before) for before, after in pairwise(times))
+            if silent_s > _SILENT_S:
+                status_s = history.end_s - history.status_s
+                yield (
+                    f"{device}: nothing that is not late for {silent_s:.1f} s, from {at_s - lifted_s:.1f} s after "
+                    f"what was done before; the last status of any {status_s:.1f} s before the end"
+                )
+                break
+
+
+def good_no_more(history: History, within_s: float) -> Iterator[str]:
+    """A calibration outlives whatever is done: so long after it what was GOOD is so again."""
+    for lifted_s, until_s in _spells(history, within_s):
+        for (device, boot), heard in history.heard.items():
+            first_s = min((h.time_s for h in heard if h.batch.quality is Quality.GOOD), default=np.inf)
+            begin_s = max(first_s, lifted_s + within_s)
+            for at_s, batch in heard:
+                if begin_s < at_s < until_s and batch.quality is not Quality.GOOD:
+                    yield (
+                        f"{device}, boot {boot:016x}: sample {batch.sequence} is {batch.quality.name}, "
+                        f"{at_s - lifted_s:.1f} s after what was done before, {at_s - first_s:.1f} s after it was GOOD first"
+                    )
+                    break
 
 
 def wrong(history: History, truth: Truth) -> Iterator[str]:
-    """A bias that is called GOOD is what it is, give or take what it says of itself."""
+    """Bias and rates that are called GOOD are what they are, give or take what is said of them."""
     for (device, boot), heard in history.heard.items():
         for _, batch in [h for h in heard if h.batch.quality is Quality.GOOD][::_LOOKED_AT]:
             try:
-                off = np.abs(batch.bias - truth((device, boot), batch.sequence))
+                true = truth((device, boot), batch.sequence, batch.sequence + len(batch) - 1)
             except LookupError:
-                continue
-            if np.any(off > np.maximum(WRONG, WRONG_SIGMAS * batch.bias_std)):
-                yield (
-                    f"{device}, sample {batch.sequence}: GOOD, and its bias is off by "
-                    f"{np.degrees(off).max():.2f} °/s, ± {np.degrees(batch.bias_std).max():.2f}"
-                )
-                break
+                continue  # such as no device has sent are found elsewhere
+            sound = (batch.flags & ~np.uint32(SampleFlag.LATE)) == 0
+            for what, off, std in (
+                ("bias", np.abs(batch.bias - true.bias[0])[None], batch.bias_std[None]),
+                ("rate", np.abs(batch.rate - true.rate)[sound], batch.rate_std[sound]),
+            ):
+                if np.any(off > np.maximum(WRONG, WRONG_SIGMAS * std)):
+                    yield (
+                        f"{device}, sample {batch.sequence}: GOOD, and its {what} is off by "
+                        f"{np.degrees(off).max():.2f} °/s, ± {np.degrees(std).max():.2f}"
+                    )
+                    return
+
+
+def not_understood(history: History) -> Iterator[str]:
+    """All that is said can be read."""
+    yield from (f"{count} messages were refused: {why}" for why, count in history.refused.items())
 
 
 def broken(history: History, truth: Truth, recovered_s: float) -> list[str]:
@@ -124,17 +182,40 @@ def broken(history: History, truth: Truth, recovered_s: float) -> list[str]:
     checks: Iterable[Iterator[str]] = (
         good_without_calibration(history),
         out_of_order(history),
+        said_again(history),
         outdated(history),
+        invented(history),
+        lost(history),
         missing_unsaid(history),
         unaccounted(history),
         not_recovered(history, recovered_s),
+        good_no_more(history, recovered_s),
         wrong(history, truth),
+        not_understood(history),
     )
     return [words for check in checks for words in check]
 
 
 def _late(batch: CorrectedBatch) -> bool:
     return bool((batch.flags & SampleFlag.LATE).all())
+
+
+def _spells(history: History, longer_s: float) -> list[tuple[float, float]]:
+    """From when to when nothing was done, monotonic s, after something was; those that last longer."""
+    found: list[tuple[float, float]] = []
+    lifted_s = np.inf
+    for done in sorted(history.done, key=lambda done: done.begin_s):
+        found.append((lifted_s, done.begin_s))
+        lifted_s = max(done.end_s, lifted_s if np.isfinite(lifted_s) else done.end_s)
+    found.append((lifted_s, history.end_s))
+    return [(begin_s, end_s) for begin_s, end_s in found if end_s - begin_s > longer_s]
+
+
+def _by_device(history: History) -> dict[str, list[Heard]]:
+    found: dict[str, list[Heard]] = defaultdict(list)
+    for (device, _), heard in history.heard.items():
+        found[device] += heard
+    return found
 
 
 def _boots(history: History) -> dict[str, list[int]]:

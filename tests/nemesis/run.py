@@ -1,5 +1,6 @@
 """One seed: a ward is begun, tormented as planned, left alone for a while, and held against what was promised."""
 
+import pickle
 import shutil
 import tempfile
 import time
@@ -24,12 +25,13 @@ class Result:
     """Faults done, corrected samples heard, those of them GOOD, those told missing, and the promises that were broken."""
 
     faults: list[str]
+    sorts: list[str]
     samples: int
     good: int
     missing: int
     calibrations: int
     broken: list[str]
-    #: logs and store, where something was broken
+    #: logs, store and history, where something was broken
     folder: Path | None
 
 
@@ -58,11 +60,23 @@ def run(seed: int, devices: int, lasts_s: float, estimators: int = 1, routers: i
             time.sleep(2.5)  # what is on its way, and one more status
             history = listener.close()
             history.end_s -= 2.5
+            field.ward.close()
             found += broken(history, field.truth, RECOVERED_S) + field.complaints()
         told = [f"{done.what} ({done.end_s - done.begin_s:.1f} s)" for done in history.done]
         missing = sum(miss.count for miss in history.misses)
+        if found:
+            (folder / "history.pickle").write_bytes(pickle.dumps(history))
         kept = folder if found else None
-        return Result(told, history.samples, history.good, missing, len(history.calibrations), found, kept)
+        return Result(
+            told,
+            [one.sort for one in planned],
+            history.samples,
+            history.good,
+            missing,
+            len(history.calibrations),
+            found,
+            kept,
+        )
     finally:
         if kept is None:
             shutil.rmtree(folder)
@@ -78,7 +92,7 @@ def torment(field: Field, planned: list[Planned], done: list[Done]) -> None:
         for one in [u for u in under_way if u[0] <= now]:
             under_way.remove(one)
             one[3].__exit__(None, None, None)
-            done.append(Done(str(one[2]), one[1], time.monotonic()))
+            done.append(Done(str(one[2]), one[1], time.monotonic(), one[2].costs))
         if waiting and waiting[0].at_s <= now:
             fault = waiting.pop(0)
             doing = fault.kind.do(field, fault.to)

@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.sim.source import TrueSamples
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleFlag, Status, Verdict
 from estimator.once import Miss
 from estimator.service.law import EVENT
 from estimator.session import DeviceSession
-from tests.nemesis.history import Boot, Done, Heard, History
-from tests.nemesis.invariants import Floats, broken
+from tests.nemesis.history import Boot, Done, Heard, History, Sent
+from tests.nemesis.invariants import broken
 
 BOOT, ID, N = 7, "c-1", 5
 WITHIN_S = 5.0
+#: when the first three batches are heard, and then one twice a second
+TIMES = (0.5, 2.5, *np.arange(3.0, 22.0, 0.5))
 
 
 def batch(sequence: int, boot: int = BOOT, quality: Quality = Quality.GOOD) -> CorrectedBatch:
@@ -70,14 +73,21 @@ def said() -> Status:
 
 @pytest.fixture
 def history() -> History:
-    """One device, three batches, one fault, and 20 s of quiet with samples up to the end."""
-    kept = History(calibrations={ID: known()}, statuses={"d": said()}, done=[Done("kill bridge", 1.0, 2.0)], end_s=22.0)
-    kept.heard["d", BOOT] = [Heard(0.5, batch(0)), Heard(2.5, batch(N)), Heard(21.9, batch(2 * N))]
+    """One device, one fault that may cost no samples, and 20 s of quiet with samples up to the end."""
+    kept = History(calibrations={ID: known()}, statuses={"d": said()}, done=[Done("kill router", 1.0, 2.0)], end_s=22.0)
+    kept.heard["d", BOOT] = [Heard(at_s, batch(N * number)) for number, at_s in enumerate(TIMES)]
+    kept.said = list(kept.heard["d", BOOT])
+    kept.sent["d", BOOT] = [Sent(at_s - 0.1, N * number) for number, at_s in enumerate(TIMES, 1)]
     return kept
 
 
-def right(_: Boot, __: int) -> Floats:
-    return np.zeros(3)
+def true(first: int, last: int, bias: float = 0.0, rate: float = 0.0) -> TrueSamples:
+    n = last + 1 - first
+    return TrueSamples(np.full((n, 3), rate), np.zeros((n, 4)), np.full((n, 3), bias))
+
+
+def right(_: Boot, first: int, last: int) -> TrueSamples:
+    return true(first, last)
 
 
 def test_what_keeps_every_promise_is_fine(history: History) -> None:
@@ -103,39 +113,90 @@ def test_a_sample_twice(history: History) -> None:
 
 
 def test_an_old_boot_that_comes_back(history: History) -> None:
-    history.heard["d", BOOT + 1] = [Heard(3.0, batch(0, BOOT + 1, Quality.NONE))]
+    new = [Heard(at_s, batch(N * number, BOOT + 1, Quality.NONE)) for number, at_s in enumerate(TIMES[2:])]
+    history.heard["d", BOOT + 1] = new
+    history.sent["d", BOOT + 1] = [Sent(at_s, N * number) for number, (at_s, _) in enumerate(new, 1)]
     [words] = broken(history, right, WITHIN_S)
     assert "goes on" in words
     # Its end, of which nothing was said before, may be said when it is found, as what it is.
-    first, second, last = history.heard["d", BOOT]
-    late = replace(last.batch, flags=last.batch.flags | np.uint32(SampleFlag.LATE))
-    history.heard["d", BOOT] = [first, second, Heard(last.time_s, late)]
-    history.heard["d", BOOT + 1].append(Heard(21.9, batch(N, BOOT + 1, Quality.NONE)))
+    history.heard["d", BOOT][2:] = [Heard(at_s, late(old)) for at_s, old in history.heard["d", BOOT][2:]]
+    assert broken(history, right, WITHIN_S) == []
+
+
+def test_an_estimator_goes_back_to_an_old_boot(history: History) -> None:
+    history.said.insert(2, Heard(2.6, batch(0, BOOT + 1)))
+    [words] = broken(history, right, WITHIN_S)
+    assert "was over in epoch 0" in words
+
+
+def test_an_estimator_says_a_sample_twice(history: History) -> None:
+    history.said.insert(2, Heard(2.6, batch(N + 1)))
+    [words] = broken(history, right, WITHIN_S)
+    assert f"sample {N + 1} is said again" in words
+    # Another may: who had it before him, or has it from now on.
+    history.said[2] = Heard(2.6, replace(batch(N + 1), epoch=-1))
     assert broken(history, right, WITHIN_S) == []
 
 
 def test_an_epoch_that_is_over(history: History) -> None:
-    one, two, three = history.heard["d", BOOT]
-    history.heard["d", BOOT] = [
-        Heard(two.time_s, replace(one.batch, epoch=8)),
-        Heard(two.time_s + 1.0, replace(two.batch, epoch=7)),
-        three,
-    ]
+    heard = history.heard["d", BOOT]
+    for number, (at_s, old) in enumerate(heard):
+        heard[number] = Heard(at_s, replace(old, epoch=7 if number < 8 or number == 12 else 8))
+    history.said = list(heard)
     [words] = broken(history, right, WITHIN_S)
-    assert f"sample {N} of epoch 7 1.000 s after 8" in words
-    # What waited meanwhile, and nobody else says, may be given as what it is.
-    first, second, last = history.heard["d", BOOT]
-    late = replace(second.batch, flags=second.batch.flags | np.uint32(SampleFlag.LATE))
-    history.heard["d", BOOT] = [first, Heard(second.time_s, late), last]
+    assert f"sample {12 * N} of epoch 7 is given, which came when epoch 8 had said {8 * N}" in words
+    # What had come before that, and waited, may be given.
+    history.said[12] = Heard(heard[7].time_s, history.said[12].batch)
     assert broken(history, right, WITHIN_S) == []
 
 
-def test_a_hole_must_be_told(history: History) -> None:
+def test_a_hole_must_be_told_and_have_a_cause(history: History) -> None:
     del history.heard["d", BOOT][1]
-    [words] = broken(history, right, WITHIN_S)
-    assert f"{N} samples are missing, 0 were told" in words
+    lost, untold = broken(history, right, WITHIN_S)
+    assert f"{N} samples from {N} on are lost" in lost
+    assert f"{N} samples are missing, 0 were told" in untold
     history.misses.append(Miss("d", BOOT, N, N, told=False))
+    assert len(broken(history, right, WITHIN_S)) == 1
+    history.done.append(Done("garble the line of d", 2.0, 3.0, costs="d"))
     assert broken(history, right, WITHIN_S) == []
+
+
+@pytest.mark.parametrize("done", [Done("garble e", 2.0, 3.0, costs="e"), Done("kill bridge", 7.0, 8.0, costs="")])
+def test_a_fault_of_another_or_at_another_time_is_no_cause(history: History, done: Done) -> None:
+    del history.heard["d", BOOT][1]
+    history.misses.append(Miss("d", BOOT, N, N, told=False))
+    history.done.append(done)
+    [words] = broken(history, right, WITHIN_S)
+    assert "are lost" in words
+
+
+def test_what_was_held_up_by_one_fault_is_lost_by_the_next(history: History) -> None:
+    del history.heard["d", BOOT][1]
+    history.misses.append(Miss("d", BOOT, N, N, told=False))
+    history.done += [Done("hold the line of bridge", 2.0, 6.0), Done("kill bridge", 5.9, 6.1, costs="")]
+    assert broken(history, right, WITHIN_S) == []
+
+
+def test_a_begin_an_end_or_a_whole_boot_that_is_lost(history: History) -> None:
+    del history.heard["d", BOOT][0]
+    history.sent["d", BOOT].append(Sent(21.9, N * len(TIMES) + 3))
+    history.sent["d", BOOT + 1] = [Sent(22.0, 9)]
+    words = broken(history, right, WITHIN_S)
+    assert [word.split(" samples")[0].rpartition(" ")[2] for word in words] == [str(N), "3", "9"]
+
+
+def test_a_sample_that_was_never_sent(history: History) -> None:
+    history.sent["d", BOOT][-1] = Sent(21.9, N * len(TIMES) - 1)
+    [words] = broken(history, right, WITHIN_S)
+    assert f"sample {N * len(TIMES) - 1} of {N * len(TIMES) - 1} that were sent" in words
+    history.sent.clear()
+    [words] = broken(history, right, WITHIN_S)
+    assert "of 0 that were sent" in words
+
+
+def test_a_message_that_is_not_understood(history: History) -> None:
+    history.refused["wire"] = 2
+    assert broken(history, right, WITHIN_S) == ["2 messages were refused: wire"]
 
 
 def test_samples_that_are_nowhere(history: History) -> None:
@@ -149,12 +210,37 @@ def test_the_service_finds_its_own_law_broken(history: History) -> None:
     assert broken(history, right, WITHIN_S) == [f"d: {EVENT}"]
 
 
-def test_a_device_that_does_not_come_back(history: History) -> None:
-    history.heard["d", BOOT].pop()
+def test_a_device_that_comes_back_too_late_or_not_at_all(history: History) -> None:
+    whole = list(history.heard["d", BOOT])
+    for gone in ([h for h in whole if h.time_s < 10.0], [h for h in whole if not 3.0 < h.time_s < 9.0]):
+        history.heard["d", BOOT] = gone
+        assert any("nothing that is not late for" in words for words in broken(history, right, WITHIN_S))
+    history.heard["d", BOOT] = [Heard(at_s, late(old)) if at_s > 3.0 else Heard(at_s, old) for at_s, old in whole]
     [words] = broken(history, right, WITHIN_S)
-    assert "nothing for the last 19.5 s" in words
+    assert "nothing that is not late for" in words
 
 
-def test_a_bias_that_is_called_good_and_is_not(history: History) -> None:
-    [words] = broken(history, lambda _, __: np.array([0.0, 0.1, 0.0]), WITHIN_S)
-    assert "off by 5.7" in words
+def test_between_two_faults_it_is_heard_again_too(history: History) -> None:
+    history.done.append(Done("kill router", 15.0, 16.0))
+    history.heard["d", BOOT] = [h for h in history.heard["d", BOOT] if not 3.0 < h.time_s < 15.0]
+    assert any("nothing that is not late for 8.0 s" in words for words in broken(history, right, WITHIN_S))
+
+
+def test_good_and_then_no_more(history: History) -> None:
+    at_s, last = history.heard["d", BOOT][-1]
+    history.heard["d", BOOT][-1] = Heard(at_s, replace(last, quality=Quality.BIAS_ONLY))
+    [words] = broken(history, right, WITHIN_S)
+    assert "is BIAS_ONLY, 19.5 s after what was done before" in words
+    history.heard["d", BOOT] = [Heard(s, replace(b, quality=Quality.NONE)) for s, b in history.heard["d", BOOT]]
+    assert broken(history, right, WITHIN_S) == [], "it was never GOOD"
+
+
+def test_a_bias_or_a_rate_that_is_called_good_and_is_not(history: History) -> None:
+    [words] = broken(history, lambda _, first, last: true(first, last, bias=0.1), WITHIN_S)
+    assert "its bias is off by 5.7" in words
+    [words] = broken(history, lambda _, first, last: true(first, last, rate=0.1), WITHIN_S)
+    assert "its rate is off by 5.7" in words
+
+
+def late(batch: CorrectedBatch) -> CorrectedBatch:
+    return replace(batch, flags=batch.flags | np.uint32(SampleFlag.LATE))
