@@ -23,7 +23,8 @@ from rich.progress import track
 from rich.table import Table
 from scipy.stats import chi2
 
-from bridge.sim.day import Day, worn_spec
+from bridge.sim.day import Day, simulate_day, worn_spec
+from bridge.sim.imperfection import ImuSpec
 from bridge.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
 from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
@@ -86,6 +87,15 @@ _NEW = replace(
     bias_limit_dps=float(np.degrees(_PRIOR.bias_std) * np.sqrt(3)),
     warm_up_s=60.0,
 )
+
+
+def _on_the_ward(seed: int, rate_hz: float, spec: ImuSpec) -> Day:
+    """A quarter of an hour of it; what is read at zero rate has what gravity does to the gyro in it."""
+    day = simulate_day(seed, 0.25, rate_hz, spec)
+    by_gravity = day.accel.astype(float) @ day.truth.g_sensitivity.T
+    return replace(day, bias=(day.bias + by_gravity).astype(np.float32))
+
+
 SCENES: Mapping[str, Scene] = {
     "rests and movement": Scene(),
     "the same, five minutes": Scene(seconds=300.0),
@@ -105,6 +115,17 @@ SCENES: Mapping[str, Scene] = {
     "turned by hand, uncalibrated (*)": Scene(
         walk_dps=7e-4, other=partial(turned_by_hand, spec=_NEW), calibrated=False
     ),
+    # Outside: a bias that flickers, as the best and the worst of the class do (configs/devices), and one that gravity moves.
+    **{
+        f"on the ward, {what}": Scene(walk_dps=7e-4, other=partial(_on_the_ward, spec=spec))
+        for what, spec in {
+            "as modelled": _WORN,
+            "B 0.004 °/s (*)": replace(_WORN, bias_instability_dps=0.004),
+            "B 0.014 °/s (*)": replace(_WORN, bias_instability_dps=0.014),
+            "G 0.02 °/s/g (*)": replace(_WORN, g_sensitivity_dps_per_g=0.02),
+            "G 0.1 °/s/g (*)": replace(_WORN, g_sensitivity_dps_per_g=0.1),
+        }.items()
+    },
     # Outside, too: what seems a rest is none, while the skin warms the device by what the tracker does not know yet.
     "a walk with pauses (*)": Scene(walk_dps=7e-4, other=partial(walk_with_pauses, spec=_WORN)),
 }
