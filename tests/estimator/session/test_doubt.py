@@ -111,3 +111,19 @@ def test_pauses_too_short_for_a_rest_do_not_end_the_doubt_that_there_was_none() 
     said = feed(device, calibration(seed=1, after=[*walk, Still(10.0)]).batches()).said
     states = [words.split(":")[0] for words in said if " -> " in words]
     assert states[-3:] == ["TURNING -> TRACKING", "TRACKING -> DEGRADED", "DEGRADED -> TRACKING"]
+
+
+def test_who_is_put_down_for_a_moment_stays_in_doubt(once: Stream) -> None:
+    """Of a jump about the vertical the first quiet second, which proves nothing, made it GOOD again, and off by all of that."""
+    device = calibrated(once)
+    doubtful = off(once, 0.25, 20.0)
+    feed(device, doubtful.batches(first=len(once)))
+    assert state(device) is State.DEGRADED
+    rng = np.random.default_rng(0)
+    pieces = [piece for _ in range(3) for piece in (swing(rng, 3.0, 1.0), Still(3.0))]
+    moved = stream(pieces, 18.0, attitude=doubtful.attitude[-1])
+    gyro = moved.gyro - moved.bias + doubtful.gyro.mean(axis=0)
+    warm = np.full(len(moved), doubtful.temperature_c[-1])
+    moved = replace(moved, ticks=moved.ticks + doubtful.ticks[-1], gyro=gyro, temperature_c=warm)
+    outcome = feed(device, moved.batches(first=len(once) + len(doubtful)))
+    assert {b.quality for b in outcome.corrected} == {Quality.DEGRADED}
