@@ -86,8 +86,10 @@ class Doubt:
         reason = None
         against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
         if against:
-            by = degrees(max(float(np.max(np.abs(refused.innovation))) for refused in against))
+            by, kind = max((degrees(float(np.max(np.abs(refused.innovation)))), refused.kind) for refused in against)
             reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
+            if kind.startswith("bounded"):
+                reason = f"quiet, it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
         elif gravity:
             reason = "gravity disagrees: the bias jumped, or the accelerometer is wrong"
         elif self.consistency.inflation > self.knobs.inflation:

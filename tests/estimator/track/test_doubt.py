@@ -68,3 +68,15 @@ def test_rests_too_short_to_prove_anything_end_no_row_of_those_that_contradict()
     rests = [short, long] * doubt.knobs.contradictions
     assert said(doubt, *rests[:-1]) is None
     assert said(doubt, rests[-1]) == "at rest it reads 0.25 °/s off: turning slowly, or the bias jumped"
+
+
+def test_what_is_said_to_be_off_is_what_was_refused() -> None:
+    """It was what came last: "0.00 °/s off"."""
+    doubt = Doubt()
+    off = [receipt(LEVEL, 0.25, "outside the gate"), receipt(VERTICAL)]
+    assert "at rest it reads 0.25 °/s off" in str(said(doubt, *[off] * doubt.knobs.contradictions))
+
+
+def test_who_does_not_rest_is_not_said_to() -> None:
+    off = receipt("bounded vertical", 0.25, "outside the gate")
+    assert str(said(Doubt(), [off])).startswith("quiet, it reads 0.25 °/s off")
