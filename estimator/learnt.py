@@ -32,6 +32,8 @@ CANCELLED_S = 60.0
 #: samples whose windows taught nothing of the bias, for which there was no time, are counted under this
 COASTED = "samples coasted"
 _GOES_ON = "calibrated; the calibration of this boot goes on"
+_WAS_DOUBTED = "the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+_CONFIRMED = "the bias was confirmed at rest"
 
 
 class Learnt:
@@ -78,9 +80,8 @@ class Learnt:
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
-            why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
-            self.tracker.doubt.why = why
-            self._life.on(Event.DOUBTED, why)
+            self.tracker.doubt.why = f"calibrated; {_WAS_DOUBTED}"
+            self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def resume(self, remembered: Remembered, temperature_c: float | None) -> bool:
         """Go on with the bias of a boot that was not calibrated, if one is remembered."""
@@ -88,6 +89,8 @@ class Learnt:
         if kept is None or self.calibration is not None:
             return False
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        if remembered.doubted:
+            self.tracker.doubt.why = _WAS_DOUBTED
         return True
 
     def believe(self, calibration: Calibration) -> None:
@@ -172,14 +175,26 @@ class Learnt:
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self._doubted and self.tracker.trusts():
-                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+            elif self._doubted:
+                self._confirm(outcome)
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
             self._events.add("temperature law disagrees")
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
-        if (reason := self.tracker.doubts(self.now)) is not None:
-            self._happens(Event.DOUBTED, reason, outcome)
+        if (why := self.tracker.doubts(self.now)) is not None and not self._happens(Event.DOUBTED, why, outcome):
+            self._say_beside(f"{self._life.goes_on}; {why}", why, outcome)
+
+    def _confirm(self, outcome: Outcome) -> None:
+        """End a doubt, if what was heard of rests does."""
+        why = self.tracker.doubt.why
+        if self.tracker.trusts() and not self._happens(Event.CONFIRMED, f"calibrated; {_CONFIRMED}", outcome):
+            self._say_beside(self._life.goes_on.removesuffix(f"; {why}"), _CONFIRMED, outcome)
+
+    def _say_beside(self, reason: str, news: str, outcome: Outcome) -> None:
+        """What is no event of a device that is being calibrated: what is to be done now is said, too."""
+        self._life.say(reason)
+        outcome.changed = True
+        outcome.said.append(news)
 
     @property
     def _doubted(self) -> bool:
@@ -235,11 +250,13 @@ class Learnt:
             outcome.changed = True
         self._cancelled_until = float("inf")
 
-    def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
+    def _happens(self, event: Event, reason: str, outcome: Outcome) -> bool:
         before = self._life.state
-        if self._life.on(event, reason):
-            outcome.changed = True
-            outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+        if not self._life.on(event, reason):
+            return False
+        outcome.changed = True
+        outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+        return True
 
     # ---- what is known now ----------------------------------------------------------------------------------------
 
@@ -287,8 +304,8 @@ class Learnt:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
-        sure = track.sure and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        return choose(self._belief, bias, std, noise_std, sure=sure, doubted=self._life.away or track.doubt.stands)
+        sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
+        return choose(self._belief, bias, std, noise_std, sure=sure, away=self._life.away)
 
 
 def _bias_in(rest: Rest) -> RestBias:

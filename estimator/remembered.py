@@ -57,8 +57,8 @@ def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) 
     else:
         tracked.predict(time, kept.temperature_c)
     std = np.sqrt(tracked.cov.diagonal()[BIAS])
-    sure = bool((std < doubt_std).all())
-    return choose(belief, tracked.x[BIAS], std, None, sure=sure, doubted=remembered.doubted)
+    sure = bool((std < doubt_std).all()) and not remembered.doubted
+    return choose(belief, tracked.x[BIAS], std, None, sure=sure)
 
 
 def calibrated_bias(calibration: Calibration, now: float, powered: float, knobs: BiasKnobs) -> BiasState:

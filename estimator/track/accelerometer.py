@@ -20,6 +20,8 @@ class AccelerometerKnobs:
     patience: int = 30
     #: so many in a row, and something is wrong, with it or with the bias
     in_a_row: int = 5
+    #: relative; a scale less certain than this takes gravity farther in a turn than a wrong bias does
+    scale_std: float = 0.05
 
 
 class Accelerometer:

@@ -351,9 +351,14 @@ class Tracker:
 
     def doubts(self, now: float) -> str | None:
         """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
-        return self.doubt.news(now - self._evidence_time, gravity=self._accelerometer.contradicts)
+        return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:
         """Whether the last rest has made the bias certain again."""
         age_s = self.time - self._evidence_time
-        return self.doubt.settled(age_s, sure=self.sure, gravity=self._accelerometer.contradicts)
+        return self.doubt.settled(age_s, sure=self.sure, gravity=self._gravity_disagrees)
+
+    @property
+    def _gravity_disagrees(self) -> bool:
+        against = self._accelerometer
+        return against.contradicts and float(self._model.scale_std.max()) < against.knobs.scale_std
