@@ -263,7 +263,7 @@ class Tracker:
             self._filter.restart(self._kept)
             self.thermometer.go_on(self._kept.time, self._kept.temperature_c)
             self._kept = None
-        if second.accel is not None and not self._accelerometer.fit(second):
+        if not self._accelerometer.fit(second) and second.accel is not None:
             self._without_accelerometer()
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
