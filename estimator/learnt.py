@@ -61,6 +61,7 @@ class Learnt:
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
         self._cancelled, self._cancelled_until = "", float("inf")
+        self._slope_learnt = False  # under a law, of a calibrated bias
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -76,7 +77,8 @@ class Learnt:
         knobs = self._knobs.track
         kept = remembered.bias_at(self.now, knobs.bias_std)
         if kept is None:  # nor is it known when it was switched on
-            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias), knobs.bias_std)
+            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, self._law), knobs.bias_std)
+        self._slope_learnt = remembered.bias is not None or self._law is not None
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
@@ -103,10 +105,10 @@ class Learnt:
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""
         self._law = law
-        if self.calibration is None:
-            self.tracker.expect(law)
-        else:
+        if self.calibration is not None and self._slope_learnt:
             self.tracker.follow(law)
+        else:
+            self.tracker.expect(law)
 
     def resumed(self, time: float, celsius: float | None) -> None:
         """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
@@ -230,6 +232,7 @@ class Learnt:
         self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
+        self._slope_learnt = self._law is not None
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
 
     def cancel(self, who: str) -> None:
