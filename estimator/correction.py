@@ -122,16 +122,16 @@ def believed(calibration: Calibration | None, earlier: Calibration | None, knobs
 
 
 def choose(
-    belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool, doubted: bool = False
+    belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool, away: bool = False
 ) -> Correction:
     """What is believed of a gyro, with the tracked bias (3,) and its bias_std (3,), rad/s.
 
-    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known, and with
-    doubted, by other evidence, not to be relied on all the same.
+    noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known, and nothing
+    speaks against it. away: nothing comes of the device.
     """
     quality = belief.quality
     if quality is Quality.GOOD:
-        quality = Quality.DEGRADED if doubted or not sure else Quality.GOOD
+        quality = Quality.DEGRADED if away or not sure else Quality.GOOD
     elif sure:
         quality = Quality.BIAS_ONLY
     known = belief.model

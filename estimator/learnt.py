@@ -32,6 +32,8 @@ CANCELLED_S = 60.0
 #: samples whose windows taught nothing of the bias, for which there was no time, are counted under this
 COASTED = "samples coasted"
 _GOES_ON = "calibrated; the calibration of this boot goes on"
+_WAS_DOUBTED = "the bias was in doubt when the estimator was restarted, a rest has to confirm it"
+_CONFIRMED = "the bias was confirmed at rest"
 
 
 class Learnt:
@@ -59,6 +61,7 @@ class Learnt:
         self.now = began
         #: what is said of a calibration that was cancelled, and the device time until which it is
         self._cancelled, self._cancelled_until = "", float("inf")
+        self._slope_learnt = False  # under a law, of a calibrated bias
         self._knobs, self._law, self._life, self._events, self._as_message = knobs, law, life, events, as_message
         self._stillness = Stillness(knobs.stillness)
         self._belief = believed(None, None, knobs.prior)
@@ -74,13 +77,13 @@ class Learnt:
         knobs = self._knobs.track
         kept = remembered.bias_at(self.now, knobs.bias_std)
         if kept is None:  # nor is it known when it was switched on
-            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias), knobs.bias_std)
+            kept = wider(calibrated_bias(calibration, self.now, self.began, knobs.bias, self._law), knobs.bias_std)
+        self._slope_learnt = remembered.bias is not None or self._law is not None
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
         self._life.on(Event.RESTORED, _GOES_ON)
         if remembered.doubted:
-            why = "calibrated; the bias was in doubt when the estimator was restarted, a rest has to confirm it"
-            self.tracker.doubt.why = why
-            self._life.on(Event.DOUBTED, why)
+            self.tracker.doubt.why = f"calibrated; {_WAS_DOUBTED}"
+            self._life.on(Event.DOUBTED, self.tracker.doubt.why)
 
     def resume(self, remembered: Remembered, temperature_c: float | None) -> bool:
         """Go on with the bias of a boot that was not calibrated, if one is remembered."""
@@ -88,6 +91,8 @@ class Learnt:
         if kept is None or self.calibration is not None:
             return False
         self.tracker.restored(self._belief.model, kept, self.now, temperature_c)
+        if remembered.doubted:
+            self.tracker.doubt.why = _WAS_DOUBTED
         return True
 
     def believe(self, calibration: Calibration) -> None:
@@ -100,10 +105,10 @@ class Learnt:
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""
         self._law = law
-        if self.calibration is None:
-            self.tracker.expect(law)
-        else:
+        if self.calibration is not None and self._slope_learnt:
             self.tracker.follow(law)
+        else:
+            self.tracker.expect(law)
 
     def resumed(self, time: float, celsius: float | None) -> None:
         """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
@@ -172,14 +177,26 @@ class Learnt:
         for receipt in receipts:
             if not receipt.accepted:
                 self._events.add(f"{receipt.kind}: {receipt.reason}")
-            elif self._doubted and self.tracker.trusts():
-                self._happens(Event.CONFIRMED, "calibrated; the bias was confirmed at rest", outcome)
+            elif self._doubted:
+                self._confirm(outcome)
         if self.tracker.law_refuted and self._law is not None:
             self._law = None
             self._events.add("temperature law disagrees")
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
-        if (reason := self.tracker.doubts(self.now)) is not None:
-            self._happens(Event.DOUBTED, reason, outcome)
+        if (why := self.tracker.doubts(self.now)) is not None and not self._happens(Event.DOUBTED, why, outcome):
+            self._say_beside(f"{self._life.goes_on}; {why}", why, outcome)
+
+    def _confirm(self, outcome: Outcome) -> None:
+        """End a doubt, if what was heard of rests does."""
+        why = self.tracker.doubt.why
+        if self.tracker.trusts() and not self._happens(Event.CONFIRMED, f"calibrated; {_CONFIRMED}", outcome):
+            self._say_beside(self._life.goes_on.removesuffix(f"; {why}"), _CONFIRMED, outcome)
+
+    def _say_beside(self, reason: str, news: str, outcome: Outcome) -> None:
+        """What is no event of a device that is being calibrated: what is to be done now is said, too."""
+        self._life.say(reason)
+        outcome.changed = True
+        outcome.said.append(news)
 
     @property
     def _doubted(self) -> bool:
@@ -215,6 +232,7 @@ class Learnt:
         self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
+        self._slope_learnt = self._law is not None
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)
 
     def cancel(self, who: str) -> None:
@@ -235,11 +253,13 @@ class Learnt:
             outcome.changed = True
         self._cancelled_until = float("inf")
 
-    def _happens(self, event: Event, reason: str, outcome: Outcome) -> None:
+    def _happens(self, event: Event, reason: str, outcome: Outcome) -> bool:
         before = self._life.state
-        if self._life.on(event, reason):
-            outcome.changed = True
-            outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+        if not self._life.on(event, reason):
+            return False
+        outcome.changed = True
+        outcome.said.append(f"{before.name} -> {self._life.state.name}: {reason}")
+        return True
 
     # ---- what is known now ----------------------------------------------------------------------------------------
 
@@ -287,8 +307,8 @@ class Learnt:
         noise_std = reading_std(self._stillness.noise_std) if self._stillness.noise_known else None
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
-        sure = track.sure and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        return choose(self._belief, bias, std, noise_std, sure=sure, doubted=self._life.away or track.doubt.stands)
+        sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
+        return choose(self._belief, bias, std, noise_std, sure=sure, away=self._life.away)
 
 
 def _bias_in(rest: Rest) -> RestBias:

@@ -47,7 +47,7 @@ CAUSES: dict[Event, str] = {
     Event.CANCEL_TO_TRACKING: "somebody cancelled; the old calibration stays in force",
     Event.CANCEL_TO_START: "somebody cancelled; there is no calibration of this boot",
     Event.DOUBTED: "evidence contradicts the bias, or is too old",
-    Event.CONFIRMED: "a rest agrees with the bias again",
+    Event.CONFIRMED: "a rest agrees with all of the bias again",
     Event.SILENT: "no samples for `silence_s`, or its bridge says that it is gone",
     Event.UNREACHABLE: "the estimator's router is gone: nobody knows",
     Event.OUTDATED: (

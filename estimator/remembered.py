@@ -8,6 +8,7 @@ from bridge.wire.messages import Calibration
 from estimator.correction import Correction, believed, choose
 from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BIAS, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.temperature import TemperatureLaw
 
 #: samples this much older than the last checkpoint are the bus's cache; older ones mean that the clock lost count
 CACHE_S = 60.0
@@ -57,14 +58,21 @@ def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) 
     else:
         tracked.predict(time, kept.temperature_c)
     std = np.sqrt(tracked.cov.diagonal()[BIAS])
-    sure = bool((std < doubt_std).all())
-    return choose(belief, tracked.x[BIAS], std, None, sure=sure, doubted=remembered.doubted)
+    sure = bool((std < doubt_std).all()) and not remembered.doubted
+    return choose(belief, tracked.x[BIAS], std, None, sure=sure)
 
 
-def calibrated_bias(calibration: Calibration, now: float, powered: float, knobs: BiasKnobs) -> BiasState:
-    """The bias as it was calibrated, at device time `now` of a device switched on at `powered`."""
+def calibrated_bias(
+    calibration: Calibration, now: float, powered: float, knobs: BiasKnobs, law: TemperatureLaw | None = None
+) -> BiasState:
+    """The bias as it was calibrated, at device time `now` of a device switched on at `powered`; its slope as a law has it."""
     bias, cov = calibration.bias, calibration.covariance[:3, :3]
-    return start(bias, cov, now, knobs, temperature_c=calibration.temperature_c, powered=powered)
+    begun = start(bias, cov, now, knobs, temperature_c=calibration.temperature_c, powered=powered)
+    if law is None:
+        return begun
+    expecting = BiasFilter(begun, knobs)
+    expecting.expect(law)
+    return expecting.state
 
 
 def wider(state: BiasState, doubt_std: float) -> BiasState:

@@ -47,12 +47,13 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
 def _quality(rows: Rows, session: DeviceSession) -> NDArray[np.int64]:
     """The best state for all of the boot; doubt that was never cleared stays with the rows it was on."""
     unsure = np.any(rows.bias_std >= session.knobs.track.bias_std, axis=1)
+    known, doubted = Quality.GOOD, Quality.DEGRADED
     if session.calibration is None:
-        return np.where(unsure, Quality.PRIOR if session.prior else Quality.NONE, Quality.BIAS_ONLY)
+        known, doubted = Quality.BIAS_ONLY, Quality.PRIOR if session.prior else Quality.NONE
     if session.tracker.doubt.stands:
-        trusted = np.flatnonzero(rows.quality != Quality.DEGRADED)
+        trusted = np.flatnonzero(rows.quality != doubted)
         unsure[trusted[-1] + 1 if len(trusted) else 0 :] = True
-    return np.where(unsure, Quality.DEGRADED, Quality.GOOD)
+    return np.where(unsure, doubted, known)
 
 
 def _between(now: Floats, time: Floats, values: Floats) -> Floats:

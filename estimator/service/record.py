@@ -329,7 +329,7 @@ class Record:
         if device.name in self._noting and not force:
             return
         self._noting.add(device.name)
-        doubted = session.tracker.doubt.stands and session.calibration is not None
+        doubted = session.tracker.doubt.stands
         row, learnt, bridge = (device.name, boot, self._now_ns(), state), session.learnt, device.source.owner
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
         self._keep(

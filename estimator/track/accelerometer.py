@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from estimator.track.evidence import Receipt
 from estimator.track.seconds import Second
 
+#: m/s², readings that are all the same deviate less from their mean, which is rounded
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerKnobs:
@@ -20,6 +23,8 @@ class AccelerometerKnobs:
     patience: int = 30
     #: so many in a row, and something is wrong, with it or with the bias
     in_a_row: int = 5
+    #: relative; a scale less certain than this takes gravity farther in a turn than a wrong bias does
+    scale_std: float = 0.05
 
 
 class Accelerometer:
@@ -33,10 +38,16 @@ class Accelerometer:
         self._alive = False
 
     def fit(self, second: Second) -> bool:
-        """Whether the readings of a second can be gravity and a wearer's movement."""
+        """Whether the readings of the next second can be gravity and a wearer's movement."""
+        fit = self._fit(second)
+        if not fit:
+            self._row = 0  # one that is silent, or frozen, is against nothing any more
+        return fit
+
+    def _fit(self, second: Second) -> bool:
         if self.disbelieved or second.accel is None or second.accel_std is None:
             return False
-        changing = any(second.accel_std.tolist())
+        changing = max(second.accel_std.tolist()) > _ROUNDING
         self._alive |= changing
         return (changing or not self._alive) and self.knobs.weakest < second.accel_strength < self.knobs.strongest
 

@@ -8,7 +8,10 @@ import numpy as np
 
 from estimator.track.consistency import Consistency
 from estimator.track.evidence import Receipt
-from estimator.track.zaru import INSISTED, JUMPED
+from estimator.track.zaru import INSISTED, JUMPED, UNPROVEN
+
+#: parts of the bias, across gravity and along it, of which either may be off while rests agree with the other
+_PARTS = "level", "vertical"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +35,9 @@ class Doubt:
         self.why = ""
         self.last_receipt: Receipt | None = None
         self.consistency = Consistency()
-        self._contradictions = 0
+        #: by part: what contradicted since a rest last agreed, and the latest of it
+        self._contradictions, self._refused = dict.fromkeys(_PARTS, 0), dict[str, Receipt]()
+        self._agreed = set[str]()  # parts that rests have agreed with since it was doubted
 
     @property
     def stands(self) -> bool:
@@ -41,12 +46,14 @@ class Doubt:
 
     def anew(self) -> None:
         """Nothing speaks against what is believed from now on."""
-        self._contradictions, self.why = 0, ""
+        self.interrupted()
+        self.why = ""
+        self._agreed.clear()
         self.consistency.forget()
 
     def interrupted(self) -> None:
         """What follows is not seen: rests in a row end here."""
-        self._contradictions = 0
+        self._contradictions = dict.fromkeys(_PARTS, 0)
 
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt]) -> None:
         """Note receipts of rests; surprises: what the filter was told to expect before it took any of them."""
@@ -56,11 +63,20 @@ class Doubt:
             self.last_receipt = receipt
             if receipt.reason in {INSISTED, JUMPED}:
                 self.consistency.forget()  # what was against the old bias speaks for the new
-            if not receipt.accepted:
-                # A stretch is as good as many seconds.
-                self._contradictions += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
-        if receipts and all(r.accepted for r in receipts):
-            self._contradictions = 0
+            for part in _parts(receipt.kind):
+                self._heard(part, receipt)
+
+    def _heard(self, part: str, receipt: Receipt) -> None:
+        """What a rest said of a part; a few quiet seconds would agree with much that is wrong."""
+        if not receipt.accepted:
+            # A stretch is as good as many seconds.
+            self._contradictions[part] += self.knobs.contradictions if receipt.kind.startswith("bounded") else 1
+            self._refused[part] = receipt
+            self._agreed.discard(part)
+        elif receipt.reason != UNPROVEN:
+            self._contradictions[part] = 0
+            if receipt.reason != INSISTED:
+                self._agreed.add(part)
 
     def news(self, age_s: float, *, gravity: bool) -> str | None:
         """Why it is doubted from now on, in words; None when that is no news, or there is no reason.
@@ -68,9 +84,12 @@ class Doubt:
         age_s: since the last evidence of rest, or since one was waited for. gravity: whether the accelerometer is against it.
         """
         reason = None
-        if self.last_receipt is not None and self._contradictions >= self.knobs.contradictions:
-            by = degrees(float(np.max(np.abs(self.last_receipt.innovation))))
+        against = [self._refused[part] for part in _PARTS if self._contradictions[part] >= self.knobs.contradictions]
+        if against:
+            by, kind = max((degrees(float(np.max(np.abs(refused.innovation)))), refused.kind) for refused in against)
             reason = f"at rest it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
+            if kind.startswith("bounded"):
+                reason = f"quiet, it reads {by:.2f} °/s off: turning slowly, or the bias jumped"
         elif gravity:
             reason = "gravity disagrees: the bias jumped, or the accelerometer is wrong"
         elif self.consistency.inflation > self.knobs.inflation:
@@ -80,14 +99,19 @@ class Doubt:
         if reason is None or self.stands:
             return None
         self.why = reason
+        self._agreed.clear()
         return reason
 
     def settled(self, age_s: float, *, sure: bool, gravity: bool) -> bool:
-        """Whether the last rest has made a bias certain again that is sure in itself, and would not be doubted at once."""
-        receipt = self.last_receipt
-        against = self._contradictions or gravity or self.consistency.inflation > self.knobs.inflation
+        """Whether rests have made all of a bias certain again that is sure in itself, and would not be doubted at once."""
+        against = gravity or self.consistency.inflation > self.knobs.inflation
         against = against or age_s > self.knobs.evidence_age_s  # a rest that proved none does not end the wait for one
-        if against or not sure or receipt is None or not receipt.accepted or receipt.reason == INSISTED:
+        if against or not sure or not self._agreed.issuperset(_PARTS):
             return False
         self.why = ""
         return True
+
+
+def _parts(kind: str) -> list[str]:
+    """Those that a kind of evidence tells of: all, where it is of no one."""
+    return [part for part in _PARTS if kind.endswith(part)] or list(_PARTS)

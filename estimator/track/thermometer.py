@@ -42,7 +42,9 @@ class Thermometer:
         return self.reading - self.now if self._read else 0.0
 
     def read(self, time: float, celsius: float) -> None:
-        """Note a reading."""
+        """Note a reading; one that says nothing is none."""
+        if not isfinite(celsius):
+            return
         if self._read and abs(celsius - self.now) > self._believable(time):
             self._leapt = time if self._leapt is None else self._leapt
             if time - self._leapt < self.knobs.leap_s:

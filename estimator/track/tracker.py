@@ -263,7 +263,7 @@ class Tracker:
             self._filter.restart(self._kept)
             self.thermometer.go_on(self._kept.time, self._kept.temperature_c)
             self._kept = None
-        if second.accel is not None and not self._accelerometer.fit(second):
+        if not self._accelerometer.fit(second) and second.accel is not None:
             self._without_accelerometer()
             second = second._replace(accel=None, accel_mean=None, accel_std=None)
         span, carried = self._carried(second)
@@ -351,9 +351,14 @@ class Tracker:
 
     def doubts(self, now: float) -> str | None:
         """Why the bias is doubted from now on, in words; None when that is no news, or there is no reason."""
-        return self.doubt.news(now - self._evidence_time, gravity=self._accelerometer.contradicts)
+        return self.doubt.news(now - self._evidence_time, gravity=self._gravity_disagrees)
 
     def trusts(self) -> bool:
         """Whether the last rest has made the bias certain again."""
         age_s = self.time - self._evidence_time
-        return self.doubt.settled(age_s, sure=self.sure, gravity=self._accelerometer.contradicts)
+        return self.doubt.settled(age_s, sure=self.sure, gravity=self._gravity_disagrees)
+
+    @property
+    def _gravity_disagrees(self) -> bool:
+        against = self._accelerometer
+        return against.contradicts and float(self._model.scale_std.max()) < against.knobs.scale_std

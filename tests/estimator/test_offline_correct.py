@@ -355,6 +355,17 @@ def test_without_a_calibration_a_smoothed_bias_is_all_there_is(worn: Stream, mon
     assert (correct(recorded(worn), smooth=True).quality == Quality.NONE).all()
 
 
+def test_doubt_stays_without_a_calibration_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    lies = stream([Still(60.0)], 60.0)
+    jump = lies.at(40.0)
+    off = np.radians(0.5) * (np.arange(len(lies)) >= jump)
+    smoother(monkeypatch, known(lies, 0.0, 60.0))
+    up = Rotation.from_quat(lies.attitude[0], scalar_first=True).inv().apply([0.0, 0.0, 1.0])
+    found = correct(replace(recorded(lies), gyro=lies.gyro + np.outer(off, up)), smooth=True)
+    assert (found.quality[:jump] == Quality.BIAS_ONLY).all()
+    assert found.quality[-1] == Quality.NONE
+
+
 def test_without_evidence_it_says_so(worn: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
     smoother(monkeypatch, None)
     with pytest.raises(RecordingError, match="nothing to smooth"):

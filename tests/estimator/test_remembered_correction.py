@@ -26,6 +26,7 @@ def kept(std: float = 1e-4, celsius: float = np.nan) -> BiasState:
         (None, Quality.NONE),
         (Remembered(None, kept()), Quality.BIAS_ONLY),
         (Remembered(None, kept(std=0.5)), Quality.NONE),
+        (Remembered(None, kept(), doubted=True), Quality.NONE),
         (Remembered(CALIBRATION, kept()), Quality.GOOD),
         (Remembered(CALIBRATION, kept(), doubted=True), Quality.DEGRADED),
         (Remembered(CALIBRATION, kept(std=0.5)), Quality.DEGRADED),

@@ -230,18 +230,20 @@ def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
         assert ("in doubt when the estimator was restarted" in status.reason) is doubted
 
 
-def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream) -> None:
+@pytest.mark.parametrize("doubt", ["", "a jump"])
+def test_the_bias_of_a_boot_without_a_calibration_goes_on(ward: Ward, once: Stream, doubt: str) -> None:
     batches = once.batches()
     upto = once.at(6.0) // 10
     ward.send(batches[:upto], info(1))
     session = ward.service._devices[NAME].session
     assert session.status(1).quality is Quality.BIAS_ONLY
+    session.tracker.doubt.why = doubt
     ward.service._record.checkpoint(ward.service._devices[NAME], 0.0, force=True)
     list(ward.subscriber)
     restart(ward)
     ward.send(batches[upto : upto + 2])
     last = list(ward.subscriber)[-1]
-    assert last.quality is Quality.BIAS_ONLY
+    assert last.quality is (Quality.NONE if doubt else Quality.BIAS_ONLY)
     np.testing.assert_allclose(last.bias, session.tracker.bias, atol=np.radians(0.02))
 
 

@@ -11,9 +11,11 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.sim.day import simulate_day
+from bridge.sim.motion import Still
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.database import Change, Database
+from estimator.remembered import Remembered
 from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.record import Record
@@ -24,7 +26,7 @@ from estimator.track.bias_filter import BIAS, SLOPE, BiasKnobs, BiasState
 from estimator.track.learning import Points, learn
 from estimator.track.temperature import Floats, TemperatureLaw
 from tests.estimator.memory_ward import Ward
-from tests.estimator.stream import NAME, Stream, feed, info
+from tests.estimator.stream import NAME, Stream, calibration, feed, info
 from tests.estimator.track.test_temperature import KNOBS, LAW, boot, learnt
 
 HOUR_NS = 3_600_000_000_000
@@ -172,6 +174,28 @@ def test_what_was_learnt_of_the_slope_in_this_boot_is_kept_when_the_law_comes() 
     warmer.predict(state.time + 1.0, state.temperature_c + 1.0)
     assert warmer.bent is not None
     np.testing.assert_allclose(warmer.bent[SLOPE], 2 * LAW.quadratic)
+
+
+@pytest.mark.parametrize("how", ["adopted", "restarted", "calibrated"])
+def test_no_law_is_refuted_by_a_slope_that_was_not_learnt_under_it(how: str) -> None:
+    """That of a calibrated bias is none before it is learnt: the first second gave up what earlier boots had taught."""
+    of = calibration(seed=1, after=[Still(12.0)])
+    of = replace(of, temperature_c=np.full(len(of), 25.0))
+    before, after = of.batches()[:-100], of.batches()[-100:]
+    device = DeviceSession(NAME)
+    device.begin_boot(1, 0.0, None, LAW if how == "adopted" else None)
+    feed(device, before)
+    assert device.calibration is not None
+    if how == "adopted":  # where the law is known already; else it is looked up only now
+        device.adopt(device.calibration)
+    elif how == "restarted":  # before any checkpoint
+        remembered, device = Remembered(device.calibration, None), DeviceSession(NAME)
+        device.begin_boot(1, float(after[0].device_time[0]), remembered, None, 25.0)
+    if how != "adopted":
+        device.learnt.expect(LAW)
+    feed(device, after)
+    assert "temperature law disagrees" not in device.status(0).events
+    np.testing.assert_allclose(device.tracker.state.x[SLOPE], LAW.slope(25.0), atol=np.radians(1e-4))
 
 
 def test_a_wrong_law_is_given_up_and_told_once() -> None:

@@ -111,3 +111,51 @@ def test_pauses_too_short_for_a_rest_do_not_end_the_doubt_that_there_was_none() 
     said = feed(device, calibration(seed=1, after=[*walk, Still(10.0)]).batches()).said
     states = [words.split(":")[0] for words in said if " -> " in words]
     assert states[-3:] == ["TURNING -> TRACKING", "TRACKING -> DEGRADED", "DEGRADED -> TRACKING"]
+
+
+def test_who_is_put_down_for_a_moment_stays_in_doubt(once: Stream) -> None:
+    """Of a jump about the vertical the first quiet second, which proves nothing, made it GOOD again, and off by all of that."""
+    device = calibrated(once)
+    doubtful = off(once, 0.25, 20.0)
+    feed(device, doubtful.batches(first=len(once)))
+    assert state(device) is State.DEGRADED
+    rng = np.random.default_rng(0)
+    pieces = [piece for _ in range(3) for piece in (swing(rng, 3.0, 1.0), Still(3.0))]
+    moved = stream(pieces, 18.0, attitude=doubtful.attitude[-1])
+    gyro = moved.gyro - moved.bias + doubtful.gyro.mean(axis=0)
+    warm = np.full(len(moved), doubtful.temperature_c[-1])
+    moved = replace(moved, ticks=moved.ticks + doubtful.ticks[-1], gyro=gyro, temperature_c=warm)
+    outcome = feed(device, moved.batches(first=len(once) + len(doubtful)))
+    assert {b.quality for b in outcome.corrected} == {Quality.DEGRADED}
+
+
+@pytest.fixture
+def rested() -> Stream:
+    """Never turned."""
+    return stream([Still(12.0)], 12.0, seed=3)
+
+
+def test_of_a_bias_in_doubt_nobody_says_that_it_is_known(rested: Stream) -> None:
+    """It stayed BIAS_ONLY, sure to 0.02 °/s and off by 0.25, for two minutes."""
+    device, doubtful = DeviceSession(NAME), off(rested, 0.25, 20.0)
+    feed(device, rested.batches())
+    assert device.status(1).quality is Quality.BIAS_ONLY
+    outcome = feed(device, doubtful.batches(first=len(rested)))
+    to_do = "still: now turn it once about x, y, z"
+    assert outcome.changed
+    assert (state(device), device.status(1).quality) == (State.BIAS_ONLY, Quality.NONE)
+    assert re.fullmatch(to_do + "; at rest it reads 0.2. °/s off.*", device.status(1).reason)
+    back = off(doubtful, 0.0, 20.0)
+    back = replace(back, gyro=back.gyro + (rested.gyro.mean(axis=0) - back.gyro.mean(axis=0)))
+    outcome = feed(device, back.batches(first=len(rested) + len(doubtful)))
+    assert outcome.said == ["the bias was confirmed at rest"]
+    assert (device.status(1).quality, device.status(1).reason) == (Quality.BIAS_ONLY, to_do)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_turns_of_a_gyro_whose_scale_is_not_known_raise_no_doubt(seed: int) -> None:
+    """Gravity, carried by a scale that is off by a tenth, disagreed with every other one."""
+    device = DeviceSession(NAME)
+    qualities = [batch.quality for batch in feed(device, calibration(seed=seed).batches()).corrected]
+    first = qualities.index(Quality.BIAS_ONLY)
+    assert set(qualities[first:]) == {Quality.BIAS_ONLY, Quality.GOOD}

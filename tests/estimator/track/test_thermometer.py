@@ -18,6 +18,15 @@ def test_before_any_reading_nothing_is_known() -> None:
     assert math.isnan(Thermometer().at(1.0))
 
 
+def test_what_says_nothing_is_no_reading() -> None:
+    """Who adopted a calibration before any came had none for the rest of the boot."""
+    one = Thermometer()
+    one.go_on_with(1.0, math.nan, 0.0)
+    one.read(2.0, 25.0)
+    one.read(3.0, math.nan)
+    assert one.now == one.reading == one.at(9.0) == 25.0
+
+
 def test_the_first_reading_is_believed_as_it_is() -> None:
     one = Thermometer()
     one.read(5.0, 31.25)

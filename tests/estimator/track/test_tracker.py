@@ -166,11 +166,28 @@ def test_the_past_is_improved_once_a_gap() -> None:
     assert worn.tracker.improved() is None
 
 
+AGAINST = Receipt(1.0, "gravity", np.ones(3), np.eye(3), 9.0, accepted=False, reason="", nis=99.0)
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+def test_an_accelerometer_that_falls_silent_is_against_nothing(*, frozen: bool) -> None:
+    """What it had said last stood for the rest of the boot, and no rest of the gyro's ended the doubt."""
+    lies = rest(40.0)
+    silent, against = lies.at(10.0), lies.at(12.0)
+    lies.accel[silent:] = lies.accel[silent]
+    worn = Worn.new().lives(lies.part(0, silent)).lives(lies.part(silent, against), accel=frozen)
+    for _ in range(worn.tracker.knobs.accelerometer.in_a_row):
+        worn.tracker._accelerometer.heard(AGAINST)
+    assert "gravity disagrees" in str(worn.tracker.doubts(10.0))
+    worn.lives(lies.part(against, len(lies)), accel=frozen)
+    assert {r.kind for r in worn.receipts[-20:]} == {"zaru"}
+    assert worn.tracker.trusts()
+
+
 def test_what_spoke_against_the_old_belief_does_not_speak_against_a_calibration() -> None:
     one = Tracker(TrackKnobs(), 0.0, uncalibrated(PriorKnobs()), np.full(3, 0.1))
-    against = Receipt(1.0, "gravity", np.ones(3), np.eye(3), 9.0, accepted=False, reason="", nis=99.0)
     for _ in range(one.knobs.accelerometer.in_a_row):
-        one._accelerometer.heard(against)
+        one._accelerometer.heard(AGAINST)
     assert one._accelerometer.contradicts
     rest = RestBias(np.zeros(3), np.eye(3) * 1e-10, np.zeros(3), 1.0, 2.0)
     one.calibrated(uncalibrated(PriorKnobs()), np.eye(3) * 1e-10, 0.5, rest)
