@@ -209,6 +209,8 @@ class CalibrationSession:
 
     def _checked(self, capture: Capture) -> Result:
         """The method's result, unless what it was made from speaks against it."""
+        if self._by_movements and not capture.movements:
+            return self._without_movements()
         result = self._run(capture)
         shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
         if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
