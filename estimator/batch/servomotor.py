@@ -19,8 +19,10 @@ import numpy as np
 
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Floats, Samples
+from estimator.batch.gravity import G
 from estimator.batch.plateaus import Plateau, plateaus, still
 from estimator.batch.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.batch.stages import LEAST_GRAVITY, MOST_GRAVITY
 from estimator.gyro import AXES, reading_std
 
 
@@ -47,7 +49,11 @@ def by_servomotor(samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs 
     rests, spins = [p for p in found if still(p, rates)], [p for p in found if not still(p, rates)]
     pairs = [(spin, rest) for spin in spins if (rest := _rest_before(spin, rests)) is not None]
     u = np.array([rest.accel for _, rest in pairs]).reshape(-1, 3)
-    u /= np.linalg.norm(u, axis=1)[:, None]
+    size = np.linalg.norm(u, axis=1)
+    if np.any((size < LEAST_GRAVITY) | (size > MOST_GRAVITY)):
+        far = size[np.argmax(np.abs(size - G))]
+        return _refused(f"{far:.1f} m/s² at rest is no gravity: the servo's axis is seen as its direction")
+    u /= size[:, None]
     if len(pairs) < 3 or np.linalg.svd(u**2, compute_uv=False)[-1] < 0.1:
         reason = f"{len(pairs)} stretches of constant rate after a rest: three mountings that differ are needed"
         return nothing("servomotor", Verdict.REPEAT, f"{reason}, 1.5 s of each", (0, 1, 2))

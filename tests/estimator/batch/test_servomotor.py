@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,8 @@ def test_what_it_needs_is_said() -> None:
     of = on_a_servo(3)
     assert "accelerometer" in offline.calibrate(of.recording(accel=False), "servomotor", rates=RATE)[0].reason
     assert "one known rate" in by_servomotor(samples(of), (0.5, 1.0)).reason
+    dead = replace(samples(of), accel=np.zeros_like(of.accel))
+    assert "0.0 m/s² at rest is no gravity" in by_servomotor(dead, RATE).reason
 
 
 def test_a_wrong_rate_is_refused() -> None:
