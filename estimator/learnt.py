@@ -7,7 +7,7 @@ from bridge.wire.messages import Calibration, SampleBatch, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
-from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
@@ -195,11 +195,12 @@ class Learnt:
         match progress:
             case RestFound():
                 self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
-            case TurnFound(turn):
-                self._happens(Event.TURNED, under_way.took(turn), outcome)
-            case Ignored(no_turn):
-                self._events.add("movement ignored")
-                needed = f"{no_turn.reason}; still needed: {under_way.missing}"
+            case TurnFound():
+                self._happens(Event.TURNED, under_way.said(progress), outcome)
+            case Expired() | Ignored():
+                if isinstance(progress, Ignored):
+                    self._events.add("movement ignored")
+                needed = under_way.said(progress)
                 self._life.say(needed)
                 outcome.changed = True
                 outcome.said.append(needed)
@@ -209,7 +210,6 @@ class Learnt:
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
         outcome.calibration = self._as_message(result, under_way.who, now_ns)
         if result.verdict is not Verdict.ACCEPTED:
-            under_way.repeat(result.repeat)
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
         self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""

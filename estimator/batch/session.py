@@ -37,9 +37,18 @@ class RestFound:
 
 @dataclass(frozen=True, slots=True)
 class TurnFound:
-    """A full turn about an axis."""
+    """A full turn about an axis; beside it those about others are gone, too old or at another bias, or missing as yet."""
 
     turn: TurnCapture
+    gone: tuple[int, ...] = ()
+    missing: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Expired:
+    """Turns about these axes are too old by now to be combined with new ones."""
+
+    axes: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +66,7 @@ class Finished:
     rest: Rest
 
 
-Progress = RestFound | TurnFound | Ignored | Finished
+Progress = RestFound | TurnFound | Expired | Ignored | Finished
 
 
 class CalibrationSession:
@@ -129,6 +138,13 @@ class CalibrationSession:
                 progress += self._moved(settled.after)
         return progress
 
+    def expire(self, now: float) -> tuple[int, ...]:
+        """Forget the turns that are too old at a device time, s; their axes."""
+        old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
+        for axis in old:
+            del self.turns[axis]
+        return old
+
     def done(self) -> tuple[int, ...]:
         """Axes with a turn that counts."""
         return tuple(sorted(self.turns))
@@ -193,6 +209,7 @@ class CalibrationSession:
         return [Ignored(no_turn)]
 
     def _turned(self, turn: TurnCapture) -> list[Progress]:
+        before = self.done()
         self.turns[turn.axis] = turn
         newest = turn.samples.time[-1]
         self.turns = {
@@ -200,7 +217,8 @@ class CalibrationSession:
             for axis, t in self.turns.items()
             if newest - t.samples.time[-1] < STALE_S and same_bias(t.before, turn.before, self._turn_knobs)
         }
-        progress: list[Progress] = [TurnFound(turn)]
+        gone = tuple(axis for axis in before if axis not in self.turns)
+        progress: list[Progress] = [TurnFound(turn, gone, self.missing())]
         if not self.missing() and not self._whole:
             result = self._checked(self._capture())
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}

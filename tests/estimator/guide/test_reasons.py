@@ -27,6 +27,7 @@ OFFLINE = "no movement between two rests"
             "turn about x taken; the turn about y, z is too old, or the bias has moved since; still needed: y, z",
             ["old"],
         ),
+        ("the turn about y, z is too old; still needed: x, y, z", ["old"]),
         ("turn about x taken; still needed: y, z", []),
         ("still: now turn it once about x, y, z", []),
         ("hold the device still for 3 seconds", []),

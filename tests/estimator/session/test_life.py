@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
 from bridge.wire import codec, keys
 from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
+from estimator.batch.capture import Capture
+from estimator.batch.methods import METHODS
+from estimator.batch.result import Result, nothing
+from estimator.batch.session import STALE_S
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import state
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
@@ -81,6 +86,31 @@ def test_the_words_say_what_is_missing() -> None:
     assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
     assert "still needed: x, z" in device.life.reason
     assert device.status(1).axes_done == (1,)
+
+
+def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
+    of = calibration(TurnPlan(0), seed=3, after=[Still(STALE_S + 5.0)])
+    device = DeviceSession(NAME)
+    feed(device, of.part(0, of.at(STALE_S)).batches())
+    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((0,), True, False)
+    outcome = feed(device, of.part(of.at(STALE_S), len(of)).batches(first=of.at(STALE_S)))
+    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((), False, True)
+    assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
+    assert outcome.said == [device.life.reason]
+
+
+def test_turns_that_are_to_be_repeated_are_not_said_to_be_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_about_y(capture: Capture) -> Result:
+        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
+
+    monkeypatch.setitem(METHODS, "closure", open_about_y)
+    device = DeviceSession(NAME)
+    outcome = feed(device, calibration(seed=4).batches())
+    assert outcome.said[-2:] == [
+        "TURNING -> TURNING: turn about z taken",
+        "TURNING -> TURNING: the turn about y did not end where it began",
+    ]
+    assert device.status(1).axes_done == (0, 2)
 
 
 def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
