@@ -144,7 +144,8 @@ class Learnt:
                 self._as_it_is(outcome)
             if tracked != tracker.time and (improved := tracker.improved()) is not None:
                 used, (batch, _) = self._belief, where(*course.place(last))
-                outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+                revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+                outcome.revisions += [] if revision is None else [revision]
             tracked = tracker.time
         if coast and len(windows):
             self._coast(windows, course, outcome)
@@ -208,11 +209,12 @@ class Learnt:
                 self._finish(result, rest, under_way, outcome, sample_time_ns(*last))
 
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
-        outcome.calibration = self._as_message(result, under_way.who, now_ns)
+        made = self._as_message(result, under_way.who, now_ns)
+        outcome.calibrations.append(made)
         if result.verdict is not Verdict.ACCEPTED:
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""
+        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ""
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._happens(Event.CALIBRATED, f"calibrated: {result.reason}", outcome)

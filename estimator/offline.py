@@ -200,7 +200,7 @@ class _Pass:
     def _note(self, outcome: Outcome) -> None:
         self._said += outcome.said
         self.turned = self.turned or bool(self._session.learnt.turned)
-        if (made := outcome.calibration) is not None:
+        for made in outcome.calibrations:
             self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
         for batch in outcome.corrected:
             self.rows.take(batch, self._matrices[batch.calibration])
