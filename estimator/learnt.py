@@ -52,7 +52,7 @@ class Learnt:
         self.prior: Calibration | None = None
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
-        self.under_way: UnderWay | None = UnderWay(knobs.method)
+        self.under_way: UnderWay | None = UnderWay(knobs)
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
         self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
@@ -222,7 +222,7 @@ class Learnt:
     def cancel(self, who: str) -> None:
         """Stop one that is under way; an old one stays, else it begins anew."""
         if self.calibration is None:
-            self.under_way = UnderWay(self._knobs.method)
+            self.under_way = UnderWay(self._knobs)
             self._life.say(f"calibration cancelled by {who}; hold the device still for 3 seconds to begin again")
             return
         self.scratch, self.under_way = "", None

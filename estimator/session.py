@@ -323,7 +323,7 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self.learnt.under_way = UnderWay(self.knobs.method, who, reason)
+        self.learnt.under_way = UnderWay(self.knobs, who, reason)
         why = f": {reason}" if reason else ""
         self.life.say(f"recalibration asked for by {who}{why}; hold it still for 3 seconds")
         return None

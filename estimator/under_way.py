@@ -2,14 +2,15 @@
 
 from estimator.batch.session import CalibrationSession, Expired, Ignored, Progress, TurnFound
 from estimator.gyro import AXES
+from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Windows
 
 
 class UnderWay:
     """Windows in, progress out. `who` asked for it and `why`; nobody, where a device has just booted."""
 
-    def __init__(self, method: str, who: str = "", why: str = "") -> None:
-        self._capture = CalibrationSession(method)
+    def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
+        self._capture = CalibrationSession(knobs.method, scale_limit=knobs.scale_limit)
         self.who, self.why = who, why
 
     @property

@@ -13,7 +13,7 @@ from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.batch.movements import Movements
 from estimator.batch.names import DEFAULT
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
-from estimator.batch.result import PARAMETERS, Result, nothing
+from estimator.batch.result import PARAMETERS, Result, nothing, unlikely
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
 from estimator.stillness import Window
@@ -73,7 +73,7 @@ class CalibrationSession:
     """Collects rests and turns in any order of axes until one turn about each is there.
 
     A method by movements runs after each of them too, and is done as soon as they determine a full matrix; with `whole`
-    it runs only when asked for what it has, at the end of a recording.
+    it runs only when asked for what it has, at the end of a recording. scale_limit: see `unlikely`.
     """
 
     def __init__(
@@ -83,6 +83,7 @@ class CalibrationSession:
         stages: StageKnobs | None = None,
         turn_knobs: TurnKnobs | None = None,
         *,
+        scale_limit: float = inf,
         whole: bool = False,
     ) -> None:
         self._run = METHODS[method]
@@ -90,7 +91,7 @@ class CalibrationSession:
         self._k = np.ones(3) if k is None else k
         self._history = History()
         self._stages = Stages(self._history, stages)
-        self._turn_knobs = turn_knobs or TurnKnobs()
+        self._turn_knobs, self._scale_limit = turn_knobs or TurnKnobs(), scale_limit
         self._movements = Movements(self._turn_knobs)
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
@@ -241,6 +242,9 @@ class CalibrationSession:
         fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
             return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
+        odd = unlikely(result.scale, self._scale_limit)
+        if result.verdict is Verdict.ACCEPTED and odd is not None:
+            return replace(result, verdict=Verdict.REPEAT, repeat=odd[0], reason=odd[1])
         return result
 
     def _moved(self, rest: Rest) -> list[Progress]:

@@ -38,6 +38,10 @@ OFFLINE = "no movement between two rests"
         ("a nudge, not a turn; still needed: x", []),
         ("calibration cancelled by nurse; the old one stays", ["cancelled"]),
         ("the turn did not end where it began: x by 2.1°, z by 3.0°. Repeat axis x, z", ["open"]),
+        (
+            "no turn of 360° if the gyro is what its maker says: z 330°. Turn it once around, to where it began. Repeat axis z",
+            ["around"],
+        ),
         ("something nobody has thought of", ["other"]),
         ("", []),
     ],

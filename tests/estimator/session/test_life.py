@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
 from bridge.wire import codec, keys
@@ -11,6 +12,8 @@ from estimator.batch.capture import Capture
 from estimator.batch.methods import METHODS
 from estimator.batch.result import Result, nothing
 from estimator.batch.session import STALE_S
+from estimator.device_knobs import knobs_of
+from estimator.noise_model import load_model
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import state
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
@@ -111,6 +114,19 @@ def test_turns_that_are_to_be_repeated_are_not_said_to_be_too_old(monkeypatch: p
         "TURNING -> TURNING: the turn about y did not end where it began",
     ]
     assert device.status(1).axes_done == (0, 2)
+
+
+@pytest.mark.parametrize(("angle", "kind"), [(330.0, "mpu-6050"), (440.0, "icm-20948"), (366.0, "factory-calibrated")])
+def test_a_turn_that_was_not_once_around_is_asked_for_again(angle: float, kind: str) -> None:
+    """About the vertical nothing shows it but what is known of the gyro."""
+    turns = TurnPlan(0), TurnPlan(1), TurnPlan(2, angle), TurnPlan(2)
+    of = calibration(*turns, seed=3, spec=ImuSpec(scale=(1.0, 1.0)))
+    device = DeviceSession(NAME, knobs_of(load_model(kind)))
+    first, second = feed(device, of.batches()).calibrations
+    assert first.verdict is Verdict.REPEAT
+    assert first.reason.startswith(f"no turn of 360° if the gyro is what its maker says: z {angle:.0f}°")
+    assert second.verdict is Verdict.ACCEPTED
+    np.testing.assert_allclose(np.diag(second.matrix), of.truth.k, atol=1e-3)
 
 
 def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
