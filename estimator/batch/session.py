@@ -16,7 +16,7 @@ from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale,
 from estimator.batch.result import PARAMETERS, Result, nothing, unlikely
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
-from estimator.stillness import Window
+from estimator.stillness import StillnessKnobs, Window, too_seldom
 
 #: turns older than this, or taken at another bias, are not combined with new ones
 STALE_S = 600.0
@@ -175,7 +175,8 @@ class CalibrationSession:
         if (largest := self._history.largest) > ABSURD:
             because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
         elif not self.rested:
-            because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
+            seldom = too_seldom(self._history.rate_hz, StillnessKnobs())
+            because = f": {seldom or f'the device was never still for {self._stages.knobs.rest_s:g} s'}"
         elif not self._moved_about:
             because = ": it was not moved from one rest to another"
         elif len(self._too_small) == 3:

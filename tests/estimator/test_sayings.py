@@ -193,6 +193,7 @@ the gyro's axes are not the accelerometer's: x is y, y is −x of what the gyro 
 calibrated: three turns closed to 0.10°; all scale factors near 1.147: the LSM9DS1's sensitivity is read as its range over 32768
 no movement between two rests whose gravity an accelerometer measured (last movement: a nudge, not a turn)
 no turn of 360° if the gyro is what its maker says: y 440°, z 330°. Turn it once around, to where it began. Repeat axis y, z
+no full turn about x, y, z was seen: 4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do
 no full turn about x, y was seen (last movement: went back and forth: 400° of movement gained 10°)
 no full turn about x was seen: the device was never still for 3 s
 gravity carried through 7 movements to 2.10° rms, 5.1 times worse than sensors err: hold it quite still between movements

@@ -1,5 +1,7 @@
 """The life of one device, fed as the service feeds it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
 from bridge.wire import codec, keys
 from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
+from estimator import offline
 from estimator.batch.capture import Capture
 from estimator.batch.methods import METHODS
 from estimator.batch.result import Result, nothing
@@ -79,6 +82,17 @@ def test_status_can_be_published_at_any_time(once: Stream) -> None:
     assert status.progress == 1
     assert status.axes_done == ()
     np.testing.assert_allclose(status.scale, once.truth.k, atol=2e-4)
+
+
+@pytest.mark.parametrize(("rate_hz", "seldom"), [(4.0, True), (6.0, False)])
+def test_samples_that_come_too_seldom_are_no_fault_of_who_holds_it(rate_hz: float, seldom: bool) -> None:
+    of = calibration(seed=2, rate_hz=rate_hz)
+    device = DeviceSession(NAME)
+    device.info = replace(info(), rate_hz=rate_hz, measured_rate_hz=rate_hz)
+    feed(device, of.batches())
+    words = "4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do"
+    assert (device.status(1).reason == words) is seldom
+    assert (words in offline.calibrate(of.recording())[0].reason) is seldom
 
 
 def test_the_words_say_what_is_missing() -> None:
