@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 _USUAL_HZ = 100.0
 #: Allan deviation of a bias instability of 1 (IEEE Std 952, √(2 ln 2 / π)); and at which averaging time a walk is to reach it, s
 _FLAT, _WITHOUT_REST_S = 0.664, 1000.0
+#: times a model's scale_tolerance that no gyro of the kind is off: sheets say limits (MPU-6050: ±3 % as MIN and MAX at 25 °C)
+#: or typical values with all of temperature in them (ICM-20948); and what a hand's turn may always miss by, 3.6°
+_TOLERANCES, _BY_HAND = 2.0, 0.01
 
 
 def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKnobs:
@@ -28,6 +31,7 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     gravity = track.gravity if model.zero_g is None else replace(track.gravity, accel_bias=model.zero_g)
     return replace(
         knobs,
+        scale_limit=max(_TOLERANCES * model.scale_tolerance, _BY_HAND),
         prior=replace(knobs.prior, bias_std=model.turn_on_bias, scale_std=model.scale_tolerance, noise_std=noise),
         stillness=replace(knobs.stillness, noise_guess=noise),
         track=replace(track, bias=bias, gravity=gravity),

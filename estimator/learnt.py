@@ -7,7 +7,7 @@ from bridge.wire.messages import Calibration, SampleBatch, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
-from estimator.batch.session import Finished, Ignored, Progress, RestFound, TurnFound
+from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFound, TurnFound
 from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
@@ -54,7 +54,7 @@ class Learnt:
         self.prior: Calibration | None = None
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
-        self.under_way: UnderWay | None = UnderWay(knobs.method)
+        self.under_way: UnderWay | None = UnderWay(knobs)
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
         self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
@@ -149,7 +149,8 @@ class Learnt:
                 self._as_it_is(outcome)
             if tracked != tracker.time and (improved := tracker.improved()) is not None:
                 used, (batch, _) = self._belief, where(*course.place(last))
-                outcome.revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+                revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+                outcome.revisions += [] if revision is None else [revision]
             tracked = tracker.time
         if coast and len(windows):
             self._coast(windows, course, outcome)
@@ -212,11 +213,12 @@ class Learnt:
         match progress:
             case RestFound():
                 self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
-            case TurnFound(turn):
-                self._happens(Event.TURNED, under_way.took(turn), outcome)
-            case Ignored(no_turn):
-                self._events.add("movement ignored")
-                needed = f"{no_turn.reason}; still needed: {under_way.missing}"
+            case TurnFound():
+                self._happens(Event.TURNED, under_way.said(progress), outcome)
+            case Expired() | Ignored():
+                if isinstance(progress, Ignored):
+                    self._events.add("movement ignored")
+                needed = under_way.said(progress)
                 self._life.say(needed)
                 outcome.changed = True
                 outcome.said.append(needed)
@@ -224,12 +226,12 @@ class Learnt:
                 self._finish(result, rest, under_way, outcome, sample_time_ns(*last))
 
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
-        outcome.calibration = self._as_message(result, under_way.who, now_ns)
+        made = self._as_message(result, under_way.who, now_ns)
+        outcome.calibrations.append(made)
         if result.verdict is not Verdict.ACCEPTED:
-            under_way.repeat(result.repeat)
             self._happens(Event.NOT_CALIBRATED, result.reason, outcome)
             return
-        self.calibration, self.prior, self.under_way, self.scratch = outcome.calibration, None, None, ""
+        self.calibration, self.prior, self.under_way, self.scratch = made, None, None, ""
         self._belief = believed(self.calibration, None, self._knobs.prior)
         self.tracker.calibrated(self._belief.model, result.covariance[:3, :3], result.bias_time, _bias_in(rest))
         self._slope_learnt = self._law is not None
@@ -238,7 +240,7 @@ class Learnt:
     def cancel(self, who: str) -> None:
         """Stop one that is under way; an old one stays, else it begins anew."""
         if self.calibration is None:
-            self.under_way = UnderWay(self._knobs.method)
+            self.under_way = UnderWay(self._knobs)
             self._life.say(f"calibration cancelled by {who}; hold the device still for 3 seconds to begin again")
             return
         self.scratch, self.under_way = "", None

@@ -120,7 +120,9 @@ def correct(
         used = _used(before[-1]) + (f"; {count(later, 'later one')} not" if later else "")
         return passed(before[-1], used).corrected()
     found = passed(None)
-    if not found.calibrated and recording.made:
+    if found.calibrated:
+        return found.corrected()
+    if recording.made:
         # Made while this was recorded, and yet not all of its turns are here.
         found = passed(recording.made[0], _used(recording.made[0], " without all of its turns"))
     elif found.turned and recording.told is None:
@@ -157,6 +159,8 @@ class _Pass:
         self._matrices = {"": np.eye(3)}
         self._names = {"": ""}
         self._last: CorrectedBatch | None = None
+        #: whether turns were taken
+        self.turned = False
         remembered = None
         if known is not None:
             other_boot = other_boot and not own
@@ -193,14 +197,10 @@ class _Pass:
         """Whether it is by now."""
         return self._session.calibration is not None
 
-    @property
-    def turned(self) -> bool:
-        """Whether turns were taken, and not all that are needed."""
-        return bool(self._session.learnt.turned)
-
     def _note(self, outcome: Outcome) -> None:
         self._said += outcome.said
-        if (made := outcome.calibration) is not None:
+        self.turned = self.turned or bool(self._session.learnt.turned)
+        for made in outcome.calibrations:
             self._matrices[made.id], self._names[made.id] = made.matrix, self._recording.name
         for batch in outcome.corrected:
             self.rows.take(batch, self._matrices[batch.calibration])

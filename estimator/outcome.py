@@ -8,11 +8,11 @@ from estimator.windowed import Second
 
 @dataclass(slots=True)
 class Outcome:
-    """What a batch led to. `said` are things to log, most important last."""
+    """What a batch, which may be of minutes, led to. `said` are things to log, most important last."""
 
     corrected: list[CorrectedBatch] = field(default_factory=list)
-    calibration: Calibration | None = None
-    revision: BiasRevision | None = None
+    calibrations: list[Calibration] = field(default_factory=list)
+    revisions: list[BiasRevision] = field(default_factory=list)
     seconds: list[Second] = field(default_factory=list)
     changed: bool = False
     said: list[str] = field(default_factory=list)
@@ -20,4 +20,4 @@ class Outcome:
     @property
     def worded(self) -> bool:
         """Whether anything but samples is to be published of it."""
-        return self.changed or self.calibration is not None or self.revision is not None
+        return self.changed or bool(self.calibrations) or bool(self.revisions)

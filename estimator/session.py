@@ -27,6 +27,7 @@ from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.sequence import Sequence
 from estimator.session_knobs import SessionKnobs
+from estimator.stillness import too_seldom
 from estimator.track.bias_filter import BiasState
 from estimator.track.temperature import TemperatureLaw
 from estimator.track.tracker import Tracker
@@ -323,7 +324,7 @@ class DeviceSession:
                 else "nothing to do until it is heard"
             )
             return f"{self.device} is {self.life.state.name.lower()}: {so}"
-        self.learnt.under_way = UnderWay(self.knobs.method, who, reason)
+        self.learnt.under_way = UnderWay(self.knobs, who, reason)
         why = f": {reason}" if reason else ""
         self.life.say(f"recalibration asked for by {who}{why}; hold it still for 3 seconds")
         return None
@@ -361,7 +362,9 @@ class DeviceSession:
         more: Iterable[tuple[str, int]] = (),
     ) -> Status:
         """All of it, for the bus, with what is known of it outside the core: since when nothing came, events counted there."""
-        known, learnt, reason = self._ready, self.learnt, self.life.reason
+        known, learnt = self._ready, self.learnt
+        seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ""
+        reason = seldom or self.life.reason
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
         return Status(
@@ -401,6 +404,11 @@ class DeviceSession:
     def _apply(self) -> None:
         """Use all that is known at once: it does not come from samples."""
         self._applied = self._ready = self.learnt.correction()
+
+    def _too_seldom(self) -> str:
+        told = self.info
+        rate_hz = max(told.rate_hz, told.measured_rate_hz) if told is not None else 0.0
+        return too_seldom(rate_hz, self.knobs.stillness)
 
     def _rate(self) -> float:
         seconds = self._course.seconds

@@ -1,6 +1,7 @@
 """How a device is treated, all of it."""
 
 from dataclasses import dataclass, field
+from math import inf
 
 from estimator.batch.names import DEFAULT
 from estimator.gyro import PriorKnobs
@@ -15,6 +16,8 @@ class SessionKnobs:
     method: str = DEFAULT
     #: after power-up, before anything is believed
     warming_s: float = 1.0
+    #: farther from 1, and from the other axes', no scale factor of such a device is (relative): the turn was no full one
+    scale_limit: float = inf
     prior: PriorKnobs = field(default_factory=PriorKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)

@@ -56,6 +56,14 @@ class StillnessKnobs:
     spike: SpikeKnobs = field(default_factory=SpikeKnobs)
 
 
+def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> str:
+    """Why nothing of so many samples a second is ever still: between any two something may have happened; "" of more."""
+    least = 1 / knobs.gap_s
+    if not 0 < rate_hz < 1.05 * least:  # of just as many one or the other comes late
+        return ""
+    return f"{rate_hz:.1f} samples a second do not show whether it is still: set it to 50 or more, {least:g} never do"
+
+
 class Window(NamedTuple):
     """A short run of n samples, rows (n, 8): time, gyro, accel, and 1 where clipped; spikes mended, of which there were so many.
 

@@ -1,19 +1,17 @@
 """A calibration under way: who asked for it, which turns are taken, and what is still to be done, in words."""
 
-from estimator.batch.capture import TurnCapture
-from estimator.batch.session import CalibrationSession, Progress
+from estimator.batch.session import CalibrationSession, Expired, Ignored, Progress, TurnFound
 from estimator.gyro import AXES
+from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Windows
 
 
 class UnderWay:
     """Windows in, progress out. `who` asked for it and `why`; nobody, where a device has just booted."""
 
-    def __init__(self, method: str, who: str = "", why: str = "") -> None:
-        self._capture = CalibrationSession(method)
+    def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
+        self._capture = CalibrationSession(knobs.method, scale_limit=knobs.scale_limit)
         self.who, self.why = who, why
-        #: axes whose turns are taken
-        self.turned: tuple[int, ...] = ()
 
     @property
     def asked(self) -> tuple[str, str] | None:
@@ -31,9 +29,14 @@ class UnderWay:
         return self._capture.near
 
     @property
+    def turned(self) -> tuple[int, ...]:
+        """Axes whose turns are taken."""
+        return self._capture.done()
+
+    @property
     def missing(self) -> str:
         """Axes whose turns are still needed."""
-        return ", ".join(AXES[axis] for axis in range(3) if axis not in self.turned)
+        return _names(self._capture.missing())
 
     def add(self, windows: Windows) -> None:
         """Take the samples of the next windows, and nothing more."""
@@ -42,16 +45,23 @@ class UnderWay:
 
     def judge(self, begun: float, ended: float, *, still: bool) -> list[Progress]:
         """Judge what the next window whose samples were taken completes, from when to when, s."""
-        return self._capture.judge(begun, ended, still=still)
+        old = self._capture.expire(ended)
+        progress = self._capture.judge(begun, ended, still=still)
+        return [Expired(old), *progress] if old else progress
 
-    def took(self, turn: TurnCapture) -> str:
-        """Note a turn; what is said of it."""
-        before, self.turned = self.turned, self._capture.done()
-        gone = ", ".join(AXES[axis] for axis in before if axis not in (*self.turned, turn.axis))
-        needed = f"; the turn about {gone} is too old, or the bias has moved since" if gone else ""
-        needed += f"; still needed: {self.missing}" if len(self.turned) < 3 else ""
-        return f"turn about {AXES[turn.axis]} taken{needed}"
+    def said(self, progress: TurnFound | Expired | Ignored) -> str:
+        """What is said of it, and of what is still to be done."""
+        missing = self._capture.missing()
+        match progress:
+            case TurnFound(turn, gone, missing):
+                what = f"turn about {AXES[turn.axis]} taken"
+                what += f"; the turn about {_names(gone)} is too old, or the bias has moved since" if gone else ""
+            case Expired(axes):
+                what = f"the turn about {_names(axes)} is too old"
+            case Ignored(no_turn):
+                what = no_turn.reason
+        return f"{what}; still needed: {_names(missing)}" if missing else what
 
-    def repeat(self, axes: tuple[int, ...]) -> None:
-        """Turns about these axes are to be taken again."""
-        self.turned = tuple(axis for axis in self.turned if axis not in axes)
+
+def _names(axes: tuple[int, ...]) -> str:
+    return ", ".join(AXES[axis] for axis in axes)

@@ -146,6 +146,12 @@ class History:
         return Samples(rows[:, TIME].copy(), rows[:, GYRO].copy(), accel, rows[:, CLIPPED] != 0)
 
     @property
+    def rate_hz(self) -> float:
+        """Samples a second, mostly, of those that are still held; 0 when none is."""
+        time = np.concatenate([rows[:, TIME] for rows in self._held]) if self._held else np.empty(0)
+        return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+    @property
     def largest(self) -> float:
         """The largest reading that is still held, rad/s; 0 when none is."""
         return max((float(np.abs(rows[:, GYRO]).max()) for rows in self._held), default=0.0)

@@ -138,6 +138,23 @@ def unbelievable(k: Floats, knobs: VerdictKnobs) -> tuple[tuple[int, ...], str] 
     return outside, f"scale factor {_values(k)} outside {knobs.k_min} to {knobs.k_max}: {_likely(k)}"
 
 
+def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], str] | None:
+    """Of which axes rather the turn was no full one than the gyro so far off, its limit being known (relative); None of none.
+
+    What all axes have in common is no turn's fault: a library's sensitivity, or a sample rate.
+    """
+    common = float(np.median(k))
+    off = np.where(np.abs(k - 1) < np.abs(k / common - 1), k, k / common)
+    odd = tuple(axis for axis in range(3) if abs(off[axis] - 1) > limit)
+    if not odd:
+        return None
+    turned = ", ".join(f"{AXES[axis]} {360 / off[axis]:.0f}°" for axis in odd)
+    return odd, (
+        f"no turn of 360° if the gyro is what its maker says: {turned}. Turn it once around, to where it began. "
+        f"Repeat axis {_axes(odd)}"
+    )
+
+
 def _library(k: Floats) -> str:
     """What common libraries get wrong: the LSM9DS1's sensitivity is not its range over 32768."""
     for factor in (1.147, 1.170):

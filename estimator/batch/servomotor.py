@@ -19,8 +19,10 @@ import numpy as np
 
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Floats, Samples
+from estimator.batch.gravity import G
 from estimator.batch.plateaus import Plateau, plateaus, still
 from estimator.batch.result import Result, VerdictKnobs, nothing, unbelievable
+from estimator.batch.stages import LEAST_GRAVITY, MOST_GRAVITY
 from estimator.gyro import AXES, reading_std
 
 
@@ -47,7 +49,11 @@ def by_servomotor(samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs 
     rests, spins = [p for p in found if still(p, rates)], [p for p in found if not still(p, rates)]
     pairs = [(spin, rest) for spin in spins if (rest := _rest_before(spin, rests)) is not None]
     u = np.array([rest.accel for _, rest in pairs]).reshape(-1, 3)
-    u /= np.linalg.norm(u, axis=1)[:, None]
+    size = np.linalg.norm(u, axis=1)
+    if np.any((size < LEAST_GRAVITY) | (size > MOST_GRAVITY)):
+        far = size[np.argmax(np.abs(size - G))]
+        return _refused(f"{far:.1f} m/s² at rest is no gravity: the servo's axis is seen as its direction")
+    u /= size[:, None]
     if len(pairs) < 3 or np.linalg.svd(u**2, compute_uv=False)[-1] < 0.1:
         reason = f"{len(pairs)} stretches of constant rate after a rest: three mountings that differ are needed"
         return nothing("servomotor", Verdict.REPEAT, f"{reason}, 1.5 s of each", (0, 1, 2))
@@ -61,14 +67,18 @@ def by_servomotor(samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs 
     missed = w - A @ k
     # Each off-diagonal element of M, left out, adds its u_row u_column w to every equation.
     rows, columns = np.nonzero(1 - np.eye(3))
-    left_out = knobs.misalignment * gain @ (w[:, None] * u[:, rows] * u[:, columns])
+    askew = knobs.misalignment * w[:, None] * u[:, rows] * u[:, columns]
+    left_out = gain @ askew
     by_bias = gain @ (u * k)
+    var = std**2 + np.sum(askew**2, axis=1) + (u * k) ** 2 @ np.diag(b_cov)
+    misfit = float(np.sum(missed**2 / var)) / max(len(missed) - 3, 1)
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = b_cov
     covariance[3:, :3] = by_bias @ b_cov
     covariance[:3, 3:] = covariance[3:, :3].T
-    covariance[3:, 3:] = (gain * std**2) @ gain.T + by_bias @ b_cov @ by_bias.T + left_out @ left_out.T
-    return _judge(k, b, covariance, missed, [*spins, *rests])
+    of_spins = (gain * std**2) @ gain.T + left_out @ left_out.T
+    covariance[3:, 3:] = max(misfit, 1.0) * of_spins + by_bias @ b_cov @ by_bias.T
+    return _judge(k, b, covariance, missed, misfit, [*spins, *rests])
 
 
 def _refused(reason: str) -> Result:
@@ -86,7 +96,7 @@ def _bias(rests: list[Plateau], knobs: ServoKnobs) -> tuple[Floats, Floats]:
     return mean, np.diag(1 / weight.sum(axis=0))
 
 
-def _judge(k: Floats, b: Floats, covariance: Floats, missed: Floats, used: list[Plateau]) -> Result:
+def _judge(k: Floats, b: Floats, covariance: Floats, missed: Floats, misfit: float, used: list[Plateau]) -> Result:
     bad, limits = unbelievable(k, VerdictKnobs()), VerdictKnobs()
     loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < limits.scale_std * k[axis])
     rms = degrees(float(np.sqrt(np.mean(missed**2))))
@@ -95,6 +105,9 @@ def _judge(k: Floats, b: Floats, covariance: Floats, missed: Floats, used: list[
     reason = f"diagonal from {len(missed)} spins, whose known rate was met to {rms:.3f} °/s rms"
     if bad is not None:
         verdict, repeat, reason = Verdict.REFUSED, *bad
+    elif misfit > 9.0:
+        verdict = Verdict.REFUSED
+        reason += f", {misfit**0.5:.0f} times worse than a servo errs: is it the one rate of all of them?"
     elif loose:
         verdict, repeat = Verdict.REPEAT, loose
         names = ", ".join(AXES[axis] for axis in loose)

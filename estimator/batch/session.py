@@ -13,10 +13,10 @@ from estimator.batch.methods import BY_MOVEMENTS, METHODS
 from estimator.batch.movements import Movements
 from estimator.batch.names import DEFAULT
 from estimator.batch.recognise import NoTurn, TurnKnobs, recognise, rough_scale, same_bias
-from estimator.batch.result import PARAMETERS, Result, nothing
+from estimator.batch.result import PARAMETERS, Result, nothing, unlikely
 from estimator.batch.stages import StageKnobs, Stages
 from estimator.gyro import AXES
-from estimator.stillness import Window
+from estimator.stillness import StillnessKnobs, Window, too_seldom
 
 #: turns older than this, or taken at another bias, are not combined with new ones
 STALE_S = 600.0
@@ -37,9 +37,18 @@ class RestFound:
 
 @dataclass(frozen=True, slots=True)
 class TurnFound:
-    """A full turn about an axis."""
+    """A full turn about an axis; beside it those about others are gone, too old or at another bias, or missing as yet."""
 
     turn: TurnCapture
+    gone: tuple[int, ...] = ()
+    missing: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Expired:
+    """Turns about these axes are too old by now to be combined with new ones."""
+
+    axes: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +66,14 @@ class Finished:
     rest: Rest
 
 
-Progress = RestFound | TurnFound | Ignored | Finished
+Progress = RestFound | TurnFound | Expired | Ignored | Finished
 
 
 class CalibrationSession:
     """Collects rests and turns in any order of axes until one turn about each is there.
 
     A method by movements runs after each of them too, and is done as soon as they determine a full matrix; with `whole`
-    it runs only when asked for what it has, at the end of a recording.
+    it runs only when asked for what it has, at the end of a recording. scale_limit: see `unlikely`.
     """
 
     def __init__(
@@ -74,6 +83,7 @@ class CalibrationSession:
         stages: StageKnobs | None = None,
         turn_knobs: TurnKnobs | None = None,
         *,
+        scale_limit: float = inf,
         whole: bool = False,
     ) -> None:
         self._run = METHODS[method]
@@ -81,7 +91,7 @@ class CalibrationSession:
         self._k = np.ones(3) if k is None else k
         self._history = History()
         self._stages = Stages(self._history, stages)
-        self._turn_knobs = turn_knobs or TurnKnobs()
+        self._turn_knobs, self._scale_limit = turn_knobs or TurnKnobs(), scale_limit
         self._movements = Movements(self._turn_knobs)
         self._by_movements, self._whole = method in BY_MOVEMENTS, whole
         self.turns: dict[int, TurnCapture] = {}
@@ -129,6 +139,13 @@ class CalibrationSession:
                 progress += self._moved(settled.after)
         return progress
 
+    def expire(self, now: float) -> tuple[int, ...]:
+        """Forget the turns that are too old at a device time, s; their axes."""
+        old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
+        for axis in old:
+            del self.turns[axis]
+        return old
+
     def done(self) -> tuple[int, ...]:
         """Axes with a turn that counts."""
         return tuple(sorted(self.turns))
@@ -158,7 +175,8 @@ class CalibrationSession:
         if (largest := self._history.largest) > ABSURD:
             because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
         elif not self.rested:
-            because = f": the device was never still for {self._stages.knobs.rest_s:g} s"
+            seldom = too_seldom(self._history.rate_hz, StillnessKnobs())
+            because = f": {seldom or f'the device was never still for {self._stages.knobs.rest_s:g} s'}"
         elif not self._moved_about:
             because = ": it was not moved from one rest to another"
         elif len(self._too_small) == 3:
@@ -193,6 +211,7 @@ class CalibrationSession:
         return [Ignored(no_turn)]
 
     def _turned(self, turn: TurnCapture) -> list[Progress]:
+        before = self.done()
         self.turns[turn.axis] = turn
         newest = turn.samples.time[-1]
         self.turns = {
@@ -200,7 +219,8 @@ class CalibrationSession:
             for axis, t in self.turns.items()
             if newest - t.samples.time[-1] < STALE_S and same_bias(t.before, turn.before, self._turn_knobs)
         }
-        progress: list[Progress] = [TurnFound(turn)]
+        gone = tuple(axis for axis in before if axis not in self.turns)
+        progress: list[Progress] = [TurnFound(turn, gone, self.missing())]
         if not self.missing() and not self._whole:
             result = self._checked(self._capture())
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
@@ -209,6 +229,8 @@ class CalibrationSession:
 
     def _checked(self, capture: Capture) -> Result:
         """The method's result, unless what it was made from speaks against it."""
+        if self._by_movements and not capture.movements:
+            return self._without_movements()
         result = self._run(capture)
         shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
         if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
@@ -221,6 +243,9 @@ class CalibrationSession:
         fault = foreign_axes(movements, np.diag(rough_scale(capture.turns)))
         if fault is not None:
             return replace(result, verdict=Verdict.REFUSED, reason=fault, repeat=(0, 1, 2))
+        odd = unlikely(result.scale, self._scale_limit)
+        if result.verdict is Verdict.ACCEPTED and odd is not None:
+            return replace(result, verdict=Verdict.REPEAT, repeat=odd[0], reason=odd[1])
         return result
 
     def _moved(self, rest: Rest) -> list[Progress]:

@@ -32,6 +32,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
     "tilted": (rf"ended tilted {_N}°", ("angle",)),
     "paused": (rf"a pause of {_N} s in it was too short to be a rest", ("seconds",)),
     "old": (rf"the turn about {_AXES} is too old", ("axes",)),
+    "around": (rf"no turn of 360° if the gyro is what its maker says: .*Repeat axis {_AXES}", ("axes",)),
     "open": (rf"the turn did not end where it began: .*Repeat axis {_AXES}", ("axes",)),
     "loose": (rf"the turns leave the scale uncertain\. Repeat axis {_AXES}", ("axes",)),
     "outside": (r"scale factor (.+) outside", ("values",)),

@@ -49,7 +49,7 @@ class Boots:
         outcome = session.begin_boot(batch.boot, now, remembered if same else None, None, celsius)
         if not same:
             session.count_event("boot number repeated")
-            self._record.repeat(device, batch.boot, *(c for c in (outcome.calibration,) if c is not None))
+            self._record.repeat(device, batch.boot, *outcome.calibrations)
             if remembered is not None and remembered.calibration is not None:
                 session.believe(remembered.calibration)
         if info is not None and scratch:

@@ -317,15 +317,15 @@ class Service:
     def _tell(self, device: Device, outcome: Outcome) -> None:
         for words in outcome.said:
             log.info("%s: %s", device.name, words)
-        if outcome.calibration is not None:
-            if device.session.calibration is outcome.calibration:
+        for made in outcome.calibrations:
+            if device.session.calibration is made:
                 device.repeated = None
-            self._record.calibration(device, outcome.calibration, time.monotonic())
+            self._record.calibration(device, made, time.monotonic())
         device.say_corrected(outcome.corrected)
         if outcome.seconds:
             self._views.take(device, outcome.seconds)
-        if outcome.revision is not None:
-            device.say_revision(outcome.revision)
+        for revision in outcome.revisions:
+            device.say_revision(revision)
         if outcome.changed:
             self._say_changed(device)
             if device.session.learnt.turned:

@@ -11,7 +11,7 @@ from bridge.recording import Recording
 from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
 from bridge.sim.motion import Motion, Piece, Still
 from bridge.sim.script import SessionPlan, TurnPlan, flat, session
-from bridge.wire.messages import BootCause, CorrectedBatch, DeviceInfo, SampleBatch
+from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
@@ -132,9 +132,18 @@ def info(boot: int = 1, *, firmware: str = "1.0", model: str = "m") -> DeviceInf
     )  # fmt: skip
 
 
-def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Remembered | None = None) -> Outcome:
+class Fed(Outcome):
+    """What several batches led to, together."""
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The latest."""
+        return next(reversed(self.calibrations), None)
+
+
+def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Remembered | None = None) -> Fed:
     """As the service does: a new boot is begun, then the batch is handled. All that came of it in one Outcome."""
-    total = Outcome()
+    total = Fed()
     for batch in batches:
         outcomes = []
         if device.sequence.is_new_boot(batch.boot):
@@ -142,8 +151,8 @@ def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Reme
         outcomes.append(device.handle(batch))
         for outcome in outcomes:
             total.corrected += outcome.corrected
-            total.calibration = outcome.calibration or total.calibration
-            total.revision = total.revision if outcome.revision is None else outcome.revision
+            total.calibrations += outcome.calibrations
+            total.revisions += outcome.revisions
             total.changed |= outcome.changed
             total.said += outcome.said
     return total

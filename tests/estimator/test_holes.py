@@ -28,7 +28,7 @@ def test_a_hole_of_any_length_in_a_rest_harms_nothing(hole_s: float) -> None:
         device.handle(raw(still, ticks, 0)),
         *(device.handle(raw(session.gyro[i : i + 5], later[i : i + 5], rest + i)) for i in range(0, len(later), 5)),
     ]
-    calibrations = [outcome.calibration for outcome in outcomes if outcome.calibration is not None]
+    calibrations = [made for outcome in outcomes for made in outcome.calibrations]
     assert [c.verdict for c in calibrations] == [Verdict.ACCEPTED]
     assert np.diag(calibrations[0].matrix) == pytest.approx(session.truth.k, abs=2e-3)
 
@@ -107,11 +107,14 @@ def test_one_axis_is_repeated_without_starting_over() -> None:
     heard = []
     for i in range(0, len(session.ticks), 5):
         outcome = device.handle(raw(gyro[i : i + 5], session.ticks[i : i + 5], i))
-        if outcome.calibration is not None:
-            heard.append((outcome.calibration, device.status(0)))
+        heard += [(made, device.status(0)) for made in outcome.calibrations]
     (first, then), (second, _) = heard
     assert first.verdict is Verdict.REPEAT
     assert "Repeat axis x" in first.reason
     assert (then.state, then.axes_done) == (State.TURNING, (1, 2))
     assert second.verdict is Verdict.ACCEPTED
     assert np.diag(second.matrix) == pytest.approx(session.truth.k, abs=1e-3)
+    uploaded = DeviceSession("chest")
+    uploaded.begin_boot(1, 0.0, None)
+    at_once = uploaded.handle(raw(gyro, session.ticks, 0))
+    assert [made.reason for made in at_once.calibrations] == [first.reason, second.reason], "neither is lost"

@@ -17,6 +17,7 @@ from bridge.sim.imperfection import DEMO_SPEC, ImuSpec
 from bridge.sim.motion import Piece, Still
 from bridge.sim.script import SessionPlan, swing
 from bridge.wire.messages import Quality, Verdict
+from estimator.batch.session import STALE_S
 from estimator.corrected import Corrected
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
@@ -180,6 +181,12 @@ def test_turns_that_calibrate_are_not_lost_to_warming_up(prompt: Recording) -> N
     assert found.said[0].startswith("taken to have been on before it was recorded")
     been_on = correct(prompt, knobs=replace(knobs_of(load_model(GENERIC)), warming_s=0.0))
     assert same(replace(found, said=found.said[1:]), been_on), "to the bit as of one that has not to warm up"
+
+
+def test_nor_where_it_goes_on_until_the_other_turns_are_too_old() -> None:
+    plan = SessionPlan(rests_s=3.0)
+    long = recorded(calibration(seed=1, before_s=0.0, after=[Still(STALE_S + 5.0)], plan=plan))
+    assert correct(long).calibration == long.name
 
 
 def test_of_a_ward_they_are_missed_as_they_were_live(prompt: Recording) -> None:

@@ -66,7 +66,6 @@ NOT_SHOWN = re.compile(
 PIECES = {
     "it will be calibrated anyway",
     "nothing to do until it is heard",
-    "turn about 1 taken1",
     "the gyro's axes are not the accelerometer's: 1",
     " of what the gyro reports",
     "three turns closed to 1°1",
@@ -189,9 +188,12 @@ WHOLE = """\
 bed-1 is warming: it will be calibrated anyway
 bed-1 is lost: nothing to do until it is heard
 turn about z taken; the turn about x, y is too old, or the bias has moved since; still needed: x, y
+the turn about x, y is too old; still needed: x, y, z
 the gyro's axes are not the accelerometer's: x is y, y is −x of what the gyro reports
 calibrated: three turns closed to 0.10°; all scale factors near 1.147: the LSM9DS1's sensitivity is read as its range over 32768
 no movement between two rests whose gravity an accelerometer measured (last movement: a nudge, not a turn)
+no turn of 360° if the gyro is what its maker says: y 440°, z 330°. Turn it once around, to where it began. Repeat axis y, z
+no full turn about x, y, z was seen: 4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do
 no full turn about x, y was seen (last movement: went back and forth: 400° of movement gained 10°)
 no full turn about x was seen: the device was never still for 3 s
 gravity carried through 7 movements to 2.10° rms, 5.1 times worse than sensors err: hold it quite still between movements

@@ -156,7 +156,7 @@ def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch
     assert not any(b.quality is Quality.GOOD for b in ward.subscriber)
 
 
-def test_a_revision_is_published_after_what_it_revises(
+def test_revisions_are_published_after_what_they_revise(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     handle = DeviceSession.take
@@ -165,15 +165,15 @@ def test_a_revision_is_published_after_what_it_revises(
     def revising(session: DeviceSession, batch: SampleBatch) -> Outcome:
         outcome = handle(session, batch)
         if batch.sequence == 30:
-            outcome.revision = replace(REVISION, device=NAME)
+            outcome.revisions += [replace(REVISION, device=NAME, reason=reason) for reason in ("one", "another")]
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", revising)
     before = ward.client.revisions(idle_s=0.05)
     ward.send(batches, info())
-    (live,), (late,) = list(before), list(ward.client.revisions(NAME, idle_s=0.05))
-    assert live.reason == late.reason == REVISION.reason
-    np.testing.assert_array_equal(live.bias, REVISION.bias)
+    live, late = list(before), list(ward.client.revisions(NAME, idle_s=0.05))
+    assert [one.reason for one in live] == [one.reason for one in late] == ["one", "another"]
+    np.testing.assert_array_equal(live[0].bias, REVISION.bias)
 
 
 def test_what_is_not_understood_is_refused_and_harms_nobody(ward: Ward, once: Stream) -> None:

@@ -271,7 +271,7 @@ def test_only_who_is_heard_is_left_out_and_who_is_being_calibrated_last() -> Non
         served.round()
         assert served.service._load._least() == ["three", "two", "one"]
         session = served.service._devices["three"].session
-        session.learnt.under_way = UnderWay(session.knobs.method, "she", "")
+        session.learnt.under_way = UnderWay(session.knobs, "she", "")
         assert served.service._load._least() == ["two", "one", "three"]
 
 

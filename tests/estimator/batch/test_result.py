@@ -8,7 +8,7 @@ from bridge.wire.messages import Verdict
 from estimator.batch import turn360
 from estimator.batch.capture import Capture
 from estimator.batch.methods import METHODS, Method, by_closure, by_turn360
-from estimator.batch.result import PARAMETERS, Result, judge, nothing
+from estimator.batch.result import PARAMETERS, Result, judge, nothing, unlikely
 from tests.estimator.batch.sessions import capture
 from tests.estimator.stream import calibration
 
@@ -96,3 +96,21 @@ def test_what_does_not_converge_is_refused_in_words(good: tuple[Capture, turn360
     assert result.verdict is Verdict.REFUSED
     assert result.repeat == (0, 1, 2)
     assert "no scale factors" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("k", "limit", "axes"),
+    [
+        ((1.0, 1.01, 1.091), 0.072, (2,)),  # z turned by 330°
+        ((1.091, 1.0, 0.818), 0.072, (0, 2)),
+        ((1.17, 1.18, 0.96), 0.16, ()),  # what one axis is off by, the others or a library may be
+        ((1.26, 1.20, 1.15), 0.16, ()),  # an LSM9DS1 of Wang et al. 2024
+        ((2.0, 2.02, 1.98), 0.072, ()),
+    ],
+)
+def test_a_scale_that_is_neither_the_makers_nor_the_others_is_unlikely(
+    k: tuple[float, ...], limit: float, axes: tuple[int, ...]
+) -> None:
+    found = unlikely(np.array(k), limit)
+    assert (() if found is None else found[0]) == axes
+    assert unlikely(np.array(k), np.inf) is None

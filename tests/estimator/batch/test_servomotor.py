@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,8 +46,22 @@ def test_what_it_needs_is_said() -> None:
     of = on_a_servo(3)
     assert "accelerometer" in offline.calibrate(of.recording(accel=False), "servomotor", rates=RATE)[0].reason
     assert "one known rate" in by_servomotor(samples(of), (0.5, 1.0)).reason
+    dead = replace(samples(of), accel=np.zeros_like(of.accel))
+    assert "0.0 m/s² at rest is no gravity" in by_servomotor(dead, RATE).reason
 
 
 def test_a_wrong_rate_is_refused() -> None:
     result = by_servomotor(samples(on_a_servo(4)), (2.0 * RATE[0],))
     assert result.verdict is not Verdict.ACCEPTED
+
+
+def test_spins_that_contradict_one_rate_are_refused() -> None:
+    result = by_servomotor(samples(turned(np.eye(3), (*SERVO_DPS, 32.0), 5, ImuSpec())), RATE)
+    assert result.verdict is Verdict.REFUSED
+    assert "is it the one rate of all of them?" in result.reason
+
+
+def test_what_one_rate_leaves_over_makes_its_scale_less_sure() -> None:
+    result = by_servomotor(samples(turned(np.eye(3), (*SERVO_DPS, 25.05), 5, ImuSpec(scale=(1.0, 1.0)))), RATE)
+    assert result.verdict is Verdict.ACCEPTED
+    assert np.all(np.abs(result.scale - 1) < 3 * result.scale_std)

@@ -195,6 +195,15 @@ def test_without_an_accelerometer_it_is_refused(method: str) -> None:
     assert not np.isfinite(result.covariance).any()
 
 
+@pytest.mark.parametrize("method", ["transitions", "accel_aided"])
+def test_turns_without_an_accelerometer_are_refused_live(method: str) -> None:
+    device = DeviceSession("chest", SessionKnobs(method=method))
+    outcome = feed(device, calibration(seed=4).batches(accel=False))
+    assert outcome.calibration is not None
+    assert outcome.calibration.verdict is Verdict.REFUSED
+    assert "no movement between two rests whose gravity an accelerometer measured" in device.life.reason
+
+
 def test_movements_that_all_contradict_are_refused(session: tuple[Stream, Transitions]) -> None:
     _, data = session
     rng = np.random.default_rng(1)

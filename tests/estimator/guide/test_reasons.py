@@ -27,6 +27,7 @@ OFFLINE = "no movement between two rests"
             "turn about x taken; the turn about y, z is too old, or the bias has moved since; still needed: y, z",
             ["old"],
         ),
+        ("the turn about y, z is too old; still needed: x, y, z", ["old"]),
         ("turn about x taken; still needed: y, z", []),
         ("still: now turn it once about x, y, z", []),
         ("hold the device still for 3 seconds", []),
@@ -37,6 +38,10 @@ OFFLINE = "no movement between two rests"
         ("a nudge, not a turn; still needed: x", []),
         ("calibration cancelled by nurse; the old one stays", ["cancelled"]),
         ("the turn did not end where it began: x by 2.1°, z by 3.0°. Repeat axis x, z", ["open"]),
+        (
+            "no turn of 360° if the gyro is what its maker says: z 330°. Turn it once around, to where it began. Repeat axis z",
+            ["around"],
+        ),
         ("something nobody has thought of", ["other"]),
         ("", []),
     ],

@@ -31,7 +31,7 @@ def test_a_bias_is_as_sure_as_its_walk_leaves_it_and_learns_again(once: Stream) 
     outcome = feed(device, batches[half:])
     assert (tracker.std < unsure).all()
     assert (np.abs(tracker.bias - once.bias[0]) < 4 * tracker.std).all()
-    assert outcome.revision is not None, "that time is known better then"
+    assert outcome.revisions, "that time is known better then"
     assert state(device) is State.TRACKING
 
 

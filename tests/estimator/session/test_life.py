@@ -1,11 +1,22 @@
 """The life of one device, fed as the service feeds it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from bridge.sim.imperfection import ImuSpec
+from bridge.sim.motion import Still
 from bridge.sim.script import TurnPlan
 from bridge.wire import codec, keys
 from bridge.wire.messages import NO_REST_S, Quality, State, Verdict
+from estimator import offline
+from estimator.batch.capture import Capture
+from estimator.batch.methods import METHODS
+from estimator.batch.result import Result, nothing
+from estimator.batch.session import STALE_S
+from estimator.device_knobs import knobs_of
+from estimator.noise_model import load_model
 from estimator.session import DeviceSession
 from tests.estimator.session.lives import state
 from tests.estimator.stream import NAME, Stream, calibration, feed, info, rates
@@ -73,6 +84,17 @@ def test_status_can_be_published_at_any_time(once: Stream) -> None:
     np.testing.assert_allclose(status.scale, once.truth.k, atol=2e-4)
 
 
+@pytest.mark.parametrize(("rate_hz", "seldom"), [(4.0, True), (6.0, False)])
+def test_samples_that_come_too_seldom_are_no_fault_of_who_holds_it(rate_hz: float, seldom: bool) -> None:
+    of = calibration(seed=2, rate_hz=rate_hz)
+    device = DeviceSession(NAME)
+    device.info = replace(info(), rate_hz=rate_hz, measured_rate_hz=rate_hz)
+    feed(device, of.batches())
+    words = "4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do"
+    assert (device.status(1).reason == words) is seldom
+    assert (words in offline.calibrate(of.recording())[0].reason) is seldom
+
+
 def test_the_words_say_what_is_missing() -> None:
     of = calibration(TurnPlan(1), TurnPlan(0, 180.0), seed=3)
     device = DeviceSession(NAME)
@@ -81,6 +103,44 @@ def test_the_words_say_what_is_missing() -> None:
     assert any("turn about y taken; still needed: x, z" in words for words in outcome.said)
     assert "still needed: x, z" in device.life.reason
     assert device.status(1).axes_done == (1,)
+
+
+def test_a_turn_that_is_too_old_is_not_waited_with() -> None:
+    of = calibration(TurnPlan(0), seed=3, after=[Still(STALE_S + 5.0)])
+    device = DeviceSession(NAME)
+    feed(device, of.part(0, of.at(STALE_S)).batches())
+    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((0,), True, False)
+    outcome = feed(device, of.part(of.at(STALE_S), len(of)).batches(first=of.at(STALE_S)))
+    assert (device.learnt.turned, device.learnt.awaited, device.may_coast) == ((), False, True)
+    assert device.life.reason == "the turn about x is too old; still needed: x, y, z"
+    assert outcome.said == [device.life.reason]
+
+
+def test_turns_that_are_to_be_repeated_are_not_said_to_be_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_about_y(capture: Capture) -> Result:
+        return nothing("closure", Verdict.REPEAT, "the turn about y did not end where it began", (1,))
+
+    monkeypatch.setitem(METHODS, "closure", open_about_y)
+    device = DeviceSession(NAME)
+    outcome = feed(device, calibration(seed=4).batches())
+    assert outcome.said[-2:] == [
+        "TURNING -> TURNING: turn about z taken",
+        "TURNING -> TURNING: the turn about y did not end where it began",
+    ]
+    assert device.status(1).axes_done == (0, 2)
+
+
+@pytest.mark.parametrize(("angle", "kind"), [(330.0, "mpu-6050"), (440.0, "icm-20948"), (366.0, "factory-calibrated")])
+def test_a_turn_that_was_not_once_around_is_asked_for_again(angle: float, kind: str) -> None:
+    """About the vertical nothing shows it but what is known of the gyro."""
+    turns = TurnPlan(0), TurnPlan(1), TurnPlan(2, angle), TurnPlan(2)
+    of = calibration(*turns, seed=3, spec=ImuSpec(scale=(1.0, 1.0)))
+    device = DeviceSession(NAME, knobs_of(load_model(kind)))
+    first, second = feed(device, of.batches()).calibrations
+    assert first.verdict is Verdict.REPEAT
+    assert first.reason.startswith(f"no turn of 360° if the gyro is what its maker says: z {angle:.0f}°")
+    assert second.verdict is Verdict.ACCEPTED
+    np.testing.assert_allclose(np.diag(second.matrix), of.truth.k, atol=1e-3)
 
 
 def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
