@@ -1,5 +1,6 @@
 """The benches see what they judge: what is missing, what is late, and what is not as it was."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from bridge.bus.contract import Message
 from bridge.sim.body import Activity
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch
-from tests.bench import cluster, crowded, forged, suffering
+from tests.bench import access, cluster, crowded, forged, suffering
 from tests.bench.load.__main__ import CROWD, QUICKEST, ratios
 from tests.bench.load.__main__ import unreached as unreached_by_load
 from tests.bench.load.run import Middle, Took
@@ -127,3 +128,10 @@ def test_devices_under_load_are_worn_and_tell_their_temperature() -> None:
     raw = codec.decode_samples(keys.build(WARD, "raw", bridge=BRIDGE, device="d0000"), payload)
     assert raw.temperature_c is not None
     assert 20 < raw.temperature_c.min() < 30
+
+
+def test_a_surplus_in_one_cell_hides_no_lack_in_another() -> None:
+    expected = Counter({("bridge:b1", "raw"): 10, ("viewer:v1", "status"): 10})
+    found = Counter({("bridge:b1", "raw"): 13, ("viewer:v1", "status"): 7, ("viewer:v1", "raw"): 1})
+    assert access.judged(found, expected) == (3, 3, 1)
+    assert access.judged(expected, expected) == (0, 0, 0)
