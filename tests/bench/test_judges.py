@@ -16,7 +16,7 @@ from tests.bench.load.__main__ import unreached as unreached_by_load
 from tests.bench.load.run import Middle, Took
 from tests.bench.load.stream import BRIDGE, WARD, Fleet, lives
 from tests.bridge.codec.examples import FIXED
-from tests.ward.killed import Holes, discontinued
+from tests.ward.killed import KEPT_S, Holes, discontinued
 
 
 def batch(sequence: int, bias_std_dps: float = 0.01) -> CorrectedBatch:
@@ -31,12 +31,14 @@ def batch(sequence: int, bias_std_dps: float = 0.01) -> CorrectedBatch:
 
 def test_what_is_lost_before_a_kill_counts_at_the_next_question() -> None:
     holes = Holes()
-    holes.take(batch(0))
-    assert holes.new() == 0
-    holes.take(batch(5))  # while nobody asks
-    holes.take(batch(8))
-    assert holes.new() == 2
-    assert holes.new() == 0, "told once"
+    holes.take(batch(0), 1.0)
+    assert holes.new() == []
+    holes.take(batch(5), 2.0)  # while nobody asks
+    holes.take(batch(8), 3.0)
+    assert holes.new() == ["d1: 2 samples never came"]
+    assert holes.new() == [], "told once"
+    holes.take(batch(30), 3.0 + KEPT_S)
+    assert holes.new() == [], "bridges keep no more than that"
 
 
 @pytest.mark.parametrize(

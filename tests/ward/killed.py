@@ -8,7 +8,7 @@ import random
 import signal
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,10 +30,10 @@ from tests.ward.parts import add_simulated, living, wait
 _SPEED = 10.0
 _RESTLESS_S = 1.5
 #: a bias may move by so much of its standard deviation, and be known so many times worse than it was within so many seconds,
-#: of which checkpoints and what bridges keep tell; and as much worse as it walks until a sample comes, rad/s per root second
-SURE_SIGMAS, LESS_SURE, BACK_S = 3.0, 2.0, 30.0
+#: as a checkpoint is old where kills follow each other; and as much worse as it walks until a sample comes, rad/s per root second
+SURE_SIGMAS, LESS_SURE, BACK_S = 3.0, 2.0, 60.0
 WALK = BiasKnobs().warm_up_walk
-#: who is back within so many seconds has missed nothing
+#: who is back within so many seconds has missed nothing: a bridge keeps fifteen for who is away
 KEPT_S = 10.0
 #: until what had been said is heard
 HEARD_S = 0.3
@@ -50,22 +50,26 @@ class Kill:
 
 
 class Holes:
-    """Samples that are missing between those that came of each boot."""
+    """Samples that are missing between those that came of each boot, but of who was away for longer than bridges keep."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[str, int], int] = {}
-        self._missing = self._told = 0
+        self._heard: dict[tuple[str, int], float] = {}
+        self._missing: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
 
-    def take(self, batch: CorrectedBatch) -> None:
+    def take(self, batch: CorrectedBatch, at: float) -> None:
         boot = batch.device, batch.boot
-        self._missing += max(0, batch.sequence - self._next.get(boot, batch.sequence))
-        self._next[boot] = batch.sequence + len(batch)
+        missing = batch.sequence - self._next.get(boot, batch.sequence)
+        if missing > 0 and at - self._heard[boot] < KEPT_S:
+            self._missing[batch.device] += missing
+        self._next[boot], self._heard[boot] = batch.sequence + len(batch), at
 
-    def new(self) -> int:
-        """How many since this was asked last: none is between two questions."""
-        missing = self._missing
+    def new(self) -> list[str]:
+        """Of which devices how many since this was asked last, in words: none is between two questions."""
+        missing = self._missing.copy()
         new, self._told = missing - self._told, missing
-        return new
+        return [f"{name}: {count} samples never came" for name, count in new.items()]
 
 
 class Ear(threading.Thread):
@@ -87,7 +91,7 @@ class Ear(threading.Thread):
             batch = self._corrected.receive(0.1)
             if batch is None:
                 continue
-            self.holes.take(batch)
+            self.holes.take(batch, time.monotonic())
             if batch.quality is Quality.GOOD:
                 heard = time.monotonic(), batch
                 self.good[batch.device] = heard
@@ -156,9 +160,7 @@ class Victim:
             )
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
-        # A bridge keeps fifteen seconds for who is away.
-        if (missing := self.ear.holes.new()) and away_s + max(moments) < KEPT_S:
-            faults.append(f"{missing} samples never came")
+        faults += self.ear.holes.new()
         return Kill(min(moments), max(moments), faults, moved)
 
     def lost(self) -> list[str]:
@@ -229,8 +231,7 @@ def killed(
             if number == kills - 1:
                 made.listen(time.monotonic() + 1.0)
                 made.ward.stop("estimator", signal.SIGKILL)
-                if missing := made.ear.holes.new():
-                    kill.faults.append(f"{missing} samples never came, in the end")
+                kill.faults += made.ear.holes.new()
                 kill.faults += [f"calibration {name} was said and is lost" for name in made.lost()]
                 if not made.acknowledged:
                     kill.faults.append("no calibration was said")
