@@ -75,7 +75,7 @@ bench-load: setup-dev
 
 # Who suffers when a subscriber freezes, a device floods, a disk is slow, fifty calibrate at once; and an estimator killed 200 times.
 bench-faults: setup-dev
-	$(BIN)/python -m tests.bench.suffering
+	-$(BIN)/python -m tests.bench.suffering
 	-$(BIN)/python -m tests.bench.crowded
 	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
 

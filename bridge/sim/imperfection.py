@@ -22,7 +22,7 @@ class ImuSpec:
     """How bad a device is; what is drawn at each boot is drawn uniformly within its limits.
 
     k: per axis, scale[0] to scale[1]. bias_limit_dps: turn-on bias, ±. misalignment_deg: each element of E, ±.
-    noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²). accel_bias: ± m/s².
+    noise_dps, accel_noise: white, standard deviation per sample (°/s, m/s²) at the usual rate. accel_bias: ± m/s².
     accel_scale: ±, what its scale factors differ from 1. g_sensitivity_dps_per_g: ±, each element of G.
     rrw_dps_per_sqrt_s: random walk of the bias. bias_instability_dps: B of its flicker, whose Allan deviation is 0.664 B.
     bias_dps_per_kelvin, bias_dps_per_kelvin2: b₁ and b₂, ±, per axis.
@@ -112,6 +112,11 @@ class Imperfection:
         self._inverse = np.linalg.inv(self.truth.matrix)
         self._walk = np.zeros(3)
         self._time_s = 0.0
+        self._white = 1.0
+
+    def pace(self, faster: float) -> None:
+        """From the next read on samples come so many times as fast as usual; white noise is as dense as it was."""
+        self._white = float(np.sqrt(faster))
 
     def read(self, motion: TrueMotion, temperature_c: Array | None = None) -> Readings:
         """The readings of the next stretch of motion; times count from this boot's first sample interval.
@@ -122,7 +127,7 @@ class Imperfection:
         if temperature_c is None:
             temperature_c = self.temperature_c(motion.time_s)
         bias = self._bias(motion.time_s, temperature_c)
-        noise = rng.normal(size=(n, 6))
+        noise = self._white * rng.normal(size=(n, 6))
         gyro = motion.rate @ self._inverse.T + bias + np.radians(spec.noise_dps) * noise[:, :3]
         if spec.g_sensitivity_dps_per_g > 0:
             gyro += motion.force @ self.truth.g_sensitivity.T

@@ -108,6 +108,7 @@ class SimulatedSource:
         """See Source."""
         self._ticks, self._sent = self._ticks + self._sent * (_TICKS_PER_S / self.sensor.rate_hz), 0
         self.sensor = replace(self.sensor, rate_hz=rate_hz)
+        self._imperfection.pace(rate_hz / self._usual.rate_hz)
 
     def read(self) -> Samples:
         """See Source; never ends."""

@@ -1,7 +1,6 @@
 """The demonstration's judgement: what the estimator said of each boot, against the simulator's truth."""
 
 from dataclasses import dataclass
-from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,10 @@ from estimator import rotation
 
 Floats = NDArray[np.float64]
 MIN_SAMPLES = 200
+#: what may be off in any case, and what may where the standard deviation says so: scale factors, bias in °/s
+SCALE, BIAS_DPS, SIGMAS = (0.01, 0.02), (0.05, 0.2), 4.0
+#: of the largest heading error, and of the raw one at its largest
+HEADING_DEG, HEADING_SHARE = 5.0, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,10 +39,18 @@ class Judgement:
 
     @property
     def good(self) -> bool:
-        """Scale within 1 % or four standard deviations, and less than a tenth of the raw heading error or 5 degrees left."""
-        k_off = np.abs(self.k - self.k_true)
-        left, raw = abs(self.corrected_heading_deg[-1]), np.abs(self.raw_heading_deg).max()
-        return bool(np.all(k_off < np.maximum(0.01, 4 * self.k_std))) and left < max(5.0, 0.1 * raw)
+        """Scale and bias within what they may be off, the bias at the end; the heading at any time, beside the raw one."""
+        left, raw = np.abs(self.corrected_heading_deg).max(), np.abs(self.raw_heading_deg).max()
+        return bool(
+            np.all(np.abs(self.k - self.k_true) < np.clip(SIGMAS * self.k_std, *SCALE))
+            and np.all(np.abs(self.bias_off_dps) < np.clip(SIGMAS * self.bias_std_dps[-1], *BIAS_DPS))
+            and left < max(HEADING_DEG, HEADING_SHARE * raw)
+        )
+
+    @property
+    def bias_off_dps(self) -> Floats:
+        """(3,) °/s by which the bias is off at the end."""
+        return np.asarray(self.bias_dps[-1] - self.bias_true_dps[-1])
 
 
 def judge(
@@ -94,6 +105,11 @@ def _heading_error(rate: Floats, time: Floats, start: Rotation, true: Rotation) 
 
 def in_words(judgement: Judgement) -> str:
     """One line on what the correction was worth."""
-    raw, corrected = judgement.raw_heading_deg[-1], judgement.corrected_heading_deg[-1]
-    off = degrees(float(np.max(np.abs(np.radians(judgement.bias_dps[-1] - judgement.bias_true_dps[-1])))))
-    return f"heading off by {raw:+.0f}° raw, {corrected:+.2f}° corrected; bias within {off:.3f} °/s"
+    raw, corrected = (
+        heading[np.argmax(np.abs(heading))] for heading in (judgement.raw_heading_deg, judgement.corrected_heading_deg)
+    )
+    scale, bias = (float(np.max(np.abs(off))) for off in (judgement.k - judgement.k_true, judgement.bias_off_dps))
+    return (
+        f"heading off by up to {raw:+.0f}° raw, {corrected:+.2f}° corrected; "
+        f"scale within {scale:.2%}, bias within {bias:.3f} °/s"
+    )

@@ -15,6 +15,13 @@ from tests.bridge.pki import cells
 from tests.bridge.pki.guarded_ward import MEMBERS, GuardedWard
 
 
+def judged(found: cells.Counts, expected: cells.Counts) -> tuple[int, int, int]:
+    """Samples that are missing, too many, and where none may come: what is too much in one cell makes up for no other's lack."""
+    too_many = found - expected
+    leaked = sum(count for cell, count in too_many.items() if not expected[cell])
+    return (expected - found).total(), too_many.total() - leaked, leaked
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=100_000)
@@ -34,11 +41,11 @@ def main() -> int:
                 took = time.monotonic() - began
                 all_cells = [(who, kind) for who in MEMBERS for kind in cells.KEYS]
                 allowed = [cell for cell in all_cells if expected[cell]]
-                short = sum(expected[cell] - found[cell] for cell in allowed)
-                leaked = sum(found[cell] for cell in all_cells if not expected[cell])
-                wrong += bool(short or leaked)
+                short, twice, leaked = judged(found, expected)
+                wrong += bool(short or twice or leaked)
                 print(
-                    f"{what}: {len(all_cells)} cells × {each}; {len(allowed)} allowed, {short} samples of them missing;"
+                    f"{what}: {len(all_cells)} cells × {each}; {len(allowed)} allowed,"
+                    f" {short} samples of them missing, {twice} too many;"
                     f" {len(all_cells) - len(allowed)} denied, {leaked} samples of them came through; {took:.0f} s",
                     flush=True,
                 )

@@ -51,6 +51,10 @@ class Row:
         """Of all its cases."""
         return float(np.median(values) if self.median else np.mean(values))
 
+    def furthest(self, values: list[float]) -> float | None:
+        """The case furthest off, where cases err to both sides and their mean hides it."""
+        return max(values, key=lambda value: abs(value - 100), default=None) if self.group == KEPT else None
+
 
 #: what sees the optical orientation: in place of the accelerometer, and to take linear acceleration out of its readings
 OPTICS, LEVEL = LIMITS = ("optics", "truerate unpushed")

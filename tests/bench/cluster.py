@@ -24,7 +24,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -44,6 +44,7 @@ from estimator.demo.ward import free_port, listens
 from estimator.once import Once, OnceKnobs
 from estimator.service.cluster import ClusterKnobs
 from estimator.service.ownership import owner
+from tests.bench.load import stream
 from tests.bench.load.stream import WARD
 
 NAMES = ("estimator-1", "estimator-2", "estimator-3")
@@ -51,6 +52,9 @@ RATE_HZ, SAMPLES = 104.0, 5
 #: messages, as fast as they are taken; and when no more come
 BURST, QUIET_S = 30_000, 4.0
 GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
+#: shares of so many devices or more may be so far from even (those of fewer are chance's); and a device of which nothing came of
+#: the last seconds is silent
+EVEN, MANY, SILENT_S = 0.2, 300, 2.0
 #: how long a subscriber waits for a hole; and messages that wait for us
 PATIENT_S, ROOM = 10.0, 1 << 18
 #: who has just come is given longer before it is taken for hanging
@@ -195,8 +199,9 @@ class Given:
         """(devices,) the longest silence of each in so long, or that begins in it and ends within a second more."""
         found = []
         for device in sorted(devices):
-            moments = np.array([at for at, _ in self.batches[device] if since - 1.0 <= at <= since + for_s + 1.0])
-            moments = np.append(moments, since + for_s + 1.0)  # what has not come by then is a gap, too
+            came = (at for at, _ in self.batches.get(device, ()))
+            begin, end = since - 1.0, since + for_s + 1.0  # what has not come since or by then is a gap, too
+            moments = np.array([begin, *(at for at in came if begin <= at <= end), end])
             during = (moments[1:] >= since) & (moments[:-1] <= since + for_s)
             found.append(np.diff(moments)[during].max(initial=0.0))
         return np.array(found)
@@ -210,15 +215,22 @@ class Given:
             if at >= since
         )
 
-    def faults(self) -> dict[str, int]:
-        """Samples that are not there, that are there twice, and batches of an older epoch after a newer one."""
-        lost = twice = older = 0
-        for batches in self.batches.values():
+    def faults(self, devices: Iterable[str]) -> dict[str, int]:
+        """Samples that are not there, that are there twice, batches of an older epoch after a newer one, and devices at the end.
+
+        All devices are sent alike: one that is behind the others in the end is silent.
+        """
+        lost = twice = older = silent = 0
+        ends = {device: batches[-1][1].sequence + len(batches[-1][1]) for device, batches in self.batches.items()}
+        least = max(ends.values(), default=0) - SILENT_S * RATE_HZ
+        for device in devices:
+            silent += ends.get(device, -math.inf) < least
+            batches = self.batches.get(device, [])
             for (_, before), (_, after) in itertools.pairwise(batches):
                 step = after.sequence - before.sequence - len(before)
                 lost, twice = lost + max(0, step), twice + max(0, -step)
                 older += after.epoch < before.epoch
-        return {"lost": lost, "given twice": twice, "of an older epoch": older}
+        return {"lost": lost, "given twice": twice, "of an older epoch": older, "silent to the end": silent}
 
 
 @contextmanager
@@ -238,12 +250,12 @@ def _process(module: str, *arguments: str, pipe: bool = False) -> Iterator[subpr
 
 
 def pinned(console: Console, devices: int, rounds: int) -> int:
-    """Print how long one and three take for the same; 1 when something was lost."""
+    """Print how long one and three take for the same; 1 when something was lost, or shares are far from even."""
     core = max(os.sched_getaffinity(0))
     os.sched_setaffinity(0, os.sched_getaffinity(0) - {core} or {core})
     headings = ("estimators", "messages a second", "seconds of processor", "even within", "lost", "given twice")
     table = Columns([Column(words, number=True) for words in headings])
-    faulty = False
+    faulty, missed = False, []
     for names in (NAMES[:1], NAMES) * rounds:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
             cluster = Cluster(Path(folder), stack, devices, ("burst", str(BURST)), names, core)
@@ -257,9 +269,11 @@ def pinned(console: Console, devices: int, rounds: int) -> int:
             even = devices / len(names)
             off = max(abs(n - even) / even for n in cluster.shares().values())
             spent_s = sum(_spent_s(process.pid) for process in cluster.processes.values())
-            faults = given.faults()
+            if off > EVEN and devices >= MANY:
+                missed.append(f"shares {off:.0%} from even (goal {EVEN:.0%})")
+            faults = given.faults(map(stream.name, range(devices)))
             lost = BURST // devices * devices * SAMPLES - given.samples
-            faulty |= bool(lost or faults["given twice"])
+            faulty |= bool(lost or any(faults.values()))
             table.add(
                 str(len(names)),
                 f"{BURST / (cluster.came[-1][0] - cluster.came[0][0]):,.0f}",
@@ -269,7 +283,14 @@ def pinned(console: Console, devices: int, rounds: int) -> int:
                 str(faults["given twice"]),
             )
     console.print(table)
-    return int(faulty)
+    return int(_unreached(console, missed) or faulty)
+
+
+def _unreached(console: Console, missed: list[str]) -> bool:
+    """Say which goals were missed, if any was."""
+    if missed:
+        console.print(f"not reached: {'; '.join(missed)}")
+    return bool(missed)
 
 
 def _spent_s(pid: int) -> float:
@@ -291,7 +312,7 @@ def _ms(seconds: float | np.floating[Any]) -> str:
 
 
 def main() -> int:
-    """Print what was found; 1 when a sample was lost, given twice, or taken from who had lost its device."""
+    """Print what was found; 1 when a sample was lost, given twice, or taken from who had lost its device, or a goal is missed."""
     if sys.argv[1:2] == ["router"]:
         with Router([sys.argv[2]]):
             threading.Event().wait()
@@ -326,7 +347,8 @@ def main() -> int:
         cluster.listen(3.0)
         even = args.devices / len(NAMES)
         worst = max(abs(n - even) / even for n in cluster.shares().values())
-        console.print(f"shares: {cluster.shares()}, {worst:.0%} from even at most (goal 20 %)")
+        console.print(f"shares: {cluster.shares()}, {worst:.0%} from even at most (goal {EVEN:.0%})")
+        missed = [f"shares {worst:.0%} from even"] if worst > EVEN and args.devices >= MANY else []
         loads = {name: f"{owned.load:.0%}" for name, owned in cluster.owned.items()}
         console.print(f"processor time: {loads}")
         began = time.monotonic()
@@ -351,24 +373,27 @@ def main() -> int:
                     cluster.start(victim)
                 cluster.until(cluster.home, 60.0)
                 cluster.listen(FRESH_S)
-        missed = cluster.missed  # of what comes from now on nothing is taken
+        overrun = cluster.missed  # of what comes from now on nothing is taken
         given = Given(cluster.came)
         for trouble in done:
             words = [""] * 3
             if trouble.theirs:
                 gaps = given.gaps(trouble.theirs, trouble.at, 3.0)
                 words = [str(len(trouble.theirs)), _ms(np.median(gaps)), _ms(gaps.max())]
+                if gaps.max() > trouble.goal_s:
+                    missed.append(f"a gap of {_ms(gaps.max())} after {trouble.what} (goal {_ms(trouble.goal_s)})")
             usual = given.gaps(every - trouble.theirs, trouble.at, 3.0)
             words += [_ms(seconds) for seconds in (np.median(usual), usual.max(), trouble.ended_s)]
             table.add(trouble.what, *words, _ms(trouble.goal_s) if trouble.goal_s else "")
         console.print(table)
         had_to = 2 * sum(len(trouble.theirs) for trouble in done)
         console.print(f"devices went to another estimator {given.moves(began)} times; had to {had_to} times")
+        faults = given.faults(map(stream.name, range(args.devices)))
         console.print(
-            f"{given.samples:,} samples given; {given.faults()}; left out {given.once.left_out.as_dict()}; "
-            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {missed}"
+            f"{given.samples:,} samples given; {faults}; left out {given.once.left_out.as_dict()}; "
+            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {overrun}"
         )
-        return int(any(given.faults().values()))
+        return int(_unreached(console, missed) or any(faults.values()))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,12 @@
 """Fifty devices calibrated at once while 950 stream: how much later do the samples of the others come? `make bench-faults`.
 
 In one process, over a bus that only takes note, in the time of this thread: what an estimator on an idle core would need. All
-messages of a period arrive together; a message is late by what passes until its corrected batch is published. Beside it the
-same with none of the fifty calibrated, and with all done in the order it comes in, learning too.
+messages of a period arrive together; a message is late by what passes until its corrected batch is published, and for ever
+if it never is. The goal is of every message; beside it the same with none of the fifty calibrated (what is beyond that is the
+fifty's part), and with all done in the order it comes in, learning too.
+
+Not seen: what the bus takes on either side, what other threads (the store's, the bus's) and other processes take from this core,
+and what comes before the eleventh round, in which publishers are made.
 """
 
 import math
@@ -10,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +26,7 @@ from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire import columns_pb2 as columns
+from bridge.wire.messages import Floats
 from estimator.config import Estimator
 from estimator.service import turns
 from estimator.service.quiet import Quiet
@@ -105,7 +111,7 @@ class _Noting:
         pass
 
 
-def late(others: int, *, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def late(others: int, *, calibrated: bool) -> Floats:
     """(rounds, others) s: how late what each of the others sent in each period came out."""
     batches = calibration(seed=1).batches()
     if not calibrated:
@@ -144,13 +150,21 @@ def late(others: int, *, calibrated: bool) -> np.ndarray[tuple[int, ...], np.dty
         assert counted == (CALIBRATED if calibrated else 0), counted
         store.close()
     device_keys = [keys.build(WARD, "corrected", device=keys.parse(key).device) for key in fleet.keys]
-    result = np.zeros((len(arrivals), others))
-    for column, key in enumerate(device_keys):
-        for at_s, payload in line.said[key]:  # one message may be published in two parts: the last counts
-            number = columns.CorrectedBatch.FromString(payload).sequence // BATCH
-            result[number, column] = at_s - arrivals[number]
-    settled: np.ndarray[tuple[int, ...], np.dtype[np.float64]] = result[10:]  # the first round announces the devices
-    return settled
+    return lateness([line.said.get(key, []) for key in device_keys], arrivals)[
+        10:
+    ]  # the first rounds announce the devices
+
+
+def lateness(said: Sequence[Sequence[tuple[float, bytes]]], arrivals: Sequence[float]) -> Floats:
+    """(rounds, devices) s from what each device's messages came to, and when; inf where one never came out whole."""
+    result = np.full((len(arrivals), len(said)), np.inf)
+    for column, published in enumerate(said):
+        for at_s, payload in published:  # one message may be published in two parts: the last counts
+            batch = columns.CorrectedBatch.FromString(payload)
+            number, rest = divmod(batch.sequence + len(batch.ticks) // 8, BATCH)
+            if not rest:
+                result[number - 1, column] = at_s - arrivals[number - 1]
+    return result
 
 
 def _finish(service: Service, line: Line) -> None:
@@ -180,8 +194,14 @@ def main() -> int:
         p50, p99 = np.percentile(late_s, (50, 99))
         numbers = (p50, p99, late_s.max(), late_s.max() - base)
         table.add_row(what, *(f"{1e3 * number:.1f}" for number in numbers))
-    Console().print(table)
-    return int(found.max() - base > GOAL_S)
+    console = Console()
+    console.print(table)
+    worst = float(found.max())
+    if missed := worst > GOAL_S:
+        console.print(
+            f"not reached: {1e3 * worst:.1f} ms at worst, {1e3 * (worst - base):.1f} beyond the usual; goal {1e3 * GOAL_S:g}"
+        )
+    return int(missed)
 
 
 if __name__ == "__main__":

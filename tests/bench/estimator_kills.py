@@ -1,7 +1,8 @@
 """How long a killed estimator takes to be back: 200 of them, at random moments under load. `make bench-faults`.
 
-Seconds from the start of the new process to the first GOOD corrected sample at a subscriber (goal 2 s), and what was not gone
-on with: calibration, bias, samples, acknowledged calibrations, the store. Beside it what starting the interpreter costs.
+Seconds from the start of the new process to the first GOOD corrected sample at a subscriber, of any device (goal 2 s), and
+beside them to that of the last device; what was not gone on with: calibration, bias and how surely it is known, samples,
+acknowledged calibrations, the store. And what starting the interpreter costs.
 """
 
 import argparse
@@ -52,11 +53,16 @@ def main() -> int:
             if len(kills) % 10 == 1:
                 for what, code in _STARTS.items():  # under the same load
                     starts[what].append(_started(code))
-                console.print(f"{len(kills)} of {args.kills}: {kill.first_s:.2f} s", style="dim")
+                console.print(
+                    f"{len(kills)} of {args.kills}: {kill.first_s:.2f} s, all {kill.all_s:.2f} s", style="dim"
+                )
     first, every = np.array([k.first_s for k in kills]), np.array([k.all_s for k in kills])
-    for what, seconds in (("the first GOOD sample", first), (f"the last of {args.steady} devices' first", every)):
+    for what, seconds, goal in (
+        ("the first GOOD sample", first, f" (goal {GOAL_S:g} s)"),
+        (f"the last of {args.steady} devices' first", every, ""),
+    ):
         p50, p95 = np.percentile(seconds, (50, 95))
-        console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s (goal {GOAL_S:g} s)")
+        console.print(f"{what}: median {p50:.2f} s, p95 {p95:.2f} s, worst {seconds.max():.2f} s{goal}")
     for what, seconds_of in starts.items():
         console.print(f"of which {what}: median {np.median(seconds_of):.2f} s, worst {max(seconds_of):.2f} s")
     moved = np.concatenate([kill.moved for kill in kills])
@@ -65,7 +71,10 @@ def main() -> int:
         f"median {np.median(moved):.2f}, p99 {np.percentile(moved, 99):.2f} of it"
     )
     faults = sum(len(kill.faults) for kill in kills)
-    console.print(f"{len(kills)} kills, {faults} faults, {(first > GOAL_S).sum()} beyond the goal")
+    console.print(
+        f"{len(kills)} kills, {faults} faults, {(first > GOAL_S).sum()} beyond the goal; "
+        f"{(every > GOAL_S).sum()} where the last device took longer than that"
+    )
     return int(bool(faults or (first > GOAL_S).any()))
 
 

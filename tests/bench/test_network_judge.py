@@ -3,7 +3,7 @@
 from typing import Any
 
 from tests.bench.network.guarded import Heard
-from tests.bench.network.judge import Verdict, judged
+from tests.bench.network.judge import Verdict, disputed_until, judged
 
 
 def given(*spans: tuple[int, int], epoch: int = 1, good: bool = True) -> list[dict[str, Any]]:
@@ -34,3 +34,13 @@ def test_what_is_given_twice_is_said_to_be() -> None:
 def test_a_loss_that_is_told_counts_though_nothing_of_the_device_came_before() -> None:
     heard = Heard(batches=given((0, 10)), misses=[{"at": 5.0, "n": 3}])
     assert judged(heard, 1.0).broken == "3 lost"
+
+
+def test_a_device_without_an_owner_is_disputed_until_it_has_one_or_until_now() -> None:
+    def said(at: float, *held: str) -> dict[str, Any]:
+        return {"at": at, "estimator": "e1", "held": dict.fromkeys(held, 1)}
+
+    nobody_since = [said(1.0, "d"), said(5.0)]
+    taken = Heard(owned=[*nobody_since, said(7.0, "d"), said(8.0, "d")])
+    assert disputed_until([taken], ["d"], since_s=4.0, now_s=9.0) == 7.0
+    assert disputed_until([taken, Heard(owned=nobody_since)], ["d"], since_s=4.0, now_s=9.0) == 9.0

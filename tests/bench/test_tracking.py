@@ -8,10 +8,11 @@ import pytest
 
 from bridge.sim.scenes import rests_and_motion
 from tests.bench import broad
-from tests.bench.cases import KEPT, ROWS, day_cases, turn_cases
+from tests.bench.cases import ERROR, KEPT, ROWS, day_cases, turn_cases
 from tests.bench.optical import drift_deg_per_min, matrix_of
 from tests.bench.rests import Held, held_against_what_follows
 from tests.bench.trackers import TRACKERS, Track, first_still
+from tests.bench.tracking import written
 
 
 def simulated() -> broad.Trial:
@@ -23,6 +24,13 @@ def simulated() -> broad.Trial:
 
 def test_every_row_has_a_name_of_its_own() -> None:
     assert len({row.name for row in ROWS}) == len(ROWS)
+
+
+def test_a_turn_that_is_kept_badly_shows_beside_a_mean_that_is_good() -> None:
+    kept, error = (next(row for row in ROWS if row.group == group) for group in (KEPT, ERROR))
+    assert written(kept, [85.0, 106.0, 109.0]) == "100 (85)"
+    assert written(error, [0.01, 0.03]) == "0.0200"
+    assert written(kept, None) == "–"
 
 
 def test_the_optical_fit_finds_the_matrix() -> None:
@@ -45,7 +53,8 @@ def test_the_truth_keeps_slow_turns_and_days() -> None:
         worth = case.judge(Track(case.bias, np.full(case.bias.shape, 1e-6)))
         for row in ROWS:
             if row.name in worth:
-                assert worth[row.name] == pytest.approx({"°/s": 0.0, "%": 100.0}[row.unit], abs=5.0)
+                true, within = {"°/s": (0.0, 1e-6), "%": (100.0, 5.0)}[row.unit]
+                assert worth[row.name] == pytest.approx(true, abs=within)
                 assert row.group != KEPT or "0.1" in row.label
 
 

@@ -56,14 +56,15 @@ def tracked(method: str, case: Case) -> Track | None:
 def tables(results: Results) -> Iterator[Table]:
     """One a group: scenarios down, methods and goals across."""
     for group in dict.fromkeys(row.group for row in ROWS if results[row.name]):
-        shown = Table(title=group, title_justify="left", title_style="bold", box=None, pad_edge=False)
+        title = f"{group}: mean (furthest off)" if group == KEPT else group
+        shown = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
         shown.add_column("", width=22, no_wrap=True)
         for heading in (*TRACKERS, TRUTH, *LIMITS, "goal", "goal smoothed"):
             shown.add_column(heading.replace(" ", "\n", 1), justify="right", width=9, no_wrap=True)
         for row in ROWS:
             if row.group == group and results[row.name]:
-                values = {method: row.summary(list(of.values())) for method, of in results[row.name].items()}
-                cells = [written(row, values.get(method)) for method in (*TRACKERS, TRUTH, *LIMITS)]
+                found = {method: list(of.values()) for method, of in results[row.name].items()}
+                cells = [written(row, found.get(method)) for method in (*TRACKERS, TRUTH, *LIMITS)]
                 shown.add_row(
                     row.label,
                     *cells,
@@ -72,17 +73,13 @@ def tables(results: Results) -> Iterator[Table]:
         yield shown
 
 
-def written(row: Row, value: float | None) -> str:
-    """A value of a row."""
-    return (
-        "–"
-        if value is None
-        else f"{value:.4f}"
-        if row.unit == "°/s"
-        else f"{value:.2f}"
-        if row.median
-        else f"{value:.0f}"
-    )
+def written(row: Row, values: list[float] | None) -> str:
+    """What the cases of a row come to."""
+    if not values:
+        return "–"
+    furthest = row.furthest(values)
+    shown = f"{row.summary(values):.{4 if row.unit == '°/s' else 2 if row.median else 0}f}"
+    return shown if furthest is None else f"{shown} ({furthest:.0f})"
 
 
 def picture(results: Results, case: Case, path: Path) -> None:
@@ -122,7 +119,11 @@ def written_out(results: Results, path: Path) -> None:
             "goal_smoothed": None if np.isnan(row.goal_smoothed) else row.goal_smoothed,
             "statistic": "median" if row.median else "mean",
             "methods": {
-                method: {"summary": row.summary(list(of.values())), "cases": of}
+                method: {
+                    "summary": row.summary(values := list(of.values())),
+                    "furthest": row.furthest(values),
+                    "cases": of,
+                }
                 for method, of in results[row.name].items()
             },
         }

@@ -13,7 +13,6 @@ from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import OWN, BiasFilter, BiasKnobs, BiasState, start
 from estimator.track.evidence import GATES, Evidence
 from estimator.track.tracker import TrackKnobs
-from estimator.track.zaru import ZaruKnobs
 from tests.estimator.stream import NAME, calibration, feed, stream
 from tests.estimator.track.worn import Worn
 
@@ -143,7 +142,3 @@ def test_calibrated_bias_is_honest_from_the_first_good_sample() -> None:
                 break
         found.append(nees(device.tracker.state, of.bias[batch.sequence + len(batch) - 1]))
     assert 0.3 < np.mean(found) < band(len(found))[1]
-
-
-def test_the_insistence_is_long_enough_for_what_a_bed_turns() -> None:
-    assert ZaruKnobs().insist_s >= 120

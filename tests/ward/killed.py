@@ -8,6 +8,7 @@ import random
 import signal
 import threading
 import time
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,19 +18,22 @@ import numpy as np
 
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import CorrectedBatch, Quality, Verdict
+from bridge.wire.messages import CorrectedBatch, Floats, Quality, Verdict
 from estimator.client import Client
 from estimator.database import inspect
 from estimator.demo.audience import Watcher
 from estimator.demo.ward import WARD, Ward
 from estimator.service.store import Store
+from estimator.track.bias_filter import BiasKnobs
 from tests.ward.parts import add_simulated, living, wait
 
 _SPEED = 10.0
 _RESTLESS_S = 1.5
-#: a bias may move by so much of its standard deviation, and must be known better than this, rad/s
-SURE_SIGMAS, UNSURE = 3.0, np.radians(0.2)
-#: who is back within so many seconds has missed nothing
+#: a bias may move by so much of its standard deviation, and be known so many times worse than it was within so many seconds,
+#: as a checkpoint is old where kills follow each other; and as much worse as it walks until a sample comes, rad/s per root second
+SURE_SIGMAS, LESS_SURE, BACK_S = 3.0, 2.0, 60.0
+WALK = BiasKnobs().warm_up_walk
+#: who is back within so many seconds has missed nothing: a bridge keeps fifteen for who is away
 KEPT_S = 10.0
 #: until what had been said is heard
 HEARD_S = 0.3
@@ -45,6 +49,29 @@ class Kill:
     moved: list[float] = field(default_factory=list)  # each steady device's bias, in standard deviations
 
 
+class Holes:
+    """Samples that are missing between those that came of each boot, but of who was away for longer than bridges keep."""
+
+    def __init__(self) -> None:
+        self._next: dict[tuple[str, int], int] = {}
+        self._heard: dict[tuple[str, int], float] = {}
+        self._missing: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
+
+    def take(self, batch: CorrectedBatch, at: float) -> None:
+        boot = batch.device, batch.boot
+        missing = batch.sequence - self._next.get(boot, batch.sequence)
+        if missing > 0 and at - self._heard[boot] < KEPT_S:
+            self._missing[batch.device] += missing
+        self._next[boot], self._heard[boot] = batch.sequence + len(batch), at
+
+    def new(self) -> list[str]:
+        """Of which devices how many since this was asked last, in words: none is between two questions."""
+        missing = self._missing.copy()
+        new, self._told = missing - self._told, missing
+        return [f"{name}: {count} samples never came" for name, count in new.items()]
+
+
 class Ear(threading.Thread):
     """Hears corrected rates of the whole ward, each sample once: the latest GOOD batch of a device, and holes in its numbers."""
 
@@ -55,8 +82,8 @@ class Ear(threading.Thread):
         self._over = threading.Event()
         self.good: dict[str, tuple[float, CorrectedBatch]] = {}
         self.first: dict[str, tuple[float, CorrectedBatch]] = {}
-        self.missing = 0
-        self._next: dict[tuple[str, int], int] = {}
+        self._lately: dict[str, deque[tuple[float, CorrectedBatch]]] = {}
+        self.holes = Holes()
         self.start()
 
     def run(self) -> None:
@@ -64,13 +91,19 @@ class Ear(threading.Thread):
             batch = self._corrected.receive(0.1)
             if batch is None:
                 continue
-            boot = batch.device, batch.boot
-            self.missing += max(0, batch.sequence - self._next.get(boot, batch.sequence))
-            self._next[boot] = batch.sequence + len(batch)
+            self.holes.take(batch, time.monotonic())
             if batch.quality is Quality.GOOD:
                 heard = time.monotonic(), batch
                 self.good[batch.device] = heard
                 self.first.setdefault(batch.device, heard)
+                lately = self._lately.setdefault(batch.device, deque())
+                lately.append(heard)
+                while lately[0][0] < heard[0] - BACK_S:
+                    lately.popleft()
+
+    def bias_std(self, device: str) -> Floats:
+        """How surely its bias was known lately, when it was known worst, rad/s."""
+        return np.asarray(np.max([batch.bias_std for _, batch in self._lately[device]], axis=0), np.float64)
 
     def close(self) -> None:
         self._over.set()
@@ -109,7 +142,7 @@ class Victim:
         self.listen(time.monotonic() + lasts_s)
         self.ward.stop("estimator", signal.SIGKILL)
         self.listen(time.monotonic() + away_s)
-        before, missing = dict(self.ear.good), self.ear.missing
+        before, known = dict(self.ear.good), {name: self.ear.bias_std(name) for name in self.steady}
         inspection = inspect(self.store)
         faults = [] if inspection.sound else [f"the store: {inspection}"]
         self.ear.first.clear()
@@ -121,13 +154,13 @@ class Victim:
         first = {name: self.ear.first[name] for name in self.steady if name in self.ear.first}
         for name in self.steady:
             faults += (
-                _discontinued(name, before[name][1], first[name][1]) if name in first else [f"{name}: nothing GOOD"]
+                discontinued(name, before[name][1], known[name], first[name][1])
+                if name in first
+                else [f"{name}: nothing GOOD"]
             )
         moved = [_moved(before[name][1], batch) for name, (_, batch) in first.items()]
         moments = [moment - begun for moment, _ in first.values()] or [np.inf]
-        # A bridge keeps fifteen seconds for who is away.
-        if self.ear.missing > missing and away_s + max(moments) < KEPT_S:
-            faults.append(f"{self.ear.missing - missing} samples never came")
+        faults += self.ear.holes.new()
         return Kill(min(moments), max(moments), faults, moved)
 
     def lost(self) -> list[str]:
@@ -149,17 +182,17 @@ def _moved(before: CorrectedBatch, after: CorrectedBatch) -> float:
     return float(np.max(np.abs(after.bias - before.bias) / std))
 
 
-def _discontinued(name: str, before: CorrectedBatch, after: CorrectedBatch) -> list[str]:
-    """What is not as it was: the calibration, or the bias."""
+def discontinued(name: str, before: CorrectedBatch, bias_std: Floats, after: CorrectedBatch) -> list[str]:
+    """What is not as it was: the calibration, the bias, or how surely that was known, rad/s."""
     faults = []
     if after.calibration != before.calibration:
         faults.append(f"{name}: calibration {after.calibration} after {before.calibration}")
     if (moved := _moved(before, after)) > SURE_SIGMAS:
         faults.append(f"{name}: the bias moved by {moved:.2f} of its standard deviation")
-    if float(np.max(after.bias_std)) > UNSURE:
-        faults.append(
-            f"{name}: its bias is known to {np.degrees(after.bias_std)} °/s only, as if nothing had been kept"
-        )
+    walked = WALK * np.sqrt(max(0.0, after.device_time[0] - before.device_time[-1]))
+    if np.any(after.bias_std > LESS_SURE * bias_std + walked):
+        known = " after ".join(f"{np.degrees(std)}" for std in (after.bias_std, bias_std))
+        faults.append(f"{name}: its bias is known to {known} °/s, as if little had been kept")
     return faults
 
 
@@ -198,6 +231,7 @@ def killed(
             if number == kills - 1:
                 made.listen(time.monotonic() + 1.0)
                 made.ward.stop("estimator", signal.SIGKILL)
+                kill.faults += made.ear.holes.new()
                 kill.faults += [f"calibration {name} was said and is lost" for name in made.lost()]
                 if not made.acknowledged:
                     kill.faults.append("no calibration was said")

@@ -18,8 +18,9 @@ from tests.ward.parts import add_simulated, wait
 
 pytestmark = [pytest.mark.ward, pytest.mark.soak, pytest.mark.xdist_group("ward"), pytest.mark.timeout(7200)]
 EVERY_S = 1.0
-#: a mean over a ward's devices; 1 is what it should be, less where a short rest is believed with caution
-NIS = (0.3, 1.5)
+#: of most looks at a device: the mean over a ward's devices, and each; 1 is what it should be, less where a short rest is
+#: believed with caution
+NIS, NIS_EACH = (0.3, 1.5), (0.15, 2.0)
 
 
 class Look(NamedTuple):
@@ -29,7 +30,7 @@ class Look(NamedTuple):
     threads: int
     files: int
     values: dict[str, float]  # of the ward
-    nis: list[float]
+    nis: dict[str, float]  # of each device
 
 
 def own_threads(pid: int) -> int:
@@ -44,11 +45,11 @@ def own_threads(pid: int) -> int:
 
 def look(port: int, pid: int) -> Look:
     values: dict[str, float] = {}
-    nis = []
+    nis: dict[str, float] = {}
     for family in text_string_to_metric_families(get(port, "/metrics")[1]):
         for sample in family.samples:
             if sample.name == "truerate_nis":
-                nis.append(sample.value)
+                nis[sample.labels["device"]] = sample.value
             elif not sample.labels:
                 values[sample.name] = sample.value
             elif "what" in sample.labels:
@@ -79,20 +80,24 @@ def test_an_hour_of_a_ward_leaves_it_as_it_was(tmp_path: Path, effort: Effort) -
             time.sleep(EVERY_S)
             looks.append(look(port, pid))
             ward.check()
-    settled = looks[len(looks) // 3 :]  # caches fill up first
+    settled = looks[len(looks) // 2 :]  # caches fill up first
     early, late = settled[: len(settled) // 3], settled[-(len(settled) // 3) :]
     grown_mb = median(one.rss_mb for one in late) - median(one.rss_mb for one in early)
     last = looks[-1]
-    mean_nis = sum(last.nis) / len(last.nis)
+    nis = [median(one.nis[device] for one in settled if device in one.nis) for device in last.nis]
+    mean_nis = sum(nis) / len(nis)
     print(  # noqa: T201 - a soak says what it found
         f"{devices} devices, {lasts_s:.0f} s at {speed:g} times: {last.rss_mb:.0f} MB, grown by {grown_mb:.2f}; "
         f"threads {early[0].threads} to {last.threads}, files {early[0].files} to {last.files}; NIS {mean_nis:.2f} "
-        f"({min(last.nis):.2f} to {max(last.nis):.2f}); { ({k: v for k, v in last.values.items() if ' ' in k}) }"
+        f"({min(nis):.2f} to {max(nis):.2f}); { ({k: v for k, v in last.values.items() if ' ' in k}) }"
     )
-    assert grown_mb < 0.02 * last.rss_mb
+    # From third to third: of an hour 20 minutes, of the short form seconds, in which a page here or there is much.
+    assert grown_mb < (0.01 if effort.long else 0.02) * last.rss_mb
     # What is there for a moment, as a thread that answers, is no leak.
     assert min(one.threads for one in late) <= max(one.threads for one in early)
     assert min(one.files for one in late) <= max(one.files for one in early)
     assert NIS[0] < mean_nis < NIS[1]
+    assert NIS_EACH[0] < min(nis)
+    assert max(nis) < NIS_EACH[1]
     assert last.values["truerate_law_violations_all_total"] == 0
     assert "sessions failed" not in last.values

@@ -64,16 +64,16 @@ def test_a_ward_is_recorded_as_subscribers_got_it(tmp_path: Path) -> None:
             assert main(["note", NAME, "sat up", "--ward", WARD, "--connect", ward.endpoint]) == 0
             wait("good samples", lambda: _good(heard) > 500, watcher, ward)
         finally:
-            said = ended(process)
             heard.close()
+            said = ended(process)
             watcher.close()
     assert process.returncode == 0, said
     (path,) = (tmp_path / "rec").glob("*.mcap")
     recorded = read([path])
     (stretch,) = recorded.stretches[NAME]
     [got] = heard.batches.values()
+    assert np.isin(numbers(got), stretch.sequence).all(), "what was heard is in the file"
     known = np.isin(stretch.sequence, numbers(got))
-    assert known.sum() > 0.9 * len(stretch)
     assert (np.diff(stretch.sequence) == 1).all()
     assert stretch.corrected is not None
     rates = np.concatenate([batch.rate for batch in got])[np.isin(numbers(got), stretch.sequence)]

@@ -75,8 +75,10 @@ def test_a_killed_part_goes_on_with_the_calibration(running: Running, part: str)
     running.more_good(f"a restart of the {part}")
     assert running.calibrations() == [running.calibration]
     [batches] = running.subscriber.batches.values()
-    after = numbers(batches)
-    assert np.all(np.diff(after) > 0), "in order, nothing twice"
+    steps = np.diff(numbers(batches))
+    assert np.all(steps > 0), "in order, nothing twice"
+    # What a device sends while no bridge reads its port is gone; what an estimator misses bridges keep.
+    assert (steps > 1).sum() <= (part == "bridge"), "nothing lost, but while the bridge was away"
 
 
 def test_a_killed_router_loses_nothing(running: Running) -> None:

@@ -68,6 +68,8 @@ class Took:
     twice: int
     cpu: float
     router_cpu: float
+    #: once it was warm, and at the end
+    warm_rss_mb: float
     rss_mb: float
     p50_s: float
     p99_s: float
@@ -114,7 +116,7 @@ def _measured(
         before = json.loads(_line(sender))["before"]
         if load.burst:
             _first(receiver, wait_s)
-        began_s, cpu, router_cpu = time.monotonic(), _cpu(worker), _cpu(router)
+        began_s, cpu, router_cpu, warm_rss = time.monotonic(), _cpu(worker), _cpu(router), _rss_mb(worker)
         arrived = receiver.count
         said = json.loads(_line(sender))
         ended_s = _last(receiver, said["sent"], wait_s, exact=middle is not Middle.ESTIMATOR)
@@ -132,6 +134,7 @@ def _measured(
         twice=twice,
         cpu=cpu / spent_s,
         router_cpu=router_cpu / spent_s,
+        warm_rss_mb=warm_rss,
         rss_mb=rss,
         p50_s=float(np.percentile(latency, 50)),
         p99_s=float(np.percentile(latency, 99)),

@@ -24,8 +24,6 @@ WARD, PORT = "w", 7447
 #: machine -> its switch
 MACHINES = {"r1": "a", "b1": "a", "e1": "a", "v1": "a", "r2": "b", "b2": "b", "e2": "b", "v2": "b"}
 ROUTERS, BRIDGES, ESTIMATORS, VIEWERS = ("r1", "r2"), ("b1", "b2"), ("e1", "e2"), ("v1", "v2")
-#: the one that has a device says so five times a second
-HANDED_OVER_S = 0.5
 _ROLES = {"r": "router", "b": "bridge", "e": "estimator", "v": "viewer"}
 _VERBS = {"bridge": ("bridge", "run"), "estimator": ("estimator", "serve")}
 _BUS = """ward = "{ward}"
@@ -191,21 +189,6 @@ class Guarded:
                     count += said["at"] >= since_s and who not in ("", said["estimator"])
                     has[device] = epoch, said["estimator"]
         return count
-
-    def disputed_until(self, since_s: float) -> float:
-        """When the last device had two owners or none for longer than it takes to hand one over; `since_s`: it never was so."""
-        last_s = since_s
-        for heard in self.heard.values():
-            held: dict[str, set[str]] = {}
-            begun: dict[str, float] = {}
-            for said in list(heard.owned):
-                held[said["estimator"]] = set(said["held"])
-                for device in (device for devices in self.devices.values() for device in devices):
-                    if sum(device in devices for devices in held.values()) != 1:
-                        begun.setdefault(device, said["at"])
-                    elif (began_s := begun.pop(device, None)) is not None and said["at"] - began_s > HANDED_OVER_S:
-                        last_s = max(last_s, said["at"])
-        return last_s
 
     def log(self, name: str) -> str:
         """What a process said."""

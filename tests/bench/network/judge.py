@@ -1,9 +1,13 @@
 """What a subscriber was given, held against what was promised. Pure."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
 from tests.bench.network.guarded import Heard
+
+#: the one that has a device says so five times a second
+HANDED_OVER_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,3 +74,21 @@ def judged(heard: Heard, since_s: float) -> Verdict:
         marked=sum(batch["late"] for batch in came),
         gap_s=gap_s,
     )
+
+
+def disputed_until(heard: Iterable[Heard], devices: Collection[str], since_s: float, now_s: float) -> float:
+    """When a device last had two owners or none for longer than it takes to hand one over; `since_s`: it never was so since."""
+    last_s = since_s
+    for one in heard:
+        held: dict[str, set[str]] = {}
+        begun: dict[str, float] = {}
+        for said in list(one.owned):
+            held[said["estimator"]] = set(said["held"])
+            for device in devices:
+                if sum(device in theirs for theirs in held.values()) != 1:
+                    begun.setdefault(device, said["at"])
+                elif (began_s := begun.pop(device, None)) is not None and said["at"] - began_s > HANDED_OVER_S:
+                    last_s = max(last_s, said["at"])
+        if any(now_s - began_s > HANDED_OVER_S for began_s in begun.values()):
+            last_s = now_s  # it still is
+    return last_s

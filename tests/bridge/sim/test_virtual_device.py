@@ -236,3 +236,17 @@ def test_however_time_is_cut_it_says_the_same() -> None:
         return b"".join(device.advance((i + 1) * 8.0 / steps) for i in range(steps))
 
     assert life(1) == life(7) == life(1600)
+
+
+def test_at_another_rate_the_noise_is_as_dense_as_it_was() -> None:
+    source = SimulatedSource(lambda _: Motion([Still(1.0)]), rate_hz=50.0)
+    source.power_up(np.random.default_rng(1), 1.0)
+
+    def density() -> list[float]:
+        readings = [source.read() for _ in range(40)]
+        columns = (np.concatenate([getattr(one, name) for one in readings]) for name in ("gyro", "accel"))
+        return [float(np.diff(column, axis=0).std() / np.sqrt(source.sensor.rate_hz)) for column in columns]
+
+    usual = density()
+    source.pace(200.0)
+    assert density() == pytest.approx(usual, rel=0.05)

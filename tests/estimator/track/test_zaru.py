@@ -357,6 +357,14 @@ def test_a_contradiction_that_stays_is_believed_at_last() -> None:
     np.testing.assert_allclose(rest.error_dps(), [0.0, 0.0, 0.5], atol=0.02)
 
 
+def test_a_bed_that_turns_evenly_for_nearly_two_minutes_teaches_nothing() -> None:
+    rest = Rest()
+    rest.lives(30.0)
+    assert not any(r.accepted and r.reason != UNPROVEN for r in rest.lives(115.0, 0.5))
+    rest.lives(20.0)
+    np.testing.assert_allclose(rest.error_dps(), 0.0, atol=0.02)
+
+
 def test_two_contradictions_far_apart_are_not_one_that_stays() -> None:
     rest = Rest()
     rest.lives(5.0)
