@@ -19,7 +19,7 @@ corrected:
          quality_names, matrix (3, 3), rate_hz; and as recorded accel_m_s2 (n, 3), temperature_c (n).
   .csv   the same, a column an axis: t_s, rate_x_rad_s …, rate_std_x_rad_s …, bias_x_rad_s …; quality by its name.
 quality:
-  NONE, PRIOR          nothing is known yet; or the scale of another boot
+  NONE, PRIOR          the bias is not known, or in doubt; no scale is known, or that of another boot
   BIAS_ONLY            the bias is known, the scale is not of this boot
   GOOD, DEGRADED       calibrated; DEGRADED while the bias is in doubt or older than it should be
 ways:

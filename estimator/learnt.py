@@ -109,6 +109,7 @@ class Learnt:
             self.tracker.follow(law)
         else:
             self.tracker.expect(law)
+            self._slope_learnt = self.calibration is not None
 
     def resumed(self, time: float, celsius: float | None) -> None:
         """Go on after a silence: until the tracker comes to this device time, what is known there counts; it is so warm."""
@@ -185,17 +186,15 @@ class Learnt:
             self._events.add("temperature law disagrees")
             outcome.said.append("temperature moves its bias otherwise than in earlier boots: learnt anew")
         if (why := self.tracker.doubts(self.now)) is not None and not self._happens(Event.DOUBTED, why, outcome):
-            self._say_beside(f"{self._life.goes_on}; {why}", why, outcome)
+            self._say_beside(why, outcome)
 
     def _confirm(self, outcome: Outcome) -> None:
         """End a doubt, if what was heard of rests does."""
-        why = self.tracker.doubt.why
         if self.tracker.trusts() and not self._happens(Event.CONFIRMED, f"calibrated; {_CONFIRMED}", outcome):
-            self._say_beside(self._life.goes_on.removesuffix(f"; {why}"), _CONFIRMED, outcome)
+            self._say_beside(_CONFIRMED, outcome)
 
-    def _say_beside(self, reason: str, news: str, outcome: Outcome) -> None:
-        """What is no event of a device that is being calibrated: what is to be done now is said, too."""
-        self._life.say(reason)
+    def _say_beside(self, news: str, outcome: Outcome) -> None:
+        """What is no event of a device that is being calibrated: its reason is what is to be done now."""
         outcome.changed = True
         outcome.said.append(news)
 

@@ -15,8 +15,8 @@ from estimator.report import first
 
 _NONE = "none; what `truerate calibrate` makes of this recording, or another, is given by --calibration FILE"
 _MEANS = {
-    "NONE": "nothing known yet",
-    "PRIOR": "another boot's scale",
+    "NONE": "bias not known, or in doubt",
+    "PRIOR": "the same, another boot's scale",
     "BIAS_ONLY": "bias known, scale not of this boot",
     "GOOD": "calibrated",
     "DEGRADED": "calibrated, the bias in doubt",

@@ -365,6 +365,8 @@ class DeviceSession:
         known, learnt = self._ready, self.learnt
         seldom = self._too_seldom() if self.life.state is State.AWAITING_STILL else ""
         reason = seldom or self.life.reason
+        if (doubted := self.tracker.doubt.why) and doubted not in reason and not self.life.away:
+            reason = f"{reason}; {doubted}"  # whatever else is said of it
         events = self.sequence.events.as_dict() | self.tracker.events
         events.update(more)
         return Status(

@@ -260,7 +260,7 @@ class CalibrationSession:
     def _without_movements(self) -> Result:
         because = f" (last movement: {self.last_reason})" if self.last_reason else ""
         reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
-        return nothing(self.method, Verdict.REFUSED, reason)
+        return nothing(self.method, Verdict.REFUSED, reason, (0, 1, 2))
 
     def _capture(self, latest: int = 0) -> Capture:
         turns = tuple(self.turns[axis] for axis in sorted(self.turns))

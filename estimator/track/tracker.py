@@ -250,9 +250,9 @@ class Tracker:
     def learn(self, second: Second) -> list[Receipt]:
         """Learn from the next of its seconds; receipts of what rest there was."""
         receipts = self._second(second)
-        if receipts:
-            self.doubt.take(receipts, self._zaru.surprises())
-        return receipts
+        if heard := [*self._zaru.judged(), *receipts]:
+            self.doubt.take(heard, self._zaru.surprises())
+        return heard
 
     def _second(self, second: Second) -> list[Receipt]:
         if self._kept is not None:

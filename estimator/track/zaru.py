@@ -78,6 +78,7 @@ class Zaru:
         self._rests = 0  # seconds in a row
         self._in_question = 0.0  # variance of what was believed for its insistence alone
         self._surprises: list[Receipt] = []
+        self._judged: list[Receipt] = []
         self._gap_s = 0.0  # how long the device moved before this rest
         self._surprised = {"zaru", "zaru level", "zaru vertical"}  # what the gap has been held against
         self._blind = False  # whether it was not seen, and has not been seen to rest since
@@ -123,8 +124,13 @@ class Zaru:
             self._waiting.append((self._at_edge(evidence), begun, ended))
         self._drop_forgotten(bias)
         while self._waiting:
-            self._late(bias)
+            self._judged.append(self._late(bias))
         bias.forget()
+
+    def judged(self) -> list[Receipt]:
+        """What became, since this was asked last, of what waited as its rest ended."""
+        judged, self._judged = self._judged, []
+        return judged
 
     def _drop_forgotten(self, bias: BiasFilter) -> None:
         """What was measured before the filter was begun anew is in what it was begun from."""

@@ -194,6 +194,9 @@ def test_no_law_is_refuted_by_a_slope_that_was_not_learnt_under_it(how: str) -> 
     if how != "adopted":
         device.learnt.expect(LAW)
     feed(device, after)
+    learnt = device.tracker.state
+    device.learnt.expect(LAW)  # another bridge has it now
+    np.testing.assert_array_equal(device.tracker.state.P, learnt.P)
     assert "temperature law disagrees" not in device.status(0).events
     np.testing.assert_allclose(device.tracker.state.x[SLOPE], LAW.slope(25.0), atol=np.radians(1e-4))
 

@@ -202,6 +202,7 @@ def test_turns_without_an_accelerometer_are_refused_live(method: str) -> None:
     assert outcome.calibration is not None
     assert outcome.calibration.verdict is Verdict.REFUSED
     assert "no movement between two rests whose gravity an accelerometer measured" in device.life.reason
+    assert device.status(1).axes_done == ()
 
 
 def test_movements_that_all_contradict_are_refused(session: tuple[Stream, Transitions]) -> None:

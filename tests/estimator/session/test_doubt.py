@@ -129,6 +129,23 @@ def test_who_is_put_down_for_a_moment_stays_in_doubt(once: Stream) -> None:
     assert {b.quality for b in outcome.corrected} == {Quality.DEGRADED}
 
 
+def test_what_is_judged_as_a_rest_ends_is_heard_of_too(once: Stream) -> None:
+    """Where rests of a few seconds agree what contradicted an hour ago is none of the row; nobody heard that they did."""
+    device = calibrated(once)
+    rng = np.random.default_rng(0)
+    pieces = [piece for _ in range(4) for piece in (swing(rng, 3.0, 1.0), Still(9.0))]
+    moved = stream(pieces, 40.0, attitude=once.attitude[-1])
+    warm = np.full(len(moved), once.temperature_c[-1])
+    gyro = moved.gyro - moved.bias + once.bias[-1]
+    moved = replace(moved, ticks=moved.ticks + once.ticks[-1], gyro=gyro, temperature_c=warm)
+    batches = moved.batches(first=len(once))
+    third = 2 * len(batches) // 3
+    feed(device, batches[:third])
+    device.tracker.doubt._contradictions["vertical"] = 4
+    feed(device, batches[third:])
+    assert device.tracker.doubt._contradictions == {"level": 0, "vertical": 0}
+
+
 @pytest.fixture
 def rested() -> Stream:
     """Never turned."""
@@ -145,6 +162,9 @@ def test_of_a_bias_in_doubt_nobody_says_that_it_is_known(rested: Stream) -> None
     assert outcome.changed
     assert (state(device), device.status(1).quality) == (State.BIAS_ONLY, Quality.NONE)
     assert re.fullmatch(to_do + "; at rest it reads 0.2. °/s off.*", device.status(1).reason)
+    device.life.say("went back and forth")
+    assert re.fullmatch("went back and forth; at rest it reads 0.2. °/s off.*", device.status(1).reason)
+    device.life.say(to_do)
     back = off(doubtful, 0.0, 20.0)
     back = replace(back, gyro=back.gyro + (rested.gyro.mean(axis=0) - back.gyro.mean(axis=0)))
     outcome = feed(device, back.batches(first=len(rested) + len(doubtful)))
