@@ -1,7 +1,8 @@
 """Whether a batch comes late: much longer under way than the others of its device lately, or after what came next.
 
 Pure; times are seconds of wall clocks. Those of a bridge's machine and of ours need not agree: how far they are apart is the
-least that samples took for a minute. What came next is a later boot, or a later turn of an estimator at the same boot.
+least that samples took for a minute, and one that is set back is known by the device's. What came next is a later boot, or a
+later turn of an estimator at the same boot.
 """
 
 from collections import deque
@@ -17,6 +18,8 @@ LATE_S = 1.0
 #: clocks agree as far as this, until a minute has shown otherwise; further apart, what comes is of another time, a recording's
 _AGREE_S = 60.0
 _KNOWN_S = 60.0
+#: a bridge's clock was set back by more than that, s
+_SET_S = 0.5
 _BOOTS = 8
 
 
@@ -51,6 +54,18 @@ class _Way:
     before_s: float
     since_s: float
     latest: _Latest
+    batch: CorrectedBatch
+
+    def follow(self, batch: CorrectedBatch) -> None:
+        """What a bridge says after its clock was set back, which the device's was not, is not longer under way for that."""
+        before, self.batch = self.batch, batch
+        if before.boot != batch.boot:
+            return
+        lasted_s = (int(batch.ticks[0]) - int(before.ticks[0])) * batch.tick_period_s * batch.clock_rate
+        back_s = lasted_s - (batch.start_time_ns - before.start_time_ns) / 1e9
+        if back_s > _SET_S:
+            self.least_s += back_s
+            self.before_s += back_s
 
 
 class Lateness:
@@ -70,7 +85,8 @@ class Lateness:
                 del self._ways[next(iter(self._ways))]
             clocks_s = 0.0 if abs(took_s) <= _AGREE_S else took_s
             latest = _Latest(batch.boot, batch.epoch, now, batch.start_time_ns)
-            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, latest)
+            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, latest, batch)
+        way.follow(batch)
         if not 0.0 <= now - way.since_s <= _KNOWN_S:
             way.before_s, way.least_s, way.since_s = way.least_s, took_s, now
         way.least_s = min(way.least_s, took_s)

@@ -42,6 +42,20 @@ def test_a_clock_that_is_ahead_is_known_after_two_minutes() -> None:
     assert late(lateness, 300.0, 307.0)
 
 
+def test_a_bridge_whose_clock_is_set_back_is_not_late() -> None:
+    """It was for two minutes: an hour longer under way than anything before."""
+    lateness, of = Lateness(), made(0, 5)
+
+    def lives(at_s: float, held_s: float = 0.05) -> bool:
+        ticks = of.ticks + np.uint64(round(at_s / (of.tick_period_s * of.clock_rate)))
+        set_s = 3600.0 if 10.0 <= at_s < 14.0 else 0.0
+        one = replace(of, ticks=ticks, start_time_ns=round((BEGUN_S + at_s + set_s) * 1e9))
+        return bool((lateness.marked(one, BEGUN_S + at_s + 0.4 + held_s).flags & SampleFlag.LATE).any())
+
+    assert not any(lives(at_s) for at_s in np.arange(0.0, 20.0, 0.4))
+    assert [lives(at_s, 23.0 - at_s) for at_s in (20.0, 20.4)] == [True] * 2, "what is held up is"
+
+
 def test_a_recording_is_of_another_time() -> None:
     lateness = Lateness()
     assert not any(late(lateness, at_s, at_s + 1e7) for at_s in range(10))
