@@ -14,6 +14,8 @@ from estimator.door import Door
 
 Boot = tuple[str, int]
 DRAIN_S = 2.0
+#: how often it is looked whether it is to end, and what silence then says that all has come: a busy machine takes its time, s
+_LOOK_S, _QUIET_S = 0.2, 1.0
 
 
 class Subscriber:
@@ -45,8 +47,9 @@ class Subscriber:
 
     def _run(self) -> None:
         while True:
-            batch = self._corrected.receive(0.2)
-            if time.monotonic() > self._until or (batch is None and self._until < math.inf):
+            closing = self._until < math.inf
+            batch = self._corrected.receive(_QUIET_S if closing else _LOOK_S)
+            if time.monotonic() > self._until or (batch is None and closing):
                 return
             if batch is None:
                 continue
