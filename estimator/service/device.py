@@ -23,6 +23,8 @@ from estimator.session_knobs import SessionKnobs
 
 #: messages kept for late and returning subscribers: as many corrected ones as a bridge keeps of 50 ms, and some more
 CACHES = {"corrected": 640, "status": 1, "calibration": 8, "revision": 8, "note": 8, "checkpoint": 1}
+#: of a device that is another estimator's now: its rates and what they name, and a calibration that one has missed, cut off
+_ASKED_FOR = "corrected", "calibration", "checkpoint"
 #: a device is announced once it has sent this many samples: an id alone costs next to nothing
 ANNOUNCED_AT = 5
 #: what is kept of a device by whoever had it before is good for so long
@@ -339,9 +341,9 @@ class Device:
         self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:
-        """It is another estimator's: take back what is said of it now; its rates, and what they name, may still be asked for."""
+        """It is another estimator's: take back what is said of it now; some may still be asked for."""
         self._say_unsaid()
-        kept = [self._publishers.pop(what) for what in ("corrected", "calibration") if what in self._publishers]
+        kept = [self._publishers.pop(what) for what in _ASKED_FOR if what in self._publishers]
         self.close()
         self._gone = True
         return kept

@@ -93,6 +93,8 @@ class Service:
         )
         cluster.hear(self._record.epoch())
         self._left = deque[tuple[float, Publisher]]()
+        #: to be adopted once its device is heard again
+        self._missed = dict[str, Calibration]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
         self._guarded = Isolation(self.counts)
@@ -239,6 +241,7 @@ class Service:
         for name in names:
             self._silent.drop(name)
             self._load.drop(name)
+            self._missed.pop(name, None)
             self._left += [(now + LINGER_S, publisher) for publisher in self._interim.drop(name)]
         leaving = [device for name in names if (device := self._devices.get(name)) is not None]
         for device in leaving:
@@ -258,7 +261,10 @@ class Service:
         if (device := self._devices.get(calibration.device)) is None:
             return
         session = device.session
-        if session.boot != calibration.boot or session.calibration is not None or session.life.away:
+        if session.boot != calibration.boot or session.calibration is not None:
+            return
+        if session.life.away:
+            self._missed[device.name] = calibration
             return
         if device.repeated == calibration.boot:
             return  # it may be of the power-up before
@@ -379,6 +385,8 @@ class Service:
             self._guarded(device, self._looked_after, device, time.monotonic())
 
     def _looked_after(self, device: Device, now: float) -> None:
+        if (missed := self._missed.pop(device.name, None)) is not None:
+            self._adopt(missed)
         self._load.tell(device, now)
         self._lost.look(device, now, self._raw.waited_s)
         device.say_status(self._now_ns())

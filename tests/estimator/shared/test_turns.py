@@ -68,6 +68,26 @@ def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_count
     assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.calibration.id]
 
 
+def test_a_calibration_that_is_heard_of_while_the_device_is_lost_counts_once_it_is_back(both: Both) -> None:
+    """Cut off from its bridge, and from who calibrated it there: both are back at the same moment."""
+    batches = calibration(seed=1).batches()
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(batches[: len(batches) // 2])
+    both.pass_(4.0)
+    assert both.client.statuses(0.1)[NAME].state is State.LOST
+    late = checkpoint_of(calibrated()[0], both.now_ns)
+    assert late is not None
+    assert late.calibration is not None
+    both.say_checkpoint(replace(late, epoch=7))
+    both.pass_(1.2)
+    assert both.client.statuses(0.1)[NAME].state is State.LOST
+    both.send(batches[len(batches) // 2 :][:20])
+    both.pass_(1.2)
+    assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
+
+
 def test_a_calibration_that_is_void_since_is_not_taken_from_who_did_not_know(both: Both) -> None:
     batches, other = calibration(seed=1).batches(), replace(info(), gyro_range=4.0)
     both.start(FIRST)
