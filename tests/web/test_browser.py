@@ -456,7 +456,7 @@ def test_everything_of_a_chinese_page_is_chinese(page: Page, site: Site, shot: S
     assert serious(page) == []
     page.goto(f"/devices/{name}")  # the language is remembered
     expect(page.locator("#events")).to_contain_text("超出门限")
-    for _ in range(20):  # what comes before the page listens is for nobody
+    for _ in range(60):  # what comes before the page listens is for nobody
         rates(site, name, 2.0)
         page.wait_for_timeout(500)
         if "仅用原始读数" in page.locator("#heading").inner_text():
