@@ -119,7 +119,7 @@ SCENES: Mapping[str, Scene] = {
     **{
         f"on the ward, {what}": Scene(walk_dps=7e-4, other=partial(_on_the_ward, spec=spec))
         for what, spec in {
-            "as modelled": _WORN,
+            "nothing of that (*)": _WORN,  # who wears it breathes
             "B 0.004 °/s (*)": replace(_WORN, bias_instability_dps=0.004),
             "B 0.014 °/s (*)": replace(_WORN, bias_instability_dps=0.014),
             "G 0.02 °/s/g (*)": replace(_WORN, g_sensitivity_dps_per_g=0.02),

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.wire.messages import State
+from bridge.wire.messages import Calibration, SampleBatch, State
 from estimator.guide.reasons import Words, said
 from estimator.service.replicas import checkpoint_of
 from estimator.service.store import StoreError
@@ -51,41 +51,46 @@ def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> Non
     assert said(status.reason)[-1] == Words("moved", {"axes": axes})
 
 
-def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_counts(both: Both) -> None:
+def in_the_middle_of_turns(both: Both) -> list[SampleBatch]:
+    """What a device sends, of which half came."""
     batches = calibration(seed=1).batches()
     both.start(FIRST)
     both.start(SECOND)
     both.pass_(1.2)
     both.send(batches[: len(batches) // 2])
-    assert both.has() == [SECOND]
+    return batches
+
+
+def said_by_another(both: Both) -> Calibration:
+    """That of an earlier epoch, by who did not know yet that it had lost the device."""
     late = checkpoint_of(calibrated()[0], both.now_ns)
     assert late is not None
     assert late.calibration is not None
     both.say_checkpoint(replace(late, epoch=7))
+    return late.calibration
+
+
+def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_counts(both: Both) -> None:
+    in_the_middle_of_turns(both)
+    assert both.has() == [SECOND]
+    late = said_by_another(both)
     both.pass_(1.2)
     assert both.client.statuses(0.1)[NAME].state is State.TRACKING
-    assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
-    assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.calibration.id]
+    assert both.client.statuses(0.1)[NAME].calibration == late.id
+    assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.id]
 
 
 def test_a_calibration_that_is_heard_of_while_the_device_is_lost_counts_once_it_is_back(both: Both) -> None:
     """Cut off from its bridge, and from who calibrated it there: both are back at the same moment."""
-    batches = calibration(seed=1).batches()
-    both.start(FIRST)
-    both.start(SECOND)
-    both.pass_(1.2)
-    both.send(batches[: len(batches) // 2])
+    batches = in_the_middle_of_turns(both)
     both.pass_(4.0)
     assert both.client.statuses(0.1)[NAME].state is State.LOST
-    late = checkpoint_of(calibrated()[0], both.now_ns)
-    assert late is not None
-    assert late.calibration is not None
-    both.say_checkpoint(replace(late, epoch=7))
+    late = said_by_another(both)
     both.pass_(1.2)
     assert both.client.statuses(0.1)[NAME].state is State.LOST
     both.send(batches[len(batches) // 2 :][:20])
     both.pass_(1.2)
-    assert both.client.statuses(0.1)[NAME].calibration == late.calibration.id
+    assert both.client.statuses(0.1)[NAME].calibration == late.id
 
 
 def test_a_calibration_that_is_void_since_is_not_taken_from_who_did_not_know(both: Both) -> None:
