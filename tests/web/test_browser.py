@@ -234,18 +234,26 @@ def test_what_changes_is_never_silent(page: Page, site: Site, shot: Shot) -> Non
 
 
 def test_a_connection_that_dies_without_a_word_is_made_anew(page: Page, site: Site) -> None:
-    names, made, dead = ward(site, 2), list[WebSocketRoute](), list[WebSocketRoute]()
+    names, made, dead, told = ward(site, 2), list[WebSocketRoute](), list[WebSocketRoute](), list[WebSocketRoute]()
 
     def between(socket: WebSocketRoute) -> None:
         made.append(socket)
         server = socket.connect_to_server()
+
+        def tell(frame: str | bytes) -> None:
+            if socket not in dead:
+                socket.send(frame)
+                told.append(socket)
+
         socket.on_message(server.send)
-        server.on_message(lambda frame: None if socket in dead else socket.send(frame))
+        server.on_message(tell)
 
     page.clock.install()
     page.route_web_socket("**/live", between)
     page.goto("/")
     expect(page.get_by_role("heading", level=1)).to_have_text("2 of 2 tracking")
+    while not told:  # the heading is there before its socket is open
+        page.wait_for_timeout(20)
     dead += made
     site.talk(said(names[1], State.DEGRADED, boot=5, time_ns=now_ns()))
     page.clock.fast_forward(11_000)
