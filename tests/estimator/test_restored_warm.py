@@ -81,3 +81,11 @@ def test_what_was_restored_and_is_not_reached_yet_is_kept_with_its_lag(
     found = again.checkpoint()
     assert found is not None
     assert found.lag_k == kept.lag_k
+
+
+def test_who_wears_it_and_is_never_quite_still_is_no_reason_for_doubt() -> None:
+    """One of thirty was doubted for what a few quiet seconds had said alike."""
+    of, device = worn(124, 120.0), DeviceSession(NAME)
+    said = feed(device, of.batches()).said
+    assert any("TRACKING" in words for words in said)
+    assert not any("DEGRADED" in words for words in said)

@@ -80,3 +80,12 @@ def test_what_is_said_to_be_off_is_what_was_refused() -> None:
 def test_who_does_not_rest_is_not_said_to() -> None:
     off = receipt("bounded vertical", 0.25, "outside the gate")
     assert str(said(Doubt(), [off])).startswith("quiet, it reads 0.25 °/s off")
+
+
+@pytest.mark.parametrize(("reason", "doubted"), [(UNPROVEN, False), ("", True)])
+def test_what_may_be_no_rest_says_nothing_of_how_sure_the_filter_is(reason: str, *, doubted: bool) -> None:
+    """Its innovations are the bias's own error and nothing else, by far too small for their noise: they cling together."""
+    doubt = Doubt()
+    small = Receipt(1.0, "zaru", np.full(3, 1e-3), 1e-4 * np.eye(3), 0.01, accepted=True, reason=reason, nis=0.03)
+    assert bool(said(doubt, *[[small]] * 40)) is doubted
+    assert (doubt.consistency.inflation > doubt.knobs.inflation) is doubted
