@@ -1,8 +1,8 @@
 """Whether a batch comes late: much longer under way than the others of its device lately, or after what came next.
 
 Pure; times are seconds of wall clocks. Those of a bridge's machine and of ours need not agree: how far they are apart is the
-least that samples took for a minute, and one that is set back is known by the device's. What came next is a later boot, or a
-later turn of an estimator at the same boot.
+least that samples took for a minute, and one that is set back is known by the device's, at a reboot by more than can be kept.
+What came next is a later boot, or a later turn of an estimator at the same boot.
 """
 
 from collections import deque
@@ -15,7 +15,8 @@ from estimator.fence import FORGET_S
 
 #: as a bridge has it
 LATE_S = 1.0
-#: clocks agree as far as this, until a minute has shown otherwise; further apart, what comes is of another time, a recording's
+#: clocks agree as far as this, until a minute has shown otherwise; further apart, what comes is of another time, a recording's.
+#: Nothing is kept for longer, either, than since the last that was given
 _AGREE_S = 60.0
 _KNOWN_S = 60.0
 #: a bridge's clock was set back by more than that, s
@@ -54,18 +55,22 @@ class _Way:
     before_s: float
     since_s: float
     latest: _Latest
+    #: the last batch, how long that took, and when it came
     batch: CorrectedBatch
+    took_s: float
+    came_s: float
 
-    def follow(self, batch: CorrectedBatch) -> None:
+    def follow(self, batch: CorrectedBatch, took_s: float, now: float) -> None:
         """What a bridge says after its clock was set back, which the device's was not, is not longer under way for that."""
-        before, self.batch = self.batch, batch
-        if before.boot != batch.boot:
-            return
-        lasted_s = (int(batch.ticks[0]) - int(before.ticks[0])) * batch.tick_period_s * batch.clock_rate
-        back_s = lasted_s - (batch.start_time_ns - before.start_time_ns) / 1e9
-        if back_s > _SET_S:
+        before, back_s, most_s = self.batch, took_s - self.took_s, now - self.came_s + _AGREE_S
+        self.batch, self.took_s, self.came_s = batch, took_s, now
+        if before.boot == batch.boot:
+            lasted_s = (int(batch.ticks[0]) - int(before.ticks[0])) * batch.tick_period_s * batch.clock_rate
+            back_s, most_s = lasted_s - (batch.start_time_ns - before.start_time_ns) / 1e9, _SET_S
+        if back_s > most_s:
             self.least_s += back_s
             self.before_s += back_s
+            self.latest.begun_ns = min(self.latest.begun_ns, batch.start_time_ns)
 
 
 class Lateness:
@@ -85,8 +90,8 @@ class Lateness:
                 del self._ways[next(iter(self._ways))]
             clocks_s = 0.0 if abs(took_s) <= _AGREE_S else took_s
             latest = _Latest(batch.boot, batch.epoch, now, batch.start_time_ns)
-            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, latest, batch)
-        way.follow(batch)
+            way = self._ways[batch.device] = _Way(clocks_s, clocks_s, now, latest, batch, took_s, now)
+        way.follow(batch, took_s, now)
         if not 0.0 <= now - way.since_s <= _KNOWN_S:
             way.before_s, way.least_s, way.since_s = way.least_s, took_s, now
         way.least_s = min(way.least_s, took_s)

@@ -56,6 +56,31 @@ def test_a_bridge_whose_clock_is_set_back_is_not_late() -> None:
     assert [lives(at_s, 23.0 - at_s) for at_s in (20.0, 20.4)] == [True] * 2, "what is held up is"
 
 
+@pytest.mark.parametrize("begun_s", [0.0, 12.0], ids=["begun before", "begun meanwhile"])
+def test_a_device_that_reboots_when_the_clock_was_set_back_is_not_late(begun_s: float) -> None:
+    """Of its boot until then the bridge still reckoned with the hour; all of the next was late for two minutes."""
+    lateness = Lateness()
+    assert not any(_lives(lateness, at_s, 1) for at_s in np.arange(begun_s))
+    assert not any(_lives(lateness, at_s, 2, 3600.0) for at_s in np.arange(begun_s, 20.0))
+    assert not any(_lives(lateness, at_s, 3) for at_s in np.arange(20.0, 30.0))
+    assert _lives(lateness, 30.0, 3, held_s=3.0)
+
+
+def test_who_slept_is_late_although_the_device_was_rebooted_meanwhile() -> None:
+    """What waited in front of who slept for ten minutes."""
+    lateness = Lateness()
+    assert not any(_lives(lateness, at_s, 1) for at_s in range(10))
+    assert all(_lives(lateness, at_s, 1 + (at_s > 12), held_s=600.0 - at_s) for at_s in range(10, 16))
+    assert not _lives(lateness, 600.0, 2)
+
+
+def _lives(lateness: Lateness, at_s: float, boot: int, set_s: float = 0.0, held_s: float = 0.05) -> bool:
+    one = replace(batch(at_s + set_s), boot=boot)
+    ticks = one.ticks + np.uint64(round(at_s / (one.tick_period_s * one.clock_rate)))
+    flags = lateness.marked(replace(one, ticks=ticks), BEGUN_S + at_s + 0.4 + held_s).flags
+    return bool((flags & SampleFlag.LATE).any())
+
+
 def test_a_recording_is_of_another_time() -> None:
     lateness = Lateness()
     assert not any(late(lateness, at_s, at_s + 1e7) for at_s in range(10))
