@@ -42,9 +42,9 @@ class _Turn:
 
 
 class Turns:
-    """Whose sample it is, of one boot: from the first number of a turn on, no earlier turn's samples are taken.
+    """Whose sample it is, of one boot: from the first number of a turn on, it is no earlier turn's.
 
-    Those below it are: they may have been under way for longer. What is said by who wakes up lies above it, since whoever
+    Below it it may be: that may have been under way for longer. What is said by who wakes up lies above it, since whoever
     takes a device over begins no later than where the other had come to.
     """
 
@@ -53,8 +53,13 @@ class Turns:
         self._turns: list[_Turn] = []  # the latest, by epoch
         self._older_s: float | None = None  # since when only older ones came
 
+    @property
+    def newest(self) -> int:
+        """The epoch of the latest turn that is not forgotten."""
+        return self._turns[-1].epoch if self._turns else 0
+
     def of(self, epoch: int, first: int, n: int, now: float) -> int:
-        """Of n samples from number `first` on, that came at `now`, how many at the beginning are to be taken."""
+        """Of n samples from number `first` on, that came at `now`, how many at the beginning are that turn's."""
         turns = self._turns
         if turns and epoch < turns[-1].epoch:
             self._older_s = now if self._older_s is None else self._older_s

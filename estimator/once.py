@@ -1,7 +1,9 @@
 """Each sample once and in order, by device, boot and sequence number, however often and in whatever order it comes.
 
-What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. Known of a boot
-are the number it has come to, what is held, and its last few holes: never a set of samples.
+What comes before its turn is held until the hole before it is filled, has been waited for, or too much is held. What an
+estimator says of a device that is another's since is set aside, and given only where that one does not say it: where it was ended
+within a cut, nobody knows any more that the device was its. Known of a boot are the number it has come to, what is held or set
+aside, and its last few holes: never a set of samples.
 """
 
 from bisect import bisect_right
@@ -79,6 +81,7 @@ class _Boot:
     lowest: int = 0  # no epoch of them is below it
     epoch: int = 0  # of what was given last
     joined: int = 0  # nothing below was ever waited for
+    aside: list[CorrectedBatch] = field(default_factory=list)  # of earlier turns than others say to have had it then
 
 
 class Once:
@@ -101,10 +104,13 @@ class Once:
         boot = self._boot(batch)
         owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
         if owed < len(batch):
-            self._leave_out("outdated", len(batch) - owed)
-            if not owed:
-                return
-            batch = _cut(batch, 0, owed)
+            boot.aside.append(_cut(batch, owed, len(batch)))
+        if owed:
+            self._take(boot, _cut(batch, 0, owed), now)
+        if boot.aside:
+            self._look_aside(boot, now)
+
+    def _take(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
         which = batch.device, batch.boot
         end = batch.sequence + len(batch)
         boot.reached = max(boot.reached, end)
@@ -135,9 +141,10 @@ class Once:
             self._settle(which, boot)
 
     def rest(self) -> None:
-        """Give all that is held: nothing more is to come."""
-        for which, boot in list(self._waiting.items()):
-            self._give_up(which, boot)
+        """Give all that is held or was set aside: nothing more is to come."""
+        for device, boots in self._devices.items():
+            for number, boot in boots.items():
+                self._give_up((device, number), boot)
 
     def _boot(self, batch: CorrectedBatch) -> _Boot:
         """What is known of a batch's boot, from now on if nothing is."""
@@ -156,6 +163,36 @@ class Once:
         boot = boots[batch.boot] = _Boot(begins, end, batch, deque(maxlen=self.knobs.holes), turns)
         self._forget(batch.device)
         return boot
+
+    def _look_aside(self, boot: _Boot, now: float) -> None:
+        """Of what was set aside leave out what another has said, and what is too much; take what is nobody else's any more."""
+        aside, boot.aside = boot.aside, []
+        for piece in aside:
+            start, end = _span(piece)
+            if (past := min(max(boot.came_to or 0, start), end) - start) > 0:
+                self._leave_out("outdated", past)
+            if past == len(piece):
+                continue
+            rest = _cut(piece, past, len(piece))
+            if rest.epoch >= boot.turns.newest:
+                boot.epoch = min(boot.epoch, rest.epoch)
+                self._take(boot, rest, now)
+            else:
+                boot.aside.append(rest)
+        while sum(map(len, boot.aside)) > self.knobs.window:
+            self._leave_out("outdated", len(boot.aside.pop(0)))
+
+    def _fill(self, boot: _Boot, start: int, end: int) -> None:
+        """Put what was set aside into a hole that is waited for no longer."""
+        aside, boot.aside = boot.aside, []
+        for piece in sorted(aside, key=lambda one: -one.epoch):
+            first, last = _span(piece)
+            inner = max(first, start), min(last, end)
+            if inner[0] >= inner[1]:
+                boot.aside.append(piece)
+                continue
+            self._hold(boot, _cut(piece, inner[0] - first, inner[1] - first), boot.oldest)
+            boot.aside += [_cut(piece, a - first, b - first) for a, b in ((first, start), (end, last)) if a < b]
 
     def _make_way(self, boot: _Boot, batch: CorrectedBatch) -> None:
         """Of what is held of earlier turns leave out what this batch says, too."""
@@ -218,6 +255,9 @@ class Once:
     def _give_up_first(self, which: tuple[str, int], boot: _Boot) -> None:
         """Wait no longer for what is missing before the first that is held."""
         first = boot.held[0][0]
+        if boot.aside and boot.came_to is not None and boot.came_to < first.sequence:
+            self._fill(boot, boot.came_to, first.sequence)
+            first = boot.held[0][0]
         boot.epoch = first.epoch
         if first.sequence != boot.came_to:
             boot.holes.append((boot.came_to or 0, first.sequence))
@@ -234,6 +274,8 @@ class Once:
         self._in_turn(boot)
 
     def _give_up(self, which: tuple[str, int], boot: _Boot) -> None:
+        if boot.aside:
+            self._fill(boot, boot.came_to or 0, max(_span(piece)[1] for piece in boot.aside))
         while boot.held:
             self._give_up_first(which, boot)
         self._settle(which, boot)

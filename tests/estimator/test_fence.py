@@ -137,6 +137,51 @@ def test_what_was_held_of_an_earlier_turn_and_nobody_says_again_is_given_in_the_
     assert (once.missing, once.due()) == ({}, None)
 
 
+def _given(once: Once) -> list[tuple[int, int, int]]:
+    """From, up to, and under which epoch; of those that follow each other without a hole together."""
+    found = list[tuple[int, int, int]]()
+    for event in once.ready:
+        assert isinstance(event, CorrectedBatch)
+        if found and found[-1][1:] == (event.sequence, event.epoch):
+            found[-1] = found[-1][0], event.sequence + len(event), event.epoch
+        else:
+            found.append((event.sequence, event.sequence + len(event), event.epoch))
+    return found
+
+
+def test_what_only_a_former_estimator_says_is_given_in_the_end() -> None:
+    """It has the device still, beyond a cut; who took it here is ended, and comes back when the cut is mended."""
+    once = Once()
+    for at, (start, end, epoch) in enumerate([(0, 10, 1), (10, 30, 2), (10, 20, 1), (20, 60, 1)]):
+        once.feed(batch(start, end - start, epoch=epoch), 0.01 * at)
+    assert _given(once) == [(0, 10, 1), (10, 30, 2)]
+    once.feed(batch(60, 10, epoch=3), 0.1)
+    once.overdue(0.3)
+    assert _given(once) == [(0, 10, 1), (10, 30, 2), (30, 60, 1), (60, 70, 3)]
+    assert once.left_out.as_dict() == {"outdated": 20}
+    assert once.missing == {}
+
+
+def test_where_who_took_it_never_comes_back_nothing_is_lost_either() -> None:
+    once = Once(OnceKnobs.patient(40.0))
+    for at, (start, end, epoch) in enumerate([(0, 10, 1), (10, 30, 2), (20, 40, 1)]):
+        once.feed(batch(start, end - start, epoch=epoch), 0.01 * at)
+    for at in range(40, 180, 10):
+        once.feed(batch(at, 10, epoch=1), at / 10)
+    assert _given(once) == [(0, 10, 1), (10, 30, 2), (30, 180, 1)]
+    assert once.due() is None
+
+
+def test_at_the_end_it_is_given_too_and_of_too_much_the_oldest_goes() -> None:
+    once = Once(OnceKnobs(window=20))
+    for start, epoch in ((0, 2), (10, 1), (20, 1), (30, 1)):
+        once.feed(batch(start, 10, epoch=epoch), 0.0)
+    assert once.left_out.as_dict() == {"outdated": 10}
+    once.rest()
+    assert [(e.sequence, e.epoch) for e in once.ready if isinstance(e, CorrectedBatch)] == [(0, 2), (20, 1), (30, 1)]
+    assert once.missing["d"].samples == 10
+
+
 def test_who_is_patient_waits_longer_for_who_has_a_device_to_hear_of_it_again() -> None:
     """Six seconds, and then it is another's: what the former one says meanwhile that one says again."""
     once = Once(OnceKnobs.patient(40.0))

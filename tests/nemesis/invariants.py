@@ -9,7 +9,6 @@ import numpy as np
 
 from bridge.sim.source import TrueSamples
 from bridge.wire.messages import CorrectedBatch, Quality, SampleFlag, Verdict
-from estimator.fence import FORGET_S
 from estimator.service.law import EVENT
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.losses import invented, lost
@@ -74,26 +73,20 @@ def said_again(history: History) -> Iterator[str]:
 
 
 def outdated(history: History) -> Iterator[str]:
-    """Nothing is given that came after a newer epoch had said it, or what is before it; unless that is heard no more."""
-    came: dict[tuple[str, int, int], list[tuple[int, float]]] = defaultdict(list)
+    """Nothing of an older epoch is given that a newer one had said."""
+    said: dict[tuple[str, int], dict[int, list[tuple[int, int, float]]]] = defaultdict(lambda: defaultdict(list))
     for at_s, batch in history.said:
-        came[batch.device, batch.boot, batch.epoch].append((batch.sequence, at_s))
-    for messages in came.values():
-        messages.sort()
+        said[batch.device, batch.boot][batch.epoch].append((batch.sequence, batch.sequence + len(batch), at_s))
     for (device, boot), heard in history.heard.items():
-        epochs = {epoch: messages for (d, b, epoch), messages in came.items() if (d, b) == (device, boot)}
+        epochs = {epoch: sorted(messages) for epoch, messages in said[device, boot].items()}
         for at_s, batch in heard if len(epochs) > 1 else ():
-            own = epochs.get(batch.epoch, [])
-            at = bisect_right(own, (batch.sequence, np.inf)) - 1
-            came_s = own[at][1] if at >= 0 else at_s
-            for newer, messages in epochs.items():
-                before = [(first, s) for first, s in messages if s < came_s - _APART_S]
-                if newer <= batch.epoch or not before or came_s - max(s for _, s in before) > FORGET_S:
-                    continue
-                if min(before)[0] <= batch.sequence:
+            for newer in [epoch for epoch in epochs if epoch > batch.epoch]:
+                at = bisect_right(epochs[newer], (batch.sequence, np.inf)) - 1
+                _, end, said_s = epochs[newer][max(at, 0)]
+                if at >= 0 and batch.sequence < end and said_s < at_s - _APART_S:
                     yield (
-                        f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} is given, which came when "
-                        f"epoch {newer} had said {min(before)[0]}"
+                        f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} is given, which epoch "
+                        f"{newer} had said {at_s - said_s:.1f} s before"
                     )
                     return
 
