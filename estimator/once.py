@@ -21,6 +21,8 @@ from estimator.revision import SAME_TIME_NS
 WAIT_S = 0.1
 #: a bridge that stood still, or had just begun, may have taken samples for later than they were by as much as its caches reach
 MISTAKEN_NS = 30_000_000_000
+#: so many times what is held of a boot is set aside
+_ASIDE = 2
 #: samples of a boot that are held at least, and of the fastest device in a second
 WINDOW, FASTEST_HZ = 4096, 1000.0
 
@@ -179,7 +181,7 @@ class Once:
                 self._take(boot, rest, now)
             else:
                 boot.aside.append(rest)
-        while sum(map(len, boot.aside)) > self.knobs.window:
+        while sum(map(len, boot.aside)) > _ASIDE * self.knobs.window:
             self._leave_out("outdated", len(boot.aside.pop(0)))
 
     def _fill(self, boot: _Boot, start: int, end: int) -> None:
