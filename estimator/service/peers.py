@@ -17,7 +17,7 @@ from estimator.service.interim import Taken
 from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.roster import MAX_DEVICES
 from estimator.service.silent import Silent
-from estimator.service.standby import MENDED_OVERLAP_S, MENDED_S, MOST, OVERLAP_S, Standby
+from estimator.service.standby import MOST, Standby
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +73,6 @@ class Peers:
         self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
         self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
         self._next_say = self._next_scan = self._next_look = self._next_tidy = 0.0
-        self._mended_s = float("-inf")
         self._looked, self._deaf_s = time.monotonic(), 0.0
         self._moves: deque[Move] = deque(maxlen=_MOVES)
         self._came, self._left, self._why = 0, Counter[str](), ""
@@ -144,7 +143,6 @@ class Peers:
             if not all(bus.connected for bus in self._buses):
                 cluster.unreachable(now)
         self._notice(*cluster.look(now), now)
-        self._standby.overlap_s = MENDED_OVERLAP_S if now - self._mended_s < MENDED_S else OVERLAP_S
         for device in lost:
             cluster.lose(device, now)
             self._taken.pop(device, None)
@@ -181,9 +179,8 @@ class Peers:
             log.info("estimator %s is here: devices are shared with it", name)
         for name in gone:
             log.warning("estimator %s is gone: its devices are taken over", name)
-        if came:
-            self._newcomer, self._mended_s = True, now
         if came or gone:
+            self._newcomer |= bool(came)
             self._next_scan = self._next_say = now
             self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
 

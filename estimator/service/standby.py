@@ -19,9 +19,6 @@ from bridge.wire import columns_pb2 as columns
 #: longer than it takes to notice that an estimator hangs; shorter than a bridge's cache, from which more would come
 HELD_S = 12.0
 OVERLAP_S = 0.5
-#: the same for so long after an estimator has come: a line may have been mended, over which its words come sooner than its
-#: samples, and what keeps these is found only some time later; it may be cut again
-MENDED_S, MENDED_OVERLAP_S = 8.0, 4.0
 #: what waits for less than this need not be known better
 LITTLE_S = 1.0
 #: of one device; bytes of all together, of which those of the device that has most go first
@@ -64,17 +61,17 @@ class _Queue:
         self.size -= size
         return size
 
-    def drop_done(self, overlap_s: float) -> int:
-        """What who has it had done when it said so, but for the last moments; the bytes that it took."""
+    def drop_done(self) -> int:
+        """What who has it had done when it said so; the bytes that it took."""
         if self.newest is None:
             return 0
         boot, next_ = self.reached
         # What a bridge kept for us comes all at once, however old it is.
-        last, recent_ns = -1, self.newest.read()[2] - round(overlap_s * 1e9)
+        last, recent_ns = -1, self.newest.read()[2] - round(OVERLAP_S * 1e9)
         self.newest = None
         for at, held in enumerate(self.held):
             its, reaches, had_ns = held.read()
-            if held.came_s > self.said_s - overlap_s and had_ns > recent_ns:
+            if held.came_s > self.said_s - OVERLAP_S and had_ns > recent_ns:
                 break
             if its == boot and reaches > next_:
                 break  # whatever comes after it
@@ -93,8 +90,6 @@ class Standby:
         self._room = devices
         self._queues: dict[str, _Queue] = {}
         self._size = 0
-        #: how long what is done is kept
-        self.overlap_s = OVERLAP_S
         #: messages that were dropped although nobody is known to have corrected them, for want of room
         self.dropped = 0
 
@@ -127,7 +122,7 @@ class Standby:
         return len(queue.held) <= 1
 
     def _drop_one(self, queue: _Queue) -> None:
-        if not (done := queue.drop_done(self.overlap_s)):
+        if not (done := queue.drop_done()):
             done, self.dropped = queue.drop(), self.dropped + 1
         self._size -= done
 
@@ -137,7 +132,7 @@ class Standby:
             return 0.0
         waits_s = queue.waits_s(now)
         if waits_s > LITTLE_S:  # it may be done: to look at all of them would hold up who takes devices over
-            self._size -= queue.drop_done(self.overlap_s)
+            self._size -= queue.drop_done()
             waits_s = queue.waits_s(now)
         return waits_s
 
@@ -150,7 +145,7 @@ class Standby:
         if queue is None or epoch < queue.epoch:
             return
         if epoch > queue.epoch or boot != queue.reached[0]:
-            self._size -= queue.drop_done(self.overlap_s)
+            self._size -= queue.drop_done()
         queue.epoch = epoch
         if (boot, next_) != queue.reached:
             queue.reached, queue.reached_s = (boot, next_), now
@@ -162,7 +157,7 @@ class Standby:
         if queue is None:
             return []
         self._size -= queue.size
-        queue.drop_done(self.overlap_s)
+        queue.drop_done()
         return [held.message for held in queue.held]
 
     def has(self, device: str, message: Message) -> bool:
@@ -173,7 +168,7 @@ class Standby:
         """What is kept of a device is kept there from now on; the messages, in the order in which they came."""
         queue = self._queues.get(device)
         if queue is not None:
-            self._size -= queue.drop_done(self.overlap_s)
+            self._size -= queue.drop_done()
         for held in () if queue is None else queue.held:
             to.hold(device, held.message, held.came_s)
         to.wait_anew(device, now)
@@ -187,7 +182,7 @@ class Standby:
     def tidy(self, now: float) -> None:
         """Forget what is done or too old, and devices that send nothing."""
         for device, queue in list(self._queues.items()):
-            self._size -= queue.drop_done(self.overlap_s)
+            self._size -= queue.drop_done()
             while queue.held and queue.held[0].came_s < now - HELD_S:
                 self._size -= queue.drop()
             if not queue.held:

@@ -75,11 +75,13 @@ class Consistency:
     def _inflated(self) -> float:
         freedom = sum(self._freedoms)
         self._mean = nis = sum(self._nis) / freedom
-        large = nis if nis > _most(freedom) else 1.0
+        # Smaller than they may be: noise that is put too high, as of quiet seconds that may be no rest, leaves the filter surer than
+        # it says, however much of what is left of them clings together.
+        large = nis if nis > _most(freedom) else min(1.0, nis)
         alike = self.whiteness
         # Neighbours that agree by more than chance: so many fewer of them are news.
         clinging = (1 + alike) / (1 - min(alike, 0.9)) if alike > _CHANCE / sqrt(len(self._signs)) else 1.0
-        return sqrt(max(1.0, large) * clinging)
+        return sqrt(max(1.0, large * clinging))
 
 
 @cache

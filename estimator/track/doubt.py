@@ -58,8 +58,7 @@ class Doubt:
     def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt]) -> None:
         """Note receipts of rests; surprises: what the filter was told to expect before it took any of them."""
         for receipt in (*surprises, *receipts):
-            if receipt.reason != UNPROVEN:  # what may be no rest is granted so much that nothing could be too large
-                self.consistency.take(receipt)
+            self.consistency.take(receipt)
         for receipt in receipts:
             self.last_receipt = receipt
             if receipt.reason in {INSISTED, JUMPED}:

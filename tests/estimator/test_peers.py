@@ -1,7 +1,6 @@
 """Devices of one that is gone are taken over in portions, each said to be ours first, and handled in smaller ones."""
 
 from dataclasses import dataclass
-from time import monotonic, sleep
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +12,6 @@ from bridge.wire.messages import Owned
 from bridge.wire.refusal import Tally
 from estimator.service.peers import AT_ONCE, TAKEN_AT_ONCE, Peers
 from estimator.service.silent import Silent
-from estimator.service.standby import MENDED_OVERLAP_S, MENDED_S, OVERLAP_S
 
 WARD, DEVICES, ROUND_S = "w", 2 * TAKEN_AT_ONCE + AT_ONCE, 0.02
 
@@ -82,22 +80,3 @@ def test_devices_are_taken_over_in_portions_each_said_first(
     assert sum(move.came for move in peers._moves) == len(devices) == sum(portions)
     if "e3" not in others:
         assert len(devices) == DEVICES
-
-
-def test_of_what_others_have_done_more_is_kept_for_a_while_after_one_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A line may have been mended: its words come sooner than its samples, and it may be cut again."""
-    clock, broker = Clock(), MemoryBroker()
-    monkeypatch.setattr("estimator.service.peers.time", clock)
-    peers = Peers(WARD, "e1", MemoryBus(broker), MemoryBus(broker), lambda: 1, Tally(), ())
-    assert peers._standby.overlap_s == OVERLAP_S
-    other = MemoryBus(broker)
-    other.declare_alive(keys.build(WARD, "alive/estimator", estimator="e2"))
-    until = monotonic() + 5.0
-    while not peers._tokens and monotonic() < until:
-        sleep(0.01)
-    found = []
-    for _ in range(3):
-        clock.now += MENDED_S / 2 + 0.1
-        peers.look(clock.now, heard=True)
-        found.append(peers._standby.overlap_s)
-    assert found == [MENDED_OVERLAP_S, MENDED_OVERLAP_S, OVERLAP_S]

@@ -45,17 +45,6 @@ def test_what_is_corrected_goes_but_for_the_last_moments() -> None:
     assert firsts(kept.take("d1")) == [(7, 20)]
 
 
-def test_of_what_is_done_more_is_kept_where_that_is_asked_for() -> None:
-    kept = held(message(0), message(10))
-    kept.overlap_s = 2.0
-    kept.done("d1", 7, 20, 1.9)
-    kept.tidy(1.9)
-    assert "d1" in kept
-    kept.done("d1", 7, 20, 2.1)
-    kept.tidy(2.1)
-    assert "d1" not in kept
-
-
 def test_who_is_behind_and_comes_further_keeps_nothing_waiting() -> None:
     kept = held(*(message(10 * n) for n in range(5)))
     kept.done("d1", 7, 10, 4.0)

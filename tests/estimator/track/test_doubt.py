@@ -82,10 +82,13 @@ def test_who_does_not_rest_is_not_said_to() -> None:
     assert str(said(Doubt(), [off])).startswith("quiet, it reads 0.25 °/s off")
 
 
-@pytest.mark.parametrize(("reason", "doubted"), [(UNPROVEN, False), ("", True)])
-def test_what_may_be_no_rest_says_nothing_of_how_sure_the_filter_is(reason: str, *, doubted: bool) -> None:
-    """Its innovations are the bias's own error and nothing else, by far too small for their noise: they cling together."""
+@pytest.mark.parametrize(("nis", "doubted"), [(0.03, False), (3.0, True)])
+def test_what_is_by_far_too_small_for_its_noise_raises_no_doubt_though_it_clings_together(
+    nis: float, *, doubted: bool
+) -> None:
+    """Quiet seconds that may be no rest are granted so much that hardly more than the bias's own error is left of them."""
     doubt = Doubt()
-    small = Receipt(1.0, "zaru", np.full(3, 1e-3), 1e-4 * np.eye(3), 0.01, accepted=True, reason=reason, nis=0.03)
-    assert bool(said(doubt, *[[small]] * 40)) is doubted
+    off = np.full(3, 0.01 * np.sqrt(nis / 3))
+    alike = Receipt(1.0, "zaru", off, 1e-4 * np.eye(3), 0.01, accepted=True, reason=UNPROVEN, nis=nis)
+    assert bool(said(doubt, *[[alike]] * 40)) is doubted
     assert (doubt.consistency.inflation > doubt.knobs.inflation) is doubted
