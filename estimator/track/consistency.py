@@ -75,7 +75,7 @@ class Consistency:
     def _inflated(self) -> float:
         freedom = sum(self._freedoms)
         self._mean = nis = sum(self._nis) / freedom
-        # Smaller than they may be: noise that is put too high, as of quiet seconds that may be no rest, leaves the filter surer than
+        # Smaller than they may be: where noise is put too high, as of quiet seconds that may be no rest, the filter is surer than
         # it says, however much of what is left of them clings together.
         large = nis if nis > _most(freedom) else min(1.0, nis)
         alike = self.whiteness
