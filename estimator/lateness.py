@@ -67,6 +67,8 @@ class _Way:
         if before.boot == batch.boot:
             lasted_s = (int(batch.ticks[0]) - int(before.ticks[0])) * batch.tick_period_s * batch.clock_rate
             back_s, most_s = lasted_s - (batch.start_time_ns - before.start_time_ns) / 1e9, _SET_S
+        elif batch.epoch < self.latest.epoch or batch.boot in self.latest.before:
+            return  # of an old one, from a cache
         if back_s > most_s:
             self.least_s += back_s
             self.before_s += back_s

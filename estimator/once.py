@@ -84,6 +84,9 @@ class _Boot:
     epoch: int = 0  # of what was given last
     joined: int = 0  # nothing below was ever waited for
     aside: list[CorrectedBatch] = field(default_factory=list)  # of earlier turns than others say to have had it then
+    lowest_aside: int = 0  # no number of them is below it
+    samples_aside: int = 0
+    aside_s: float = 0.0  # when the last of them came
 
 
 class Once:
@@ -100,26 +103,27 @@ class Once:
         self.missing: dict[str, Missing] = {}
         self._devices: dict[str, dict[int, _Boot]] = {}
         self._waiting: dict[tuple[str, int], _Boot] = {}
+        self._aside: dict[tuple[str, int], _Boot] = {}
 
     def feed(self, batch: CorrectedBatch, now: float) -> None:
         """Take a batch that came at `now` seconds of a clock that does not go back."""
         boot = self._boot(batch)
-        owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
-        if owed < len(batch):
-            boot.aside.append(_cut(batch, owed, len(batch)))
-        if owed:
-            self._take(boot, _cut(batch, 0, owed), now)
-        if boot.aside:
-            self._look_aside(boot, now)
-
-    def _take(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
-        which = batch.device, batch.boot
-        end = batch.sequence + len(batch)
+        newest, end = boot.turns.newest, batch.sequence + len(batch)
         boot.reached = max(boot.reached, end)
         if batch.start_time_ns > boot.latest.start_time_ns and end > (boot.came_to or 0):
             boot.latest = batch
+        owed = boot.turns.of(batch.epoch, batch.sequence, len(batch), now)
+        if owed < len(batch):
+            self._set_aside(boot, _cut(batch, owed, len(batch)), now)
+        if owed:
+            self._take(boot, _cut(batch, 0, owed), now)
+        if boot.aside:
+            self._look_aside(boot, now, forgotten=boot.turns.newest < newest)
+
+    def _take(self, boot: _Boot, batch: CorrectedBatch, now: float) -> None:
+        which = batch.device, batch.boot
         if batch.sequence == boot.came_to and not boot.held:
-            boot.came_to, boot.epoch = end, batch.epoch
+            boot.came_to, boot.epoch = batch.sequence + len(batch), batch.epoch
             self.ready.append(batch)
             return
         self._hold(boot, batch, now)
@@ -130,12 +134,17 @@ class Once:
 
     def due(self) -> float | None:
         """When something held will have been waited for long enough; None when nothing is held."""
-        oldest = min((boot.oldest for boot in self._waiting.values()), default=None)
-        return None if oldest is None else oldest + self.knobs.wait_s
+        held = [boot.oldest + self.knobs.wait_s for boot in self._waiting.values()]
+        aside = [boot.aside_s + self.knobs.forget_s for boot in self._aside.values()]
+        return min((*held, *aside), default=None)
 
     def overdue(self, now: float) -> None:
         """Give what has been held for wait_s, and give up the holes before it."""
         wait_s = self.knobs.wait_s
+        for which, boot in [one for one in self._aside.items() if one[1].aside_s + self.knobs.forget_s <= now]:
+            self._fill(boot)
+            self._in_turn(boot)
+            self._settle(which, boot)
         for which, boot in [one for one in self._waiting.items() if one[1].oldest + wait_s <= now]:
             last = max(batch.sequence for batch, came in boot.held if came + wait_s <= now)
             while boot.held and boot.held[0][0].sequence <= last:
@@ -166,35 +175,52 @@ class Once:
         self._forget(batch.device)
         return boot
 
-    def _look_aside(self, boot: _Boot, now: float) -> None:
-        """Of what was set aside leave out what another has said, and what is too much; take what is nobody else's any more."""
-        aside, boot.aside = boot.aside, []
-        for piece in aside:
-            start, end = _span(piece)
-            if (past := min(max(boot.came_to or 0, start), end) - start) > 0:
-                self._leave_out("outdated", past)
-            if past == len(piece):
-                continue
-            rest = _cut(piece, past, len(piece))
-            if rest.epoch >= boot.turns.newest:
-                boot.epoch = min(boot.epoch, rest.epoch)
-                self._take(boot, rest, now)
-            else:
-                boot.aside.append(rest)
-        while sum(map(len, boot.aside)) > _ASIDE * self.knobs.window:
-            self._leave_out("outdated", len(boot.aside.pop(0)))
+    def _set_aside(self, boot: _Boot, piece: CorrectedBatch, now: float) -> None:
+        boot.lowest_aside = min(boot.lowest_aside, piece.sequence) if boot.aside else piece.sequence
+        boot.aside.append(piece)
+        boot.samples_aside += len(piece)
+        boot.aside_s = now
+        self._aside[piece.device, piece.boot] = boot
 
-    def _fill(self, boot: _Boot, start: int, end: int) -> None:
-        """Put what was set aside into a hole that is waited for no longer."""
-        aside, boot.aside = boot.aside, []
-        for piece in sorted(aside, key=lambda one: -one.epoch):
+    def _keep_aside(self, boot: _Boot, pieces: list[CorrectedBatch]) -> None:
+        boot.aside, boot.samples_aside = pieces, sum(map(len, pieces))
+        boot.lowest_aside = min((piece.sequence for piece in pieces), default=0)
+        if not pieces:
+            self._aside.pop((boot.latest.device, boot.latest.boot), None)
+
+    def _look_aside(self, boot: _Boot, now: float, *, forgotten: bool) -> None:
+        """Of what was set aside leave out what another has said, and what is too much; take it where that one is forgotten."""
+        most, came_to = _ASIDE * self.knobs.window, boot.came_to or 0
+        if forgotten:
+            mine = sorted(boot.aside, key=lambda one: (-one.epoch, one.sequence))
+            self._keep_aside(boot, [piece for piece in mine if piece.epoch < boot.turns.newest])
+            for piece in mine:
+                if piece.epoch >= boot.turns.newest:
+                    boot.epoch = min(boot.epoch, piece.epoch)
+                    self._take(boot, piece, now)
+        elif came_to > boot.lowest_aside or boot.samples_aside > most:
+            kept = list[CorrectedBatch]()
+            for piece in boot.aside:
+                start, end = _span(piece)
+                self._leave_out("outdated", max(0, min(came_to, end) - start))
+                if came_to < end:
+                    kept.append(_cut(piece, max(0, came_to - start), len(piece)))
+            while sum(map(len, kept)) > most:
+                self._leave_out("outdated", len(kept.pop(0)))
+            self._keep_aside(boot, kept)
+
+    def _fill(self, boot: _Boot, end: int | None = None) -> None:
+        """Put what was set aside where it is missing, up to a number: it is waited for no longer."""
+        left, came_to = list[CorrectedBatch](), boot.came_to or 0
+        for piece in sorted(boot.aside, key=lambda one: -one.epoch):
             first, last = _span(piece)
-            inner = max(first, start), min(last, end)
-            if inner[0] >= inner[1]:
-                boot.aside.append(piece)
-                continue
-            self._hold(boot, _cut(piece, inner[0] - first, inner[1] - first), boot.oldest)
-            boot.aside += [_cut(piece, a - first, b - first) for a, b in ((first, start), (end, last)) if a < b]
+            begins, ends = min(max(first, came_to), last), last if end is None else max(first, min(last, end))
+            self._leave_out("outdated", begins - first)
+            if begins < ends:
+                self._hold(boot, _cut(piece, begins - first, ends - first), boot.aside_s)
+            if max(begins, ends) < last:
+                left.append(_cut(piece, max(begins, ends) - first, len(piece)))
+        self._keep_aside(boot, left)
 
     def _make_way(self, boot: _Boot, batch: CorrectedBatch) -> None:
         """Of what is held of earlier turns leave out what this batch says, too."""
@@ -258,7 +284,7 @@ class Once:
         """Wait no longer for what is missing before the first that is held."""
         first = boot.held[0][0]
         if boot.aside and boot.came_to is not None and boot.came_to < first.sequence:
-            self._fill(boot, boot.came_to, first.sequence)
+            self._fill(boot, first.sequence)
             first = boot.held[0][0]
         boot.epoch = first.epoch
         if first.sequence != boot.came_to:
@@ -277,7 +303,7 @@ class Once:
 
     def _give_up(self, which: tuple[str, int], boot: _Boot) -> None:
         if boot.aside:
-            self._fill(boot, boot.came_to or 0, max(_span(piece)[1] for piece in boot.aside))
+            self._fill(boot)
         while boot.held:
             self._give_up_first(which, boot)
         self._settle(which, boot)

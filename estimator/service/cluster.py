@@ -195,8 +195,7 @@ class Cluster:
         if not self.settled(now) and not self._nobodys(device):
             return False
         lost = self._lost.get(device)
-        waits = lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s
-        if waits and self._claimed(device):  # else who took it is gone since, and nobody has it
+        if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
             return False
         self._lost.pop(device, None)
         return not self._busy(device, now)

@@ -179,20 +179,6 @@ def test_one_that_hangs_though_its_connection_lives_is_gone_and_gives_way_when_i
     world.assert_shared()
 
 
-def test_what_another_took_from_us_is_ours_at_once_when_that_one_is_gone() -> None:
-    """It had it beyond a cut, and dies as soon as that is mended."""
-    one = Cluster("e1", ["e2"], 0.0, KNOBS)
-    one.look(1.1)
-    device = next(d for d in DEVICES if owner(d, ["e1", "e2"]) == "e1")
-    epoch = one.take(device, 0)
-    assert one.said(Owned("e2", 0, epoch + 1, 0.0, (Holding(device, epoch + 1, 0, 0),)), 1.2) == [device]
-    one.lose(device, 1.2)
-    assert not one.wants(device, 1.3)
-    one.change("e2", 1.4, alive=False)
-    assert one.look(1.4) == ([], ["e2"])
-    assert one.wants(device, 1.4)
-
-
 def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_calm() -> None:
     world = World("e1", "e2")
     world.run(1.5)

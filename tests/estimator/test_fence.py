@@ -172,6 +172,48 @@ def test_where_who_took_it_never_comes_back_nothing_is_lost_either() -> None:
     assert once.due() is None
 
 
+def test_the_end_of_a_boot_that_only_a_former_estimator_says_is_given_after_a_while_too() -> None:
+    once = Once()
+    for start, end, epoch in ((0, 30, 2), (20, 60, 1)):
+        once.feed(batch(start, end - start, epoch=epoch), 0.0)
+    assert (once.due(), _given(once)) == (FORGET_S, [(0, 30, 2)])
+    once.overdue(FORGET_S)
+    assert (once.due(), _given(once)) == (None, [(0, 30, 2), (30, 60, 1)])
+    assert once.left_out.as_dict() == {"outdated": 10}
+
+
+def test_of_two_former_ones_the_later_is_believed() -> None:
+    once = Once()
+    for start, epoch, now in ((0, 3, 0.0), (10, 1, 0.1), (10, 2, 0.2), (20, 1, 5.3)):
+        once.feed(batch(start, 10, epoch=epoch), now)
+    once.overdue(10.0)
+    once.overdue(20.0)
+    assert _given(once) == [(0, 10, 3), (10, 20, 2), (20, 30, 1)]
+
+
+def test_whatever_comes_of_four_turns_none_is_given_twice_and_all_is_accounted_for() -> None:
+    for seed in range(200):
+        chance, now, came = random.Random(seed), 0.0, 0
+        once, at = (
+            Once(OnceKnobs(chance.choice((0.1, 7.0)), chance.choice((5, 60)))),
+            [chance.randint(0, 60) for _ in range(4)],
+        )
+        for _ in range(120):
+            now += chance.choice((0.0, 0.01, 0.1, 1.0, 6.0))
+            due = once.due()
+            if due is not None and due <= now:
+                once.overdue(now)
+                assert (once.due() or now) >= now
+            epoch, n = chance.randrange(4), chance.randint(1, 12)
+            once.feed(batch(at[epoch], n, epoch=epoch), now)
+            at[epoch], came = max(0, at[epoch] + chance.choice((n, n, n, n - 20, n + 20))), came + n
+        once.rest()
+        assert once.due() is None
+        given = [event for event in once.ready if isinstance(event, CorrectedBatch)]
+        assert all(a.sequence + len(a) <= b.sequence for a, b in pairwise(given))
+        assert sum(map(len, given)) + sum(once.left_out.as_dict().values()) == came
+
+
 def test_at_the_end_it_is_given_too_and_of_too_much_the_oldest_goes() -> None:
     once = Once(OnceKnobs(window=20))
     for start, epoch in ((0, 2), *((start, 1) for start in range(10, 60, 10))):

@@ -66,6 +66,19 @@ def test_a_device_that_reboots_when_the_clock_was_set_back_is_not_late(begun_s: 
     assert _lives(lateness, 30.0, 3, held_s=3.0)
 
 
+def test_an_old_boot_from_a_cache_is_late_and_the_running_one_is_not() -> None:
+    """It was heard beyond a cut only, by an estimator that has kept it since."""
+    lateness, came_s = Lateness(), 100.0
+
+    def one(at_s: float, boot: int, epoch: int, came_s: float) -> bool:
+        marked = lateness.marked(replace(batch(at_s), boot=boot, epoch=epoch), BEGUN_S + came_s)
+        return bool((marked.flags & SampleFlag.LATE).all())
+
+    assert not any(one(at_s, 2, 9, at_s + 0.45) for at_s in (95.0, 96.0, 97.0, 98.0, 99.0))
+    assert all(one(at_s, 1, 5, came_s) for at_s in (20.0, 20.5, 21.0))
+    assert not one(100.0, 2, 9, came_s + 0.45)
+
+
 def test_who_slept_is_late_although_the_device_was_rebooted_meanwhile() -> None:
     """What waited in front of who slept for ten minutes."""
     lateness = Lateness()

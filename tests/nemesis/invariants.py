@@ -1,6 +1,5 @@
 """What must hold whatever happens to a ward. Pure: a history in, broken promises in words out; none is fine."""
 
-from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
@@ -78,15 +77,15 @@ def outdated(history: History) -> Iterator[str]:
     for at_s, batch in history.said:
         said[batch.device, batch.boot][batch.epoch].append((batch.sequence, batch.sequence + len(batch), at_s))
     for (device, boot), heard in history.heard.items():
-        epochs = {epoch: sorted(messages) for epoch, messages in said[device, boot].items()}
+        epochs = {epoch: np.array(messages) for epoch, messages in said[device, boot].items()}
         for at_s, batch in heard if len(epochs) > 1 else ():
             for newer in [epoch for epoch in epochs if epoch > batch.epoch]:
-                at = bisect_right(epochs[newer], (batch.sequence, np.inf)) - 1
-                _, end, said_s = epochs[newer][max(at, 0)]
-                if at >= 0 and batch.sequence < end and said_s < at_s - _APART_S:
+                first, end, said_s = epochs[newer].T
+                over = (first < batch.sequence + len(batch)) & (end > batch.sequence) & (said_s < at_s - _APART_S)
+                if over.any():
                     yield (
-                        f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} is given, which epoch "
-                        f"{newer} had said {at_s - said_s:.1f} s before"
+                        f"{device}, boot {boot:016x}: sample {batch.sequence} of epoch {batch.epoch} is given, of which epoch "
+                        f"{newer} had said some {at_s - said_s[over].min():.1f} s before"
                     )
                     return
 

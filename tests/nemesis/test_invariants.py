@@ -146,7 +146,7 @@ def test_an_epoch_that_is_over(history: History) -> None:
     assert broken(history, right, WITHIN_S) == [], "nobody else has said it"
     history.said.insert(12, Heard(heard[12].time_s - 1.0, replace(heard[12].batch, epoch=8)))
     [words] = broken(history, right, WITHIN_S)
-    assert f"sample {12 * N} of epoch 7 is given, which epoch 8 had said" in words
+    assert f"sample {12 * N} of epoch 7 is given, of which epoch 8 had said some" in words
 
 
 def test_a_hole_must_be_told_and_have_a_cause(history: History) -> None:
