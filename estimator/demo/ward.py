@@ -105,6 +105,7 @@ class Ward:
                 bufsize=0,
                 env={**os.environ, **self._environment.get(name, {})},
             )
+            (self.folder / f"{name}.log").touch()
             # We write what it says: it may be one whose disk is full.
             self._logs[name] = threading.Thread(target=self._keep, args=(name, process.stdout), daemon=True)
             self._logs[name].start()

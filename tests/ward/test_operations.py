@@ -70,8 +70,10 @@ def running(tmp_path: Path) -> Iterator[Running]:
 def test_health_and_status_of_a_ward_that_runs_and_of_one_that_does_not(
     running: Running, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for port in (running.bridge_port, running.estimator_port):
-        assert get(port, "/healthz") == get(port, "/readyz") == (200, "ok\n")
+    ports = running.bridge_port, running.estimator_port
+    assert [get(port, "/healthz") for port in ports] == [(200, "ok\n")] * 2
+    ready = [(200, "ok\n")] * 2
+    wait("readiness", lambda: [get(port, "/readyz") for port in ports] == ready, running.watcher, running.ward)
     assert f'truerate_bridge_heard{{device="{NAME}"}} 1.0' in get(running.bridge_port, "/metrics")[1]
     tracking = f'truerate_state{{device="{NAME}",state="tracking"}} 1.0'
     wait(

@@ -51,20 +51,20 @@ def tracking(name: str, **changes: Any) -> Status:
 
 
 def rates(site: Site, name: str, seconds: float = 2.0) -> None:
-    """Readings with a bias and their corrected rates, of the last seconds."""
-    n, hz = round(104 * seconds), 104.0
-    time_s = np.arange(n) / hz
-    ticks, flags = (time_s * 1e6).astype(np.uint64), np.zeros(n, np.uint32)
-    rate = np.stack([np.sin(3 * time_s), np.cos(2 * time_s), 0.2 * np.sin(9 * time_s)], axis=1).astype(np.float32)
-    raw = SampleBatch(
-        name, 5, 0, now_ns(), now_ns(), 1e-6, 1.0, ticks, rate * 0.9 + np.float32(0.05), None, None, flags
-    )
+    """Readings with a bias and their corrected rates, from now on; said again they go on, as the device's clock does."""
+    n, hz, now_s, at_ns = round(104 * seconds), 104.0, time.monotonic(), now_ns()
     std = np.full(3, 0.001, np.float32)
-    of = CorrectedBatch(
-        name, 5, 0, raw.start_time_ns, 1e-6, 1.0, ticks, rate, flags, Quality.GOOD, std, std, std, std, "c", std
-    )
     for begin in range(0, n, 52):
-        site.talk(raw.after(begin) if begin else raw, of.after(begin) if begin else of)
+        time_s = np.arange(begin, min(begin + 52, n)) / hz
+        first, begins_ns = round(now_s * hz) + begin, at_ns + round(begin / hz * 1e9)
+        ticks, flags = (1e6 * (round(now_s * hz) / hz + time_s)).astype(np.uint64), np.zeros(len(time_s), np.uint32)
+        rate = np.stack([np.sin(3 * time_s), np.cos(2 * time_s), 0.2 * np.sin(9 * time_s)], axis=1).astype(np.float32)
+        read = rate * 0.9 + np.float32(0.05)
+        raw = SampleBatch(name, 5, first, begins_ns, begins_ns, 1e-6, 1.0, ticks, read, None, None, flags)
+        of = CorrectedBatch(
+            name, 5, first, begins_ns, 1e-6, 1.0, ticks, rate, flags, Quality.GOOD, std, std, std, std, "c", std
+        )
+        site.talk(raw, of)
 
 
 def log_in(page: Page, to: str = "/", password: str = PASSWORD) -> None:
