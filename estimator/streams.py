@@ -158,7 +158,7 @@ class Corrected(Stream[CorrectedBatch]):
 
     @property
     def outdated(self) -> int:
-        """Samples from an estimator whose device it was no more, left out: the one that has it said them, or they were too many."""
+        """Samples from an estimator whose device it was no more, left out: who has it said them, or they were too many."""
         return self._once.left_out.as_dict().get("outdated", 0)
 
     @property
