@@ -52,10 +52,11 @@ class ClusterKnobs:
 
 
 class _Lost(NamedTuple):
-    """A device that was taken from us: when, and not taken back before."""
+    """A device that was taken from us: when, not taken back before, and by whom, "" where we know no such estimator."""
 
     at_s: float
     until_s: float
+    to: str
 
 
 @dataclass(slots=True)
@@ -195,10 +196,16 @@ class Cluster:
         if not self.settled(now) and not self._nobodys(device):
             return False
         lost = self._lost.get(device)
-        if lost is not None and now < lost.until_s and min(waits_s, now - lost.at_s) < self.knobs.stands_s:
+        if lost is not None and self._is_left(lost, waits_s, now):
             return False
         self._lost.pop(device, None)
         return not self._busy(device, now)
+
+    def _is_left(self, lost: _Lost, waits_s: float, now: float) -> bool:
+        """Whether what was taken from us stays with who took it: not where that one has ended, or does nothing with it."""
+        if now >= lost.until_s or (lost.to and lost.to not in self._peers):
+            return False
+        return min(waits_s, now - lost.at_s) < self.knobs.stands_s
 
     def _nobodys(self, device: str) -> bool:
         """Whether all others have told what they have since we came to know too little of that, and it is not among it.
@@ -241,11 +248,11 @@ class Cluster:
         self._spared.pop(device, None)
         return self._turn
 
-    def lose(self, device: str, now: float) -> None:
+    def lose(self, device: str, to: str, now: float) -> None:
         """Another has it."""
         self.held.pop(device, None)
         if self._owner(device, self.members) == self.own:
-            self._lost[device] = _Lost(now, now + self._wait_s(now))
+            self._lost[device] = _Lost(now, now + self._wait_s(now), to if to in self._peers else "")
 
     def _wait_s(self, now: float) -> float:
         since_s = now - self._robbed_s

@@ -126,7 +126,7 @@ class Peers:
             self._next_look = now
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
-        lost: dict[str, None] = {}
+        lost: dict[str, str] = {}  # to whom
         for message in said:
             owned = self._owned.take(message)
             if owned is not None:
@@ -143,8 +143,8 @@ class Peers:
             if not all(bus.connected for bus in self._buses):
                 cluster.unreachable(now)
         self._notice(*cluster.look(now), now)
-        for device in lost:
-            cluster.lose(device, now)
+        for device, to in lost.items():
+            cluster.lose(device, to, now)
             self._taken.pop(device, None)
             self._ours.move(device, self._standby, now)
         return list(lost)
@@ -166,9 +166,9 @@ class Peers:
             self.cluster.held_up(late_s, now)
         self._deaf_s = 0.0 if heard else self._deaf_s + late_s
 
-    def _hear(self, owned: Owned, lost: dict[str, None], now: float) -> None:
+    def _hear(self, owned: Owned, lost: dict[str, str], now: float) -> None:
         fresh = [device for device in self.cluster.said(owned, now) if device not in lost]
-        lost |= dict.fromkeys(fresh)
+        lost |= dict.fromkeys(fresh, owned.estimator)
         self._left[owned.estimator] += len(fresh)
         for h in owned.holdings:
             if h.device not in self.cluster.held:

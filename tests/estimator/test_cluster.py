@@ -61,7 +61,7 @@ class World:
         for other in self.all.values():
             if other is not one and frozenset((name, other.own)) not in self.cut:
                 for device in other.said(said, self.now):
-                    other.lose(device, self.now)
+                    other.lose(device, name, self.now)
 
     def part(self, one: str, other: str, *, cut: bool) -> None:
         (self.cut.add if cut else self.cut.discard)(frozenset((one, other)))
@@ -177,6 +177,17 @@ def test_one_that_hangs_though_its_connection_lives_is_gone_and_gives_way_when_i
     assert world.all["e2"].held == {}
     world.run(KNOBS.retry_s + 0.3)
     world.assert_shared()
+
+
+def test_what_was_taken_by_one_that_is_ended_then_is_taken_back_at_once() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.run(2.8, still="e2")
+    world.run(0.2)
+    assert world.all["e2"].held == {}, "it has woken up, and leaves them alone for a while"
+    world.kill("e1")
+    world.run(0.1)
+    assert set(world.all["e2"].held) == set(DEVICES)
 
 
 def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_calm() -> None:
