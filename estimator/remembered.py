@@ -28,6 +28,11 @@ class Remembered:
     #: axes whose turns were taken then, by another estimator: they are to be taken again
     turned: tuple[int, ...] = ()
 
+    def under(self, calibration: Calibration) -> "Remembered":
+        """The same where it is this one that holds: what was doubted without it tells nothing."""
+        bias = None if self.doubted else self.bias
+        return replace(self, calibration=calibration, bias=bias, doubted=False, turned=())
+
     def bias_at(self, now: float, doubt_std: float) -> BiasState | None:
         """The bias as it was kept; doubted by doubt_std, rad/s, where nobody knows how long ago: a rest has to confirm it."""
         if self.bias is None:

@@ -139,9 +139,9 @@ class DeviceSession:
             self.learnt.believe(calibration)
             self._apply()
 
-    def adopt(self, calibration: Calibration) -> None:
-        """A calibration of this very boot, by who had the device meanwhile; it ends one that is under way here."""
-        self._restore(Remembered(calibration, None), calibration, self.tracker.thermometer.reading)
+    def adopt(self, remembered: Remembered, calibration: Calibration) -> None:
+        """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""
+        self._restore(remembered, calibration, self.tracker.thermometer.reading)
         self.learnt.scratch = ""
 
     # ---- samples --------------------------------------------------------------------------------------------------

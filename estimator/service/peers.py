@@ -8,7 +8,7 @@ from itertools import islice
 
 from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
-from bridge.wire.messages import Calibration, Checkpoint, Holding, Move, Owned
+from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.door import Door
 from estimator.service.cluster import Cluster
@@ -84,7 +84,7 @@ class Peers:
         #: whether more of what is taken over now follows in the next round, and whether the last move is the begin of it
         self._more = self._taking = False
         self._newcomer = False
-        self._calibrated: list[Calibration] = []
+        self._calibrated: list[Checkpoint] = []
         self._load = 0.0
         self._load_since = time.monotonic(), time.process_time()
 
@@ -137,7 +137,7 @@ class Peers:
                 cluster.hear(checkpoint.epoch)
                 self.replicas.note(checkpoint)
                 if checkpoint.calibration is not None and checkpoint.epoch < cluster.held.get(checkpoint.device, 0):
-                    self._calibrated.append(checkpoint.calibration)
+                    self._calibrated.append(checkpoint)
         if now >= self._next_look and not cluster.alone:
             self._next_look = now + _LOOK_S
             if not all(bus.connected for bus in self._buses):
@@ -184,8 +184,8 @@ class Peers:
             self._next_scan = self._next_say = now
             self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
 
-    def calibrated(self) -> list[Calibration]:
-        """Calibrations of our devices by those who had them before, said after we took them."""
+    def calibrated(self) -> list[Checkpoint]:
+        """What those who had our devices before knew of them, calibrated, and said after we took them."""
         found, self._calibrated = self._calibrated, []
         return found
 

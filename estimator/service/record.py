@@ -136,24 +136,25 @@ class Record:
             return Remembered(unsaved, None)
         if said is not None and said.calibration is not None:
             if (later := self._later(device.name, said.calibration)) is not None:
-                return replace(said, calibration=later, turned=())
+                return said.under(later)
             self.keep(device, said.calibration)
             return said
         if self._replicas.repeated(device.name, boot):
             self.repeat(device, boot)
             return said
         try:
-            if said is None:
-                found = self._store.recall(device.name, boot, self._now_ns())
-                if found is not None and found.calibration is not None:
-                    self._in_use(found.calibration)
-                return found
-            # Our own calibration, where whoever had the device after us has not heard of it.
-            ours = self._store.calibrated(device.name, boot)
+            ours = self._store.recall(device.name, boot, self._now_ns())
         except StoreError as error:
             self._failed(device.session, error)
             return said
-        return said if ours is None else replace(said, calibration=ours, turned=())
+        if ours is not None and ours.calibration is not None:
+            self._in_use(ours.calibration)
+        if said is None:
+            return ours
+        if ours is None or ours.calibration is None:
+            return said
+        # Whoever had the device after us has not heard of our calibration.
+        return replace(ours, asked=said.asked) if said.doubted else said.under(ours.calibration)
 
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
         """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, beside what is unsaved.
@@ -329,13 +330,20 @@ class Record:
         if device.name in self._noting and not force:
             return
         self._noting.add(device.name)
-        doubted = session.tracker.doubt.stands
+        doubted, used = session.tracker.doubt.stands, session.calibration
+        calibration = "" if used is None else used.id
         row, learnt, bridge = (device.name, boot, self._now_ns(), state), session.learnt, device.source.owner
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
         self._keep(
             session,
             lambda: self._store.save_bias(
-                *row, history=history, doubted=doubted, asked=asked, reached=reached, bridge=bridge
+                *row,
+                history=history,
+                doubted=doubted,
+                calibration=calibration,
+                asked=asked,
+                reached=reached,
+                bridge=bridge,
             ),
             lambda _: self._noting.discard(device.name),
             soon=force,

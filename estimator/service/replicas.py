@@ -54,6 +54,27 @@ def checkpoint_of(device: Device, time_ns: int, answers: Answers = ()) -> Checkp
     )
 
 
+def remembered_of(known: Checkpoint, now_ns: int) -> Remembered | None:
+    """What a checkpoint tells of its boot; None where that is nothing."""
+    calibration = known.calibration if _calibrated(known) else None
+    bias = None
+    if len(known.x):
+        at = known.device_time_s, known.temperature_c, known.powered_s
+        bias = BiasState(known.x, known.covariance, *at, lag_k=known.lag_k)
+    if calibration is None and bias is None and not known.turned:
+        return None
+    asked = (known.asked_by, known.asked_why) if known.asked_by else None
+    return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
+
+
+def _joined(later: Checkpoint, calibrated: Checkpoint) -> Checkpoint:
+    """What is known of a device by a later turn, and by who calibrated it meanwhile: what was doubted without that tells nothing."""
+    if not later.doubted:
+        return replace(later, calibration=calibrated.calibration)
+    asked_by, asked_why = later.asked_by, later.asked_why
+    return replace(calibrated, epoch=later.epoch, bridge=later.bridge, asked_by=asked_by, asked_why=asked_why)
+
+
 def _calibrated(checkpoint: Checkpoint) -> bool:
     """Whether it has a calibration of its own boot."""
     return checkpoint.calibration is not None and checkpoint.calibration.boot == checkpoint.boot
@@ -76,7 +97,7 @@ class Replicas:
             of_it = known.boot == checkpoint.boot and not known.boot_repeated
             if not of_it or _calibrated(known) or not _calibrated(checkpoint):
                 return
-            checkpoint = replace(known, calibration=checkpoint.calibration)
+            checkpoint = _joined(known, checkpoint)
         self._latest.pop(checkpoint.device, None)
         self._latest[checkpoint.device] = checkpoint
         while len(self._latest) > self._room:
@@ -114,17 +135,7 @@ class Replicas:
     def recall(self, device: str, boot: int, now_ns: int) -> Remembered | None:
         """What was said of this very boot."""
         known = self._latest.get(device)
-        if known is None or known.boot != boot:
-            return None
-        calibration = known.calibration if _calibrated(known) else None
-        bias = None
-        if len(known.x):
-            at = known.device_time_s, known.temperature_c, known.powered_s
-            bias = BiasState(known.x, known.covariance, *at, lag_k=known.lag_k)
-        if calibration is None and bias is None and not known.turned:
-            return None
-        asked = (known.asked_by, known.asked_why) if known.asked_by else None
-        return Remembered(calibration, bias, (now_ns - known.time_ns) / 1e9, known.doubted, asked, known.turned)
+        return None if known is None or known.boot != boot else remembered_of(known, now_ns)
 
     def repeated(self, device: str, boot: int) -> bool:
         """Whether this very boot has a number that another power-up had, and was not calibrated."""

@@ -12,7 +12,7 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import keys
-from bridge.wire.messages import Calibration, SampleBatch
+from bridge.wire.messages import Checkpoint, SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.config import Estimator
 from estimator.device_knobs import treatment
@@ -35,6 +35,7 @@ from estimator.service.peers import Peers
 from estimator.service.presence import Presence
 from estimator.service.quiet import Kind, Quiet
 from estimator.service.record import Record
+from estimator.service.replicas import remembered_of
 from estimator.service.resumed import Resumed
 from estimator.service.roster import Roster
 from estimator.service.silent import Silent
@@ -94,7 +95,7 @@ class Service:
         cluster.hear(self._record.epoch())
         self._left = deque[tuple[float, Publisher]]()
         #: to be adopted once its device is heard again
-        self._missed = dict[str, Calibration]()
+        self._missed = dict[str, Checkpoint]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
         self._guarded = Isolation(self.counts)
@@ -220,8 +221,8 @@ class Service:
         """Give up and take over devices as it is their turn; of what came, that of our devices."""
         if lost := self._peers.look(now, heard=bool(messages)):
             self._give_away(lost, now)
-        for calibration in self._peers.calibrated():
-            self._adopt(calibration)
+        for known in self._peers.calibrated():
+            self._adopt(known)
         ours = self._load.sift(self._peers.sift(messages, now))
         self._interim.go_on(self._peers.meanwhile())
         taken = self._peers.taken_over(self._devices, self._silent, now)
@@ -256,15 +257,16 @@ class Service:
             del self._devices[device.name]
             self._left += [(now + LINGER_S, publisher) for publisher in device.leave()]
 
-    def _adopt(self, calibration: Calibration) -> None:
+    def _adopt(self, known: Checkpoint) -> None:
         """Another has calibrated it while neither heard of the other: its turns are not to be taken again."""
-        if (device := self._devices.get(calibration.device)) is None:
+        device, remembered = self._devices.get(known.device), remembered_of(known, self._now_ns())
+        if device is None or remembered is None or (calibration := remembered.calibration) is None:
             return
         session = device.session
         if session.boot != calibration.boot or session.calibration is not None:
             return
         if session.life.away:
-            self._missed[device.name] = calibration
+            self._missed[device.name] = known
             return
         if device.repeated == calibration.boot:
             return  # it may be of the power-up before
@@ -272,7 +274,7 @@ class Service:
             return  # it has been void since
 
         def adopted() -> None:
-            session.adopt(calibration)
+            session.adopt(remembered, calibration)
             log.info("%s: %s", device.name, session.life.reason)
             self._record.keep(device, calibration)
             device.say_status(self._now_ns())

@@ -95,18 +95,19 @@ class Store:
         *,
         history: bool,
         doubted: bool = False,
+        calibration: str = "",
         asked: tuple[str, str] | None = None,
         reached: tuple[int, int] | None = None,
         bridge: str = "",
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered; reached: see Learnt, of one that is not being turned; bridge: who it is heard from.
+        doubted, asked: see Remembered, calibration: the one that it was doubted by; reached: see Learnt, of one that is not being turned; bridge: who it is heard from.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        more = {"doubted": doubted, "asked": asked, "reached": reached, "lag_k": state.lag_k, "bridge": bridge}
+        more = {"doubted": doubted, "calibration": calibration, "asked": asked, "reached": reached, "lag_k": state.lag_k, "bridge": bridge}
         text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
@@ -229,7 +230,10 @@ class Store:
             if (bias := _state(kept)) is not None:
                 more = _more(kept)
                 asked = tuple(more["asked"]) if more.get("asked") else None
-                return Remembered(calibration, bias, (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False), asked)
+                age_s, doubted = (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False)
+                found = Remembered(calibration, bias, age_s, doubted, asked)
+                since = calibration is not None and more.get("calibration", calibration.id) != calibration.id
+                return found.under(calibration) if calibration is not None and since else found
         return None if calibration is None else Remembered(calibration, None)
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:

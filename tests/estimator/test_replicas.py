@@ -100,6 +100,23 @@ def test_a_calibration_said_late_is_not_forgotten_for_a_later_turn_without_one()
     assert remembered.calibration is said.calibration
 
 
+def test_a_calibration_said_late_ends_a_doubt_of_who_had_not_heard_of_it() -> None:
+    """Turns by a scale of another boot may well seem to contradict gravity."""
+    device, _ = calibrated()
+    said = checkpoint_of(device, NOW_NS)
+    assert said is not None
+    replicas = Replicas(10)
+    replicas.note(replace(said, epoch=9, bridge="b9", calibration=None, doubted=True, x=said.x + 0.1, asked_by="nurse"))
+    replicas.note(replace(said, epoch=8, bridge="b8"))
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert remembered.bias is not None
+    np.testing.assert_array_equal(remembered.bias.x, said.x)
+    assert (remembered.doubted, remembered.calibration) == (False, said.calibration)
+    assert remembered.asked == ("nurse", "")
+    assert replicas.bridge(NAME) == "b9"
+
+
 def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() -> None:
     device, _ = calibrated()
     said = checkpoint_of(device, NOW_NS)

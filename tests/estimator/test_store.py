@@ -89,6 +89,16 @@ def test_an_unknown_temperature_and_power_up_stay_unknown(store: Store) -> None:
     assert remembered.bias.powered == -np.inf
 
 
+@pytest.mark.parametrize("by", ["", GOOD.id])
+def test_a_doubt_of_before_a_calibration_tells_nothing_of_it(by: str, store: Store) -> None:
+    store.add_calibration(GOOD)
+    store.save_bias(NAME, 1, 5, BIAS, history=False, doubted=True, calibration=by)
+    remembered = store.recall(NAME, 1, 0)
+    assert remembered is not None
+    assert remembered.doubted == bool(by)
+    assert (remembered.bias is None) == (not by), "what was doubted is not gone on with"
+
+
 def test_nothing_is_remembered_of_another_boot_or_device(store: Store) -> None:
     store.add_calibration(GOOD)
     assert store.recall(NAME, 2, 0) is None

@@ -187,7 +187,7 @@ def test_no_law_is_refuted_by_a_slope_that_was_not_learnt_under_it(how: str) -> 
     feed(device, before)
     assert device.calibration is not None
     if how == "adopted":  # where the law is known already; else it is looked up only now
-        device.adopt(device.calibration)
+        device.adopt(Remembered(device.calibration, None), device.calibration)
     elif how == "restarted":  # before any checkpoint
         remembered, device = Remembered(device.calibration, None), DeviceSession(NAME)
         device.begin_boot(1, float(after[0].device_time[0]), remembered, None, 25.0)

@@ -9,6 +9,7 @@ from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
 from estimator.service.device import Device
+from estimator.service.replicas import checkpoint_of
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.shared.test_interim import fails, powered_up_again
 from tests.estimator.stream import NAME, calibration
@@ -109,8 +110,12 @@ def test_who_is_killed_as_soon_as_it_knows_has_said_so(handed: Handed, both: Bot
 
 
 def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: Both) -> None:
+    known = checkpoint_of(handed.device(SECOND), both.now_ns)
+    assert known is not None
+    assert known.calibration is not None
+    assert known.calibration.id == handed.made.id
     handed.slowly(powered_up_again(handed.batches[-200:])[:80])
-    both.services[SECOND]._adopt(handed.made)
+    both.services[SECOND]._adopt(known)
     assert handed.device(SECOND).session.calibration is None
 
 

@@ -3,10 +3,11 @@
 from dataclasses import replace
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.wire.messages import Calibration, SampleBatch, State
+from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator.guide.reasons import Words, said
 from estimator.service.replicas import checkpoint_of
 from estimator.service.store import StoreError
@@ -77,6 +78,7 @@ def test_a_calibration_by_who_did_not_know_yet_that_it_had_lost_the_device_count
     both.pass_(1.2)
     assert both.client.statuses(0.1)[NAME].state is State.TRACKING
     assert both.client.statuses(0.1)[NAME].calibration == late.id
+    assert both.services[SECOND]._devices[NAME].session.applied.quality is Quality.GOOD, "and what it knew of the bias"
     assert [c.id for c in both.stores[SECOND].calibrations(NAME)] == [late.id]
 
 
@@ -132,6 +134,24 @@ def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: 
     found = record.recall(device, old.boot)
     assert found is not None
     assert found.calibration == third
+
+
+def test_who_calibrated_it_goes_by_no_doubt_of_who_had_it_since_and_had_not_heard_of_that(both: Both) -> None:
+    both.start(FIRST)
+    both.start(SECOND)
+    both.pass_(1.2)
+    both.send(calibration(seed=1, after=[Still(30.0)]).batches())
+    record, device = both.services[SECOND]._record, both.services[SECOND]._devices[NAME]
+    both.pass_(6.0)
+    said = checkpoint_of(device, both.now_ns)
+    assert said is not None
+    record._replicas.note(replace(said, epoch=said.epoch + 5, calibration=None, doubted=True, x=said.x + 0.1))
+    found = record.recall(device, said.boot)
+    assert found is not None
+    assert found.bias is not None
+    np.testing.assert_array_equal(found.bias.x, said.x)
+    assert not found.doubted
+    assert [found.calibration.id if found.calibration else ""] == [c.id for c in both.stores[SECOND].calibrations(NAME)]
 
 
 def test_a_calibration_that_is_taken_over_while_the_disk_is_full_is_kept_later(
