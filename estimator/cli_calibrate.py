@@ -14,6 +14,7 @@ from bridge.console import plain_console
 from bridge.wire.messages import Calibration, Verdict
 from estimator.cli_live import add_live, live
 from estimator.cli_recorded import HOLDS, add_choice, check_range, gyro_range, recorded
+from estimator.noise_model import GENERIC, load_model
 
 if TYPE_CHECKING:
     from estimator.batch.result import Result
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 METHODS = f"""{HOLDS}
 
 A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
-unless a method is named.
+unless a method or a model is named.
 
 methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
@@ -38,6 +39,7 @@ methods:
 examples:
   truerate calibrate --live chest --config configs/ward.toml   says what to do with the device, step by step
   truerate calibrate session.npz
+  truerate calibrate session.npz --model mpu-6050              asks for a turn again that makes it further off than its sheet
   truerate calibrate poses.csv --method transitions --json
   truerate calibrate table.npz --method turntable --rates-dps 30,60,90"""
 
@@ -56,6 +58,12 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument("--method", metavar="NAME", help="how (default: closure); see below")
     verb.add_argument(
         "--rates-dps", type=_rates, default=(), metavar="DPS,…", help="the machine's known rates in °/s, as 30,60,90"
+    )
+    verb.add_argument(
+        "--model",
+        metavar="NAME",
+        help=f"kind of device, of configs/devices or a file (default: {GENERIC}): a turn by which it were further off than such a"
+        " device may be is asked for again",
     )
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
@@ -84,6 +92,7 @@ def _calibrate(given: argparse.Namespace) -> int:
     from estimator.batch.methods import BY_RATES  # noqa: PLC0415
     from estimator.batch.names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415
+    from estimator.device_knobs import knobs_of  # noqa: PLC0415
     from estimator.offline import calibrate  # noqa: PLC0415
     from estimator.report import as_json, first  # noqa: PLC0415
 
@@ -94,12 +103,15 @@ def _calibrate(given: argparse.Namespace) -> int:
         raise ConfigError(
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
         )
+    if given.model and method in BY_RATES:
+        raise ConfigError(f"{method} goes by the rates that it is told, whatever the device: it takes no --model")
     check_range(given)
+    knobs = knobs_of(load_model(given.model or GENERIC))
     recording = recorded(given)
-    if given.method is None and recording.made:
+    if given.method is None and given.model is None and recording.made:
         return _show_made(recording.made[-1], as_json=given.json)
     rates = tuple(map(radians, given.rates_dps))
-    result, passed_over = calibrate(recording, method, gyro_range=gyro_range(given, recording), rates=rates)
+    result, passed_over = calibrate(recording, method, gyro_range(given, recording), rates, knobs)
     if given.json:
         print(json.dumps(as_json(result, of_result(result, recording, gyro_range(given, recording)), passed_over)))
     else:
@@ -125,8 +137,8 @@ def _show_made(calibration: Calibration, *, as_json: bool) -> int:
     _show_parameters(console, calibration)
     console.print(f"accepted ({calibration.method}): {calibration.reason}", highlight=False, soft_wrap=True)
     console.print(
-        f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method NAME calibrates from "
-        "the samples instead",
+        f"made of this boot while the ward ran, as {calibration.id}, which is in the recording; --method or --model NAME "
+        "calibrates from the samples instead",
         highlight=False,
         soft_wrap=True,
     )

@@ -10,6 +10,9 @@ from bridge.pki.member import Role
 from bridge.wire.keys import check_id
 from estimator.cli_ward import person, ward_of
 
+#: options that say nothing of a device at hand
+_OF_RECORDING = ("method", "model", "rates_dps", "range_dps", "rate_hz", "device", "boot", "json")
+
 
 def add_live(verb: argparse.ArgumentParser) -> None:
     """Add them."""
@@ -36,6 +39,9 @@ def live(given: argparse.Namespace) -> int:
 
     if given.file is not None:
         raise ConfigError("a recording or --live DEVICE, not both")
+    if of_recording := [name for name in _OF_RECORDING if vars(given)[name]]:
+        option = of_recording[0].replace("_", "-")
+        raise ConfigError(f"--{option} is for a recording: with --live the ward's estimator calibrates, as its file says")
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     ward, routers = ward_of(given, Role.COMMANDER)

@@ -45,18 +45,24 @@ _AT_THE_END = "calibrated as it ends: no row is corrected by that yet; --smooth 
 
 
 def calibrate(
-    recording: Recording, method: str = DEFAULT, gyro_range: float = 0.0, rates: tuple[float, ...] = ()
+    recording: Recording,
+    method: str = DEFAULT,
+    gyro_range: float = 0.0,
+    rates: tuple[float, ...] = (),
+    knobs: SessionKnobs | None = None,
 ) -> tuple[Result, list[str]]:
     """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
 
     A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
-    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them.
+    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them, and nothing else. knobs: by
+    default as a ward treats a device of an unknown kind; which method they say does not count.
     """
+    knobs = knobs or knobs_of(load_model(GENERIC))
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
-    windows = list(Stillness().feed(samples.time, samples.gyro, samples.accel, samples.clipped))
-    session = CalibrationSession(method, whole=method in BY_MOVEMENTS)
+    windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
+    session = CalibrationSession(method, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
     if windows:
         session.add(Samples.of(windows))
     passed_over: list[str] = []

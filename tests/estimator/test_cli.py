@@ -1,7 +1,6 @@
 """The command line as people use it: what it prints, what it says of mistakes, and its exit codes."""
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -14,41 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.recording import load
-from bridge.sim.script import TurnPlan
-from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
-from bridge.wire.messages import CommandReply, Verdict
-from estimator import calibration_file, offline
+from bridge.wire.messages import CommandReply
 from estimator.cli import VERBS, _first, build, main
-from tests.estimator.batch.machines import on_a_turntable
-from tests.estimator.batch.sessions import in_poses
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "configs" / "demo.toml"
 Floats = NDArray[np.float64]
-
-
-def save(path: Path, session: Session, gyro: Floats | None = None) -> str:
-    np.savez(path, gyro_rad_s=session.gyro if gyro is None else gyro, accel_m_s2=session.accel, rate_hz=session.rate_hz)
-    return str(path)
-
-
-def test_calibrate_prints_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    session = simulate_session(4)
-    assert main(["calibrate", save(tmp_path / "good.npz", session), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] == "accepted"
-    assert np.array(found["matrix"]).shape == (3, 3)
-    assert np.diag(found["matrix"]) == pytest.approx(session.truth.k, abs=2e-4)
-    assert found["bias_rad_s"] == pytest.approx(list(session.bias[0]), abs=np.radians(0.01))
-    assert np.array(found["covariance"]).shape == (len(found["parameters"]),) * 2
-    assert found["method"]
-    # A scale known to 0.15 before and to 6e-4 after: eight halvings.
-    assert found["information_bits"]["k_x"] == pytest.approx(8, abs=1.5)
-    assert found["reason"]
-    assert sorted(turn["axis"] for turn in found["turns"]) == ["x", "y", "z"]
-    assert {"axis", "angle_deg", "closure_error_deg", "duration_s"} == set(found["turns"][0])
 
 
 def test_a_store_that_is_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,124 +36,6 @@ def test_a_note_that_says_nothing_or_too_much_is_refused_at_once(
 ) -> None:
     assert main(["note", "chest", text]) == 2
     assert said in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("method", ["closure", "turn360"])
-def test_calibrate_by_a_method(method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--method", method]) == 0
-    printed = capsys.readouterr().out
-    assert f"accepted ({method})" in printed
-    assert "closed to °" in printed
-
-
-def test_calibrate_by_poses_prints_the_whole_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    of = in_poses(2)
-    file = str(tmp_path / "poses.npz")
-    np.savez(file, gyro_rad_s=of.gyro, accel_m_s2=of.accel, t_s=of.time)
-    assert main(["calibrate", file, "--method", "transitions"]) == 0
-    printed = capsys.readouterr().out
-    assert "of reading z" in printed
-    assert "closed to" not in printed  # there are no turns of which that could be said
-    assert f"{of.truth.matrix[0, 1]:+.3f}"[:5] in printed
-    assert main(["calibrate", file, "--method", "transitions", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["parameters"][:7] == ["bias_x", "bias_y", "bias_z", "k_x", "k_y", "k_z", "m_xy"]
-    assert np.array(found["covariance"]).shape == (12, 12)
-
-
-def test_calibrate_on_a_turntable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    of = on_a_turntable(1)
-    file = str(tmp_path / "table.npz")
-    np.savez(file, gyro_rad_s=of.gyro, t_s=of.time)
-    assert main(["calibrate", file, "--method", "turntable", "--rates-dps", "30,60,90"]) == 0
-    assert "accepted (turntable)" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--method", "turnpike"], "turn360, "),
-        (["--method", "turntable"], "needs --rates-dps"),
-        (["--rates-dps", "30"], "takes no --rates-dps"),
-    ],
-)
-def test_calibrate_says_how_to_use_it(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "nowhere.npz", *words]) == 2
-    assert said in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("rates", ["thirty", "30,-60", "0", "nan"])
-def test_rates_are_numbers(rates: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["calibrate", "nowhere.npz", "--method", "turntable", f"--rates-dps={rates}"])
-    assert rates in capsys.readouterr().err
-
-
-def test_calibrate_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4))]) == 0
-    assert "accepted" in capsys.readouterr().out
-
-
-def test_of_many_movements_that_did_not_count_the_first_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result, _ = offline.calibrate(load(saved := save(tmp_path / "long.npz", simulate_session(4))))
-    monkeypatch.setattr(offline, "calibrate", lambda *_, **__: (result, [f"{n}.0 s: a nudge" for n in range(70)]))
-    assert main(["calibrate", saved]) == 0
-    printed = capsys.readouterr().out
-    assert printed.count("a nudge") == 12
-    assert "passed over: … and 58 more; --json has them all" in printed
-    assert main(["calibrate", saved, "--json"]) == 0
-    (tmp_path / "long.json").write_text(printed := capsys.readouterr().out)
-    assert len(json.loads(printed)["passed_over"]) == 70
-    assert calibration_file.load(tmp_path / "long.json").verdict is Verdict.ACCEPTED
-
-
-def a_missing_turn() -> tuple[Session, Floats | None]:
-    return simulate_session(4, turns=(TurnPlan(0), TurnPlan(2))), None
-
-
-def a_turn_that_does_not_close() -> tuple[Session, Floats | None]:
-    return simulate_session(4, replacement_deg=12.0), None
-
-
-def half_a_turn() -> tuple[Session, Floats | None]:
-    return simulate_session(4, turns=(TurnPlan(0), TurnPlan(1, 180.0), TurnPlan(2))), None
-
-
-def clipped_rates() -> tuple[Session, Floats | None]:
-    session = simulate_session(4)
-    limit = np.radians(60.0)
-    return session, np.clip(session.gyro, -limit, limit)
-
-
-@pytest.mark.parametrize(
-    ("bad", "words"),
-    [
-        (a_missing_turn, "no full turn about y"),
-        (half_a_turn, "not a full turn"),
-        (a_turn_that_does_not_close, "tilted"),
-        (clipped_rates, "faster than the gyro's range"),
-    ],
-)
-def test_a_bad_session_is_not_accepted_and_says_why(
-    bad: object, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert callable(bad)
-    session, gyro = bad()
-    path = save(tmp_path / "bad.npz", session, gyro)
-    assert main(["calibrate", path, "--json", "--range-dps", "60" if gyro is not None else "0"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["verdict"] in ("repeat", "refused")
-    assert words in found["reason"]
-
-
-def test_a_recording_with_nan_is_refused_with_the_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    session = simulate_session(4)
-    gyro = session.gyro.copy()
-    gyro[123, 1] = np.nan
-    assert main(["calibrate", save(tmp_path / "nan.npz", session, gyro)]) == 1
-    assert "sample 123" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["watch", "recalibrate", "cancel"])
@@ -407,12 +260,6 @@ print(sum(after) - sum(before), gc.isenabled(), gc.get_freeze_count() > 100_000)
     searches, enabled, frozen = ended.stdout.split()
     assert int(searches) <= 3
     assert (enabled, frozen) == ("True", "True")
-
-
-@pytest.mark.parametrize("dps", ["-3", "nan", "1e6"])
-def test_a_range_that_no_gyro_has_is_refused(dps: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", save(tmp_path / "good.npz", simulate_session(4)), "--range-dps", dps]) == 2
-    assert "0 (unknown) to 10000 is taken" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
