@@ -41,7 +41,9 @@ def live(given: argparse.Namespace) -> int:
         raise ConfigError("a recording or --live DEVICE, not both")
     if of_recording := [name for name in _OF_RECORDING if vars(given)[name]]:
         option = of_recording[0].replace("_", "-")
-        raise ConfigError(f"--{option} is for a recording: with --live the ward's estimator calibrates, as its file says")
+        raise ConfigError(
+            f"--{option} is for a recording: with --live the ward's estimator calibrates, as its file says"
+        )
     if given.seconds is not None and not given.seconds > 0:
         raise ConfigError(f"--seconds is {given.seconds:g}; more than 0 is taken")
     ward, routers = ward_of(given, Role.COMMANDER)

@@ -107,15 +107,20 @@ class Belief:
     calibration: str = ""
 
 
-def believed(calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs) -> Belief:
-    """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet."""
+def believed(
+    calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, repeatability: float | None = None
+) -> Belief:
+    """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet.
+
+    repeatability: see gyro.scale_repeatability; where it is not known a scale may move as far as the kind may be off.
+    """
     used = calibration or earlier
     if used is None:
         return Belief(uncalibrated(knobs), np.full(3, knobs.bias_std), Quality.NONE)
     scale = np.diag(used.matrix)
     scale_var = np.diag(used.covariance)[3:6] / scale**2
     if calibration is None:
-        scale_var = scale_var + knobs.scale_repeatability**2
+        scale_var = scale_var + (knobs.scale_std if repeatability is None else repeatability) ** 2
     model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), _cross_std(used, knobs), used.noise_std)
     bias_std = np.full(3, knobs.bias_repeatability)
     return Belief(model, bias_std, Quality.PRIOR if calibration is None else Quality.GOOD, used.id)

@@ -55,6 +55,7 @@ class Learnt:
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
         self.under_way: UnderWay | None = UnderWay(knobs)
+        self._repeatability: float | None = None
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
         self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
@@ -98,9 +99,15 @@ class Learnt:
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot until this one is calibrated."""
         self.prior = calibration
-        self._belief = believed(None, calibration, self._knobs.prior)
+        self._belief = believed(None, calibration, self._knobs.prior, self._repeatability)
         if not self.tracker.sure:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
+
+    def repeats(self, repeatability: float) -> None:
+        """How far its scale moves from boot to boot (relative), by earlier ones."""
+        self._repeatability = repeatability
+        if self.prior is not None:
+            self.believe(self.prior)
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""

@@ -139,6 +139,11 @@ class DeviceSession:
             self.learnt.believe(calibration)
             self._apply()
 
+    def repeats(self, repeatability: float) -> None:
+        """How far its scale moves from boot to boot (relative), by earlier ones: see gyro.scale_repeatability."""
+        self.learnt.repeats(repeatability)
+        self._apply()
+
     def adopt(self, remembered: Remembered, calibration: Calibration) -> None:
         """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""
         self._restore(remembered, calibration, self.tracker.thermometer.reading)

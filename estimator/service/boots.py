@@ -1,6 +1,7 @@
 """How a boot begins, and what a bridge says of it: what is known of earlier is used, or it is said why not."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -13,7 +14,6 @@ from estimator.service.device import Device
 from estimator.service.isolation import Isolation
 from estimator.service.record import Record
 from estimator.service.roster import Roster
-from estimator.track.temperature import TemperatureLaw
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ class Boots:
         if info is not None and scratch:
             outcome.said += self._from_scratch(device, info, scratch)
         if info is not None:
-            self._learn_law(device, info)
+            self._look_up(device, info)
         return outcome
 
     def _before(self, name: str, boot: int) -> list[int] | None:
@@ -85,15 +85,19 @@ class Boots:
         if scratch:
             outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
             outcome.changed = True
-        self._learn_law(device, info)
+        self._look_up(device, info)
         return outcome
 
-    def _learn_law(self, device: Device, info: DeviceInfo) -> None:
-        def taught(law: TemperatureLaw) -> None:
-            if self._devices.get(device.name) is device and device.session.boot == info.boot:
-                self._guarded(device, lambda: device.session.learnt.expect(law))
+    def _look_up(self, device: Device, info: DeviceInfo) -> None:
+        """What earlier boots teach of temperature, and of the scale."""
 
-        self._record.law(device.session, info, taught)
+        def use(what: Callable[[], None]) -> None:
+            if self._devices.get(device.name) is device and device.session.boot == info.boot:
+                self._guarded(device, what)
+
+        session = device.session
+        self._record.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
+        self._record.repeatability(session, info, lambda moves: use(lambda: session.repeats(moves)))
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
         device.session.learnt.scratch = why

@@ -14,10 +14,12 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
+from estimator.gyro import scale_repeatability
 from estimator.remembered import Remembered
 from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
@@ -28,6 +30,8 @@ from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession
 from estimator.track.learning import learn
 from estimator.track.temperature import TemperatureLaw
+
+_T = TypeVar("_T")
 
 log = logging.getLogger(__name__)
 
@@ -256,16 +260,25 @@ class Record:
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
         """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
-        knobs, found = session.knobs.track.bias, list[TemperatureLaw | None]()
+        knobs = session.knobs.track.bias
+        self._look_up(session, lambda: learn(self._store.points(info), knobs), then)
 
-        def learnt(error: StoreError | None) -> None:
+    def repeatability(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
+        """How far the scale of the same hardware moved from boot to boot, as far as that is known."""
+        knobs = session.knobs.prior
+        self._look_up(session, lambda: scale_repeatability(self._store.scales(info), knobs), then)
+
+    def _look_up(self, session: DeviceSession, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
+        found = list[_T | None]()
+
+        def looked_up(error: StoreError | None) -> None:
             if error is not None:
                 self._failed(session, error)
-            for law in found:
-                if law is not None:
-                    then(law)
+            for one in found:
+                if one is not None:
+                    then(one)
 
-        self._clerk.look_up(lambda: found.append(learn(self._store.points(info), knobs)), learnt)
+        self._clerk.look_up(lambda: found.append(what()), looked_up)
 
     def past(self, session: DeviceSession, device: str) -> list[int] | None:
         """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""

@@ -68,7 +68,7 @@ def remembered_of(known: Checkpoint, now_ns: int) -> Remembered | None:
 
 
 def _joined(later: Checkpoint, calibrated: Checkpoint) -> Checkpoint:
-    """What is known of a device by a later turn, and by who calibrated it meanwhile: what was doubted without that tells nothing."""
+    """What is known by a later turn, and by who calibrated it meanwhile: what was doubted without that tells nothing."""
     if not later.doubted:
         return replace(later, calibration=calibrated.calibration)
     asked_by, asked_why = later.asked_by, later.asked_why

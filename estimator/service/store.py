@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
@@ -24,6 +25,8 @@ from estimator.restore import differing, restore_key
 from estimator.service.retention import ALL_DAYS, DAY_NS, YEAR_NS, old_boots, superfluous
 from estimator.track.bias_filter import OWN, BiasState
 from estimator.track.learning import Points
+
+Floats = NDArray[np.float64]
 
 __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
@@ -102,12 +105,14 @@ class Store:
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
-        doubted, asked: see Remembered, calibration: the one that it was doubted by; reached: see Learnt, of one that is not being turned; bridge: who it is heard from.
+        doubted, asked: see Remembered; calibration: the one in use then; reached: see Learnt, of one that is not being turned;
+        bridge: who it is heard from.
         """
         at = state.time, _or_none(state.temperature_c), _or_none(state.powered)
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
-        more = {"doubted": doubted, "calibration": calibration, "asked": asked, "reached": reached, "lag_k": state.lag_k, "bridge": bridge}
+        more = {"doubted": doubted, "calibration": calibration, "asked": asked, "reached": reached}
+        more |= {"lag_k": state.lag_k, "bridge": bridge}
         text = json.dumps([x, P, *at, more])
         latest: Row = {"device": device, "boot": keys.boot_id(boot), "time_ns": time_ns, "state": text}
         changes = [Change("bias", latest, "REPLACE")]
@@ -267,6 +272,16 @@ class Store:
         """The last calibration of an earlier boot under the same restore key: device, model, firmware, range, and mostly rate."""
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
+
+    def scales(self, info: DeviceInfo) -> list[Floats]:
+        """(3,) scale factors of its latest earlier boots under the same restore key, as calibrated last in each; oldest first."""
+        this, found = keys.boot_id(info.boot), dict[str, Floats]()
+        for row in self.database.rows("calibrations", _LATEST, (info.device,), _WRITTEN):
+            if row["boot"] in {this, *found} or differing(row, info):
+                continue
+            if (made := self._calibration(row)) is not None:
+                found[row["boot"]] = np.diag(made.matrix)
+        return list(found.values())[::-1]
 
     def latest(self, device: str) -> Calibration | None:
         """The last calibration of a device, whatever it was then."""

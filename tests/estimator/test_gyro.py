@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
 
-from estimator.gyro import COARSE_STEP, GyroModel, PriorKnobs, least_step, mean_var, reading_std, uncalibrated
+from estimator.gyro import (
+    COARSE_STEP,
+    GyroModel,
+    PriorKnobs,
+    least_step,
+    mean_var,
+    reading_std,
+    scale_repeatability,
+    uncalibrated,
+)
 
 
 def test_corrected_is_matrix_times_reading_less_bias() -> None:
@@ -17,6 +26,17 @@ def test_before_anything_is_known_little_is_claimed() -> None:
     model = uncalibrated(PriorKnobs())
     np.testing.assert_array_equal(model.correct(np.ones((1, 3))), np.ones((1, 3)))
     assert (model.scale_std >= 0.15).all()
+
+
+def test_how_far_a_scale_moves_from_boot_to_boot_is_known_by_those_there_were() -> None:
+    knobs, one = PriorKnobs(scale_std=0.15), np.array([0.9, 1.0, 1.1])
+    assert scale_repeatability([], knobs) == scale_repeatability([one], knobs) == 0.15
+    assert scale_repeatability([one, one], knobs) == pytest.approx(0.075)
+    assert scale_repeatability([one] * 200, knobs) == knobs.scale_repeatability
+    assert scale_repeatability([one], PriorKnobs(scale_std=0.01)) == 0.01
+    rng, off = np.random.default_rng(0), 0.1
+    moved = np.exp(off / np.sqrt(2) * rng.normal(size=(400, 3)))
+    assert scale_repeatability(list(moved), knobs) == pytest.approx(off, rel=0.1)
 
 
 def test_the_least_step_of_rounded_readings() -> None:
