@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
 from estimator.block import sample_time_ns
-from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
+from estimator.gyro import AXES, GyroModel, PriorKnobs, Repeatability, uncalibrated
 
 Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
@@ -108,21 +108,21 @@ class Belief:
 
 
 def believed(
-    calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, repeatability: float | None = None
+    calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: Repeatability | None = None
 ) -> Belief:
     """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet.
 
-    repeatability: see gyro.scale_repeatability; where it is not known a scale may move as far as the kind may be off.
+    moves: how far they move from boot to boot; where nothing is known of that, as far as those of its kind may be off at all.
     """
     used = calibration or earlier
     if used is None:
         return Belief(uncalibrated(knobs), np.full(3, knobs.bias_std), Quality.NONE)
-    scale = np.diag(used.matrix)
+    moves, scale = moves or Repeatability(knobs.scale_std, knobs.bias_std), np.diag(used.matrix)
     scale_var = np.diag(used.covariance)[3:6] / scale**2
     if calibration is None:
-        scale_var = scale_var + (knobs.scale_std if repeatability is None else repeatability) ** 2
+        scale_var = scale_var + moves.scale**2
     model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), _cross_std(used, knobs), used.noise_std)
-    bias_std = np.full(3, knobs.bias_repeatability)
+    bias_std = np.full(3, moves.bias)
     return Belief(model, bias_std, Quality.PRIOR if calibration is None else Quality.GOOD, used.id)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import radians, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,23 +96,28 @@ class PriorKnobs:
     misalignment_std: float = 0.01
     #: turn-on bias of a low-cost part, rad/s
     bias_std: float = radians(5.0)
-    #: a scale factor is taken to move at least so far from one boot to the next (relative)
-    scale_repeatability: float = 0.02
-    #: how far the bias moves from one boot to the next, rad/s
-    bias_repeatability: float = radians(3.0)
     noise_std: float = radians(0.15)
 
 
-def scale_repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
-    """How far the scale factor of a device moves from one boot to the next (relative standard deviation), by boots in a row.
+class Repeatability(NamedTuple):
+    """How far a device's scale factors (relative) and its bias (rad/s) move from one boot to the next, standard deviations."""
 
-    scales (n, 3): as each was calibrated; none or one tells nothing, and it may move as far as the kind may be off at all.
-    Source: the mean of a scaled inverse χ² posterior of the variance, all axes alike, one of them being worth what is believed
-    before (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    scale: float
+    bias: float
+
+
+def repeatability(scales: Sequence[Floats], biases: Sequence[Floats], knobs: PriorKnobs) -> Repeatability:
+    """By boots in a row, scales and biases (n, 3) as each was calibrated; none or one tells no more than of what kind it is.
+
+    Source: the mean of a scaled inverse χ² posterior of the variance, all axes alike, what is believed before being worth one
+    of them (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
-    moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
-    var = (knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size)
-    return max(sqrt(var), min(knobs.scale_repeatability, knobs.scale_std))
+
+    def of(values: Floats, std: float) -> float:
+        moved = np.diff(values.reshape(-1, 3), axis=0)
+        return sqrt((std**2 + float(np.square(moved).sum())) / (1 + moved.size))
+
+    return Repeatability(of(np.log(scales), knobs.scale_std), of(np.asarray(biases), knobs.bias_std))
 
 
 @cache

@@ -11,7 +11,7 @@ from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFo
 from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
-from estimator.gyro import reading_std
+from estimator.gyro import Repeatability, reading_std
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.past import Past
@@ -55,7 +55,7 @@ class Learnt:
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
         self.under_way: UnderWay | None = UnderWay(knobs)
-        self._repeatability: float | None = None
+        self._moves: Repeatability | None = None
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
         self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
@@ -99,13 +99,13 @@ class Learnt:
     def believe(self, calibration: Calibration) -> None:
         """Use the scale factors of an earlier boot until this one is calibrated."""
         self.prior = calibration
-        self._belief = believed(None, calibration, self._knobs.prior, self._repeatability)
+        self._belief = believed(None, calibration, self._knobs.prior, self._moves)
         if not self.tracker.sure:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
-    def repeats(self, repeatability: float) -> None:
-        """How far its scale moves from boot to boot (relative), by earlier ones."""
-        self._repeatability = repeatability
+    def moves(self, moves: Repeatability) -> None:
+        """How far its scale and bias move from boot to boot, by earlier ones."""
+        self._moves = moves
         if self.prior is not None:
             self.believe(self.prior)
 

@@ -89,7 +89,7 @@ class Boots:
         return outcome
 
     def _look_up(self, device: Device, info: DeviceInfo) -> None:
-        """What earlier boots teach of temperature, and of the scale."""
+        """What earlier boots teach of temperature, and of how far this one may be from them."""
 
         def use(what: Callable[[], None]) -> None:
             if self._devices.get(device.name) is device and device.session.boot == info.boot:
@@ -97,7 +97,7 @@ class Boots:
 
         session = device.session
         self._record.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
-        self._record.repeatability(session, info, lambda moves: use(lambda: session.repeats(moves)))
+        self._record.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
         device.session.learnt.scratch = why

@@ -16,10 +16,12 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
-from estimator.gyro import scale_repeatability
+from estimator.gyro import Repeatability, repeatability
 from estimator.remembered import Remembered
 from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
@@ -263,10 +265,14 @@ class Record:
         knobs = session.knobs.track.bias
         self._look_up(session, lambda: learn(self._store.points(info), knobs), then)
 
-    def repeatability(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
-        """How far the scale of the same hardware moved from boot to boot, as far as that is known."""
-        knobs = session.knobs.prior
-        self._look_up(session, lambda: scale_repeatability(self._store.scales(info), knobs), then)
+    def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[Repeatability], None]) -> None:
+        """How far scale and bias of the same hardware moved from boot to boot, as far as that is known."""
+
+        def moved() -> Repeatability:
+            made = self._store.earlier(info)
+            return repeatability([np.diag(c.matrix) for c in made], [c.bias for c in made], session.knobs.prior)
+
+        self._look_up(session, moved, then)
 
     def _look_up(self, session: DeviceSession, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
         found = list[_T | None]()

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Calibration, DeviceInfo, Verdict
@@ -25,8 +24,6 @@ from estimator.restore import differing, restore_key
 from estimator.service.retention import ALL_DAYS, DAY_NS, YEAR_NS, old_boots, superfluous
 from estimator.track.bias_filter import OWN, BiasState
 from estimator.track.learning import Points
-
-Floats = NDArray[np.float64]
 
 __all__ = ["BOOTS", "POINTS", "Store", "StoreError"]
 
@@ -273,14 +270,14 @@ class Store:
         this = keys.boot_id(info.boot)
         return self._latest(info.device, lambda row: row["boot"] != this and not differing(row, info))
 
-    def scales(self, info: DeviceInfo) -> list[Floats]:
-        """(3,) scale factors of its latest earlier boots under the same restore key, as calibrated last in each; oldest first."""
-        this, found = keys.boot_id(info.boot), dict[str, Floats]()
+    def earlier(self, info: DeviceInfo) -> list[Calibration]:
+        """The last calibration of each of its latest earlier boots under the same restore key, oldest first."""
+        this, found = keys.boot_id(info.boot), dict[str, Calibration]()
         for row in self.database.rows("calibrations", _LATEST, (info.device,), _WRITTEN):
             if row["boot"] in {this, *found} or differing(row, info):
                 continue
             if (made := self._calibration(row)) is not None:
-                found[row["boot"]] = np.diag(made.matrix)
+                found[row["boot"]] = made
         return list(found.values())[::-1]
 
     def latest(self, device: str) -> Calibration | None:

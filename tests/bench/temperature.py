@@ -21,7 +21,7 @@ from rich.table import Table
 from bridge.sim.day import Day, simulate_day, worn_spec
 from bridge.sim.warmth import ROOM_C
 from bridge.wire.messages import BootCause, DeviceInfo
-from estimator.gyro import GyroModel, PriorKnobs
+from estimator.gyro import GyroModel
 from estimator.service.record import HISTORY_S
 from estimator.service.store import Store
 from estimator.stillness import Stillness
@@ -36,6 +36,7 @@ _FIRST_REST_S, _JUDGED_S = 60.0, 600.0
 _SCALE_STD, _NOISE_STD = 0.002, 2e-3
 _KNOBS = TrackKnobs()
 #: of a law that is true, rad/s/K and rad/s/K²: no better is possible
+_TURN_ON = np.radians(3.0)
 _EXACT = np.diag(np.radians([1e-4, 1e-5]) ** 2)
 WAYS = {"all sensors": (True, np.inf), "no accelerometer": (False, np.inf), "temperature alone": (True, _FIRST_REST_S)}
 WHO = (
@@ -51,7 +52,7 @@ def states(day: Day, law: TemperatureLaw | None, *, accel: bool = True, until_s:
     """The tracked bias about every second; after until_s by its own walk and temperature alone."""
     nothing, scale = np.zeros(3), np.full(3, _SCALE_STD)
     model = GyroModel(np.eye(3), nothing, scale, scale, np.full(3, _NOISE_STD))
-    tracker = Tracker(_KNOBS, 0.0, model, np.full(3, PriorKnobs().bias_repeatability), law)
+    tracker = Tracker(_KNOBS, 0.0, model, np.full(3, _TURN_ON), law)
     stillness, alone = Stillness(), None
     gyro, force = day.gyro.astype(float), day.accel.astype(float) if accel else None
     for windows in stillness.feed(day.time_s, gyro, force).each():

@@ -209,21 +209,24 @@ def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_
     (before,) = ward.store.calibrations(NAME)
     ward.send(second(once)[:6], info(2))
     last = list(ward.subscriber)[-1]
-    wide = ward.service._devices[NAME].session.knobs.prior.bias_repeatability
+    wide = ward.service._devices[NAME].session.knobs.prior.bias_std
     assert (last.boot, last.quality, last.calibration) == (2, Quality.PRIOR, before.id)
     assert np.all(last.bias_std >= 0.99 * wide * np.diag(before.matrix))
 
 
-def test_a_scale_that_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream) -> None:
+def test_what_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
     (made,) = ward.store.calibrations(NAME)
-    stds = []
+    stds, biases = [], []
     for boot in (2, 3, 4):
         ward.send([replace(batch, boot=boot) for batch in second(once)[:6]], info(boot))
-        stds.append(float(ward.service._devices[NAME].session.applied.model.scale_std.max()))
+        applied = ward.service._devices[NAME].session.applied
+        stds.append(applied.model.scale_std.max())
+        biases.append(applied.bias_std.max())
         ward.store.add_calibration(replace(made, id=f"c{boot}", boot=boot))
-    tolerance = ward.service._devices[NAME].session.knobs.prior.scale_std
-    np.testing.assert_allclose(stds, tolerance / np.sqrt([1, 4, 7]), rtol=1e-3)
+    prior = ward.service._devices[NAME].session.knobs.prior
+    np.testing.assert_allclose(stds, prior.scale_std / np.sqrt([1, 4, 7]), rtol=1e-3)
+    np.testing.assert_allclose(biases, prior.bias_std / np.sqrt([1, 4, 7]), rtol=1e-2)
 
 
 def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:

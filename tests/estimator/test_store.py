@@ -190,14 +190,13 @@ def test_the_prior_is_the_latest(store: Store) -> None:
     assert prior.id == "c3"
 
 
-def test_scales_are_those_of_earlier_boots_of_the_same_hardware_in_their_order(store: Store) -> None:
+def test_of_earlier_boots_of_the_same_hardware_the_last_calibrations_come_in_their_order(store: Store) -> None:
     for n, boot in enumerate((1, 2, 2, 3, 4)):
         other = {"firmware": "1.1"} if boot == 3 else {}
-        scale = np.diag([1.0, 1.0, 1.0 + n / 10])
-        store.add_calibration(replace(GOOD, id=f"c{n}", boot=boot, time_ns=100 - n, matrix=scale, **other))  # type: ignore[arg-type]
-    assert [float(scale[2]) for scale in store.scales(info(boot=4))] == [1.0, 1.2]
-    assert [float(scale[2]) for scale in store.scales(info(boot=5))] == [1.0, 1.2, 1.4]
-    assert store.scales(replace(info(boot=5), device="other")) == []
+        store.add_calibration(replace(GOOD, id=f"c{n}", boot=boot, time_ns=100 - n, **other))  # type: ignore[arg-type]
+    assert [c.id for c in store.earlier(info(boot=4))] == ["c0", "c2"]
+    assert [c.id for c in store.earlier(info(boot=5))] == ["c0", "c2", "c4"]
+    assert store.earlier(replace(info(boot=5), device="other")) == []
 
 
 def test_what_was_calibrated_while_the_clock_was_behind_is_not_undone_when_it_is_right_again(store: Store) -> None:
