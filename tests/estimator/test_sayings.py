@@ -196,6 +196,7 @@ no turn of 360° if the gyro is what its maker says: y 440°, z 330°. Turn it o
 no full turn about x, y, z was seen: 4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do
 no full turn about x, y was seen (last movement: went back and forth: 400° of movement gained 10°)
 no full turn about x was seen: the device was never still for 3 s
+the mountings leave the scale of x, z uncertain: mount it with x, z upright too
 gravity carried through 7 movements to 2.10° rms, 5.1 times worse than sensors err: hold it quite still between movements
 calibrated: full matrix (condition number 12): gravity carried through 9 movements to 0.12° rms, 2 that contradicted left out
 no samples for 20 minutes: bridge b hears it no more: is it switched on, plugged in, in reach?
