@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
 from estimator.block import sample_time_ns
-from estimator.gyro import AXES, GyroModel, PriorKnobs, Repeatability, uncalibrated
+from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 
 Floats = NDArray[np.float64]
 Float32s = NDArray[np.float32]
@@ -108,21 +108,22 @@ class Belief:
 
 
 def believed(
-    calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: Repeatability | None = None
+    calibration: Calibration | None, earlier: Calibration | None, knobs: PriorKnobs, moves: float | None = None
 ) -> Belief:
     """The best there is: this boot's calibration, else an earlier boot's scale, else the datasheet.
 
-    moves: how far they move from boot to boot; where nothing is known of that, as far as those of its kind may be off at all.
+    moves: how far its scale does from boot to boot (see gyro.repeatability); where that is not known, as far as those of its kind
+    may be off at all. Its bias may.
     """
     used = calibration or earlier
     if used is None:
         return Belief(uncalibrated(knobs), np.full(3, knobs.bias_std), Quality.NONE)
-    moves, scale = moves or Repeatability(knobs.scale_std, knobs.bias_std), np.diag(used.matrix)
+    scale = np.diag(used.matrix)
     scale_var = np.diag(used.covariance)[3:6] / scale**2
     if calibration is None:
-        scale_var = scale_var + moves.scale**2
+        scale_var = scale_var + (knobs.scale_std if moves is None else moves) ** 2
     model = GyroModel(used.matrix, used.bias, np.sqrt(scale_var), _cross_std(used, knobs), used.noise_std)
-    bias_std = np.full(3, moves.bias)
+    bias_std = np.full(3, knobs.bias_std)
     return Belief(model, bias_std, Quality.PRIOR if calibration is None else Quality.GOOD, used.id)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import radians, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,25 +98,15 @@ class PriorKnobs:
     noise_std: float = radians(0.15)
 
 
-class Repeatability(NamedTuple):
-    """How far a device's scale factors (relative) and its bias (rad/s) move from one boot to the next, standard deviations."""
+def repeatability(scales: Sequence[Floats], knobs: PriorKnobs) -> float:
+    """How far the scale factors of a device move from one boot to the next (relative standard deviation), by boots in a row.
 
-    scale: float
-    bias: float
-
-
-def repeatability(scales: Sequence[Floats], biases: Sequence[Floats], knobs: PriorKnobs) -> Repeatability:
-    """By boots in a row, scales and biases (n, 3) as each was calibrated; none or one tells no more than of what kind it is.
-
-    Source: the mean of a scaled inverse χ² posterior of the variance, all axes alike, what is believed before being worth one
-    of them (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
+    scales (n, 3): as each was calibrated; none or one tells no more than of what kind it is.
+    Source: the scale of a scaled inverse χ² posterior of the variance, all axes alike, what is believed before being worth one of
+    them (A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), 2.6).
     """
-
-    def of(values: Floats, std: float) -> float:
-        moved = np.diff(values.reshape(-1, 3), axis=0)
-        return sqrt((std**2 + float(np.square(moved).sum())) / (1 + moved.size))
-
-    return Repeatability(of(np.log(scales), knobs.scale_std), of(np.asarray(biases), knobs.bias_std))
+    moved = np.diff(np.log(np.reshape(scales, (-1, 3))), axis=0)
+    return sqrt((knobs.scale_std**2 + float(np.square(moved).sum())) / (1 + moved.size))
 
 
 @cache

@@ -11,7 +11,7 @@ from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFo
 from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
 from estimator.course import Course
-from estimator.gyro import Repeatability, reading_std
+from estimator.gyro import reading_std
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.past import Past
@@ -55,7 +55,7 @@ class Learnt:
         #: why nothing known of earlier holds, said until it is calibrated
         self.scratch = ""
         self.under_way: UnderWay | None = UnderWay(knobs)
-        self._moves: Repeatability | None = None
+        self._moves: float | None = None
         self._silent_until = float("-inf")  # device time of the first sample after the latest silence
         self._silent_c: float | None = None  # and how warm it was then
         #: device time of the last window that was judged
@@ -73,7 +73,7 @@ class Learnt:
 
     def restore(self, remembered: Remembered, calibration: Calibration, temperature_c: float | None) -> None:
         """Go on with a calibration of this very boot, and with what is remembered of its bias since."""
-        self.calibration, self.under_way = calibration, None
+        self.calibration, self.prior, self.under_way = calibration, None, None
         self._belief = believed(calibration, None, self._knobs.prior)
         knobs = self._knobs.track
         kept = remembered.bias_at(self.now, knobs.bias_std)
@@ -103,11 +103,14 @@ class Learnt:
         if not self.tracker.sure:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
-    def moves(self, moves: Repeatability) -> None:
-        """How far its scale and bias move from boot to boot, by earlier ones."""
+    def moves(self, moves: float) -> bool:
+        """How far its scale moves from boot to boot, by earlier ones; whether that tells anything of this one."""
         self._moves = moves
-        if self.prior is not None:
-            self.believe(self.prior)
+        if self.prior is None:
+            return False
+        self._belief = believed(None, self.prior, self._knobs.prior, moves)
+        self.tracker.rescaled(self._belief.model.scale_std)
+        return True
 
     def expect(self, law: TemperatureLaw) -> None:
         """Use what earlier boots taught of temperature, where it was not known when this one began."""

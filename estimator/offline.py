@@ -54,10 +54,10 @@ def calibrate(
     """The first accepted calibration in a recording, else the last that was tried; and why movements were passed over.
 
     A method by movements takes all of the recording at once. gyro_range in rad/s, 0 when unknown: readings at 99 % of it
-    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them, and nothing else. knobs: by
-    default as a ward treats a device of an unknown kind; which method they say does not count.
+    count as clipped. rates: a machine's known rates in rad/s, for the methods that need them, and nothing else. knobs: what is
+    known of its kind, by default nothing; which method they say does not count.
     """
-    knobs = knobs or knobs_of(load_model(GENERIC))
+    knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []

@@ -29,7 +29,7 @@ class Remembered:
     turned: tuple[int, ...] = ()
 
     def under(self, calibration: Calibration) -> "Remembered":
-        """The same where it is this one that holds: what was doubted without it tells nothing."""
+        """The same where it is this one that holds: a bias that was doubted without it is to be told by a rest."""
         bias = None if self.doubted else self.bias
         return replace(self, calibration=calibration, bias=bias, doubted=False, turned=())
 

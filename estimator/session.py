@@ -20,7 +20,7 @@ from estimator.block import BLOCK_S, SHORT_S, TIME, Part, Stretch, joined, rows_
 from estimator.correction import Correction, Cut
 from estimator.course import Course, Point
 from estimator.finite import runs
-from estimator.gyro import AXES, Repeatability
+from estimator.gyro import AXES
 from estimator.learnt import Learnt
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
@@ -139,10 +139,10 @@ class DeviceSession:
             self.learnt.believe(calibration)
             self._apply()
 
-    def moves(self, moves: Repeatability) -> None:
-        """How far its scale and bias move from boot to boot, by earlier ones."""
-        self.learnt.moves(moves)
-        self._apply()
+    def moves(self, moves: float) -> None:
+        """How far its scale moves from boot to boot (relative), by earlier ones."""
+        if self.learnt.moves(moves):
+            self._apply()
 
     def adopt(self, remembered: Remembered, calibration: Calibration) -> None:
         """What was known with a calibration of this very boot, by who had the device meanwhile; it ends one that is under way."""

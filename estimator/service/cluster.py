@@ -7,6 +7,7 @@ under a higher epoch: so nothing stops while a device moves, and of two that hav
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import isnan, nan
 from typing import NamedTuple
 
 from bridge.wire.messages import Holding, Owned
@@ -44,6 +45,8 @@ class ClusterKnobs:
     retry_s: float = 3.0
     retry_most_s: float = 48.0
     calm_s: float = 120.0
+    #: where who took it has ended it is taken at once, unless it has come to that so often: a line that breaks looks the same
+    at_once_s: float = 12.0
     #: but after so long where who has it does nothing with what comes of it here: its line carries what it says, and it hears
     #: nothing of the device. Then it is the next one's if that has it who should. Sooner than what came meanwhile is kept no more
     stands_s: float = 6.0
@@ -51,18 +54,26 @@ class ClusterKnobs:
     busy_s: float = 600.0
 
 
+class Taker(NamedTuple):
+    """An estimator that took something from us, and since when it is there; NaN where we know no such one."""
+
+    name: str
+    since_s: float
+
+
 class _Lost(NamedTuple):
-    """A device that was taken from us: when, not taken back before, and by whom, "" where we know no such estimator."""
+    """A device that was taken from us: when, not taken back before, and by whom."""
 
     at_s: float
     until_s: float
-    to: str
+    taker: Taker
 
 
 @dataclass(slots=True)
 class _Peer:
     heard_s: float
     since_s: float
+    born_s: float
     said_s: float = float("-inf")
     alive: bool = True
     pause_s: float = 0.0
@@ -82,7 +93,7 @@ class Cluster:
         #: the highest epoch that was heard of, or used
         self.highest = 0
         self._turn = 0
-        self._peers = {name: _Peer(now, now) for name in peers if name != own}
+        self._peers = {name: _Peer(now, now, now) for name in peers if name != own}
         self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
         self._settled_by_s = now + self.knobs.most_s
         self._slept_s = float("-inf")
@@ -115,9 +126,9 @@ class Cluster:
             return
         if alive and name not in self._peers and len(self._peers) >= MAX_PEERS:
             return
-        peer = self._peers.setdefault(name, _Peer(now, now))
+        peer = self._peers.setdefault(name, _Peer(now, now, now))
         if alive and not peer.alive:
-            peer.since_s = now
+            peer.since_s = peer.born_s = now
         peer.alive, peer.heard_s = alive, now
 
     def unreachable(self, now: float) -> None:
@@ -196,16 +207,17 @@ class Cluster:
         if not self.settled(now) and not self._nobodys(device):
             return False
         lost = self._lost.get(device)
-        if lost is not None and self._is_left(lost, waits_s, now):
+        if lost is not None and self._is_left(device, lost, waits_s, now):
             return False
         self._lost.pop(device, None)
         return not self._busy(device, now)
 
-    def _is_left(self, lost: _Lost, waits_s: float, now: float) -> bool:
+    def _is_left(self, device: str, lost: _Lost, waits_s: float, now: float) -> bool:
         """Whether what was taken from us stays with who took it: not where that one has ended, or does nothing with it."""
-        if now >= lost.until_s or (lost.to and lost.to not in self._peers):
+        if now >= lost.until_s or min(waits_s, now - lost.at_s) >= self.knobs.stands_s:
             return False
-        return min(waits_s, now - lost.at_s) < self.knobs.stands_s
+        ended = not isnan(lost.taker.since_s) and self.taker(lost.taker.name) != lost.taker
+        return not (ended and self._retry_s <= self.knobs.at_once_s and not self._claimed(device))
 
     def _nobodys(self, device: str) -> bool:
         """Whether all others have told what they have since we came to know too little of that, and it is not among it.
@@ -248,11 +260,16 @@ class Cluster:
         self._spared.pop(device, None)
         return self._turn
 
-    def lose(self, device: str, to: str, now: float) -> None:
+    def taker(self, name: str) -> Taker:
+        """Who takes what is ours now under this name."""
+        peer = self._peers.get(name)
+        return Taker(name, nan if peer is None else peer.born_s)
+
+    def lose(self, device: str, taker: Taker, now: float) -> None:
         """Another has it."""
         self.held.pop(device, None)
         if self._owner(device, self.members) == self.own:
-            self._lost[device] = _Lost(now, now + self._wait_s(now), to if to in self._peers else "")
+            self._lost[device] = _Lost(now, now + self._wait_s(now), taker)
 
     def _wait_s(self, now: float) -> float:
         since_s = now - self._robbed_s

@@ -11,7 +11,7 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
 from estimator.door import Door
-from estimator.service.cluster import Cluster
+from estimator.service.cluster import Cluster, Taker
 from estimator.service.device import Device
 from estimator.service.interim import Taken
 from estimator.service.replicas import Replicas, checkpoint_of
@@ -126,7 +126,7 @@ class Peers:
             self._next_look = now
         while self._tokens:
             self._changed(*self._tokens.popleft(), now)
-        lost: dict[str, str] = {}  # to whom
+        lost: dict[str, Taker] = {}
         for message in said:
             owned = self._owned.take(message)
             if owned is not None:
@@ -143,8 +143,8 @@ class Peers:
             if not all(bus.connected for bus in self._buses):
                 cluster.unreachable(now)
         self._notice(*cluster.look(now), now)
-        for device, to in lost.items():
-            cluster.lose(device, to, now)
+        for device, taker in lost.items():
+            cluster.lose(device, taker, now)
             self._taken.pop(device, None)
             self._ours.move(device, self._standby, now)
         return list(lost)
@@ -166,9 +166,9 @@ class Peers:
             self.cluster.held_up(late_s, now)
         self._deaf_s = 0.0 if heard else self._deaf_s + late_s
 
-    def _hear(self, owned: Owned, lost: dict[str, str], now: float) -> None:
+    def _hear(self, owned: Owned, lost: dict[str, Taker], now: float) -> None:
         fresh = [device for device in self.cluster.said(owned, now) if device not in lost]
-        lost |= dict.fromkeys(fresh, owned.estimator)
+        lost |= dict.fromkeys(fresh, self.cluster.taker(owned.estimator))
         self._left[owned.estimator] += len(fresh)
         for h in owned.holdings:
             if h.device not in self.cluster.held:

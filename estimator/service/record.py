@@ -21,7 +21,7 @@ import numpy as np
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
-from estimator.gyro import Repeatability, repeatability
+from estimator.gyro import repeatability
 from estimator.remembered import Remembered
 from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
@@ -160,7 +160,9 @@ class Record:
         if ours is None or ours.calibration is None:
             return said
         # Whoever had the device after us has not heard of our calibration.
-        return replace(ours, asked=said.asked) if said.doubted else said.under(ours.calibration)
+        if said.bias is None and not said.doubted:
+            return replace(ours, asked=said.asked or ours.asked)
+        return said.under(ours.calibration)
 
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
         """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, beside what is unsaved.
@@ -265,12 +267,11 @@ class Record:
         knobs = session.knobs.track.bias
         self._look_up(session, lambda: learn(self._store.points(info), knobs), then)
 
-    def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[Repeatability], None]) -> None:
-        """How far scale and bias of the same hardware moved from boot to boot, as far as that is known."""
+    def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
+        """How far the scale of the same hardware moved from boot to boot, as far as that is known here."""
 
-        def moved() -> Repeatability:
-            made = self._store.earlier(info)
-            return repeatability([np.diag(c.matrix) for c in made], [c.bias for c in made], session.knobs.prior)
+        def moved() -> float:
+            return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
 
         self._look_up(session, moved, then)
 

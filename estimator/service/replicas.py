@@ -68,11 +68,25 @@ def remembered_of(known: Checkpoint, now_ns: int) -> Remembered | None:
 
 
 def _joined(later: Checkpoint, calibrated: Checkpoint) -> Checkpoint:
-    """What is known by a later turn, and by who calibrated it meanwhile: what was doubted without that tells nothing."""
-    if not later.doubted:
-        return replace(later, calibration=calibrated.calibration)
-    asked_by, asked_why = later.asked_by, later.asked_why
-    return replace(calibrated, epoch=later.epoch, bridge=later.bridge, asked_by=asked_by, asked_why=asked_why)
+    """What is known by a later turn, and by who calibrated it meanwhile.
+
+    A bias that was doubted without that is the calibration's, until a rest tells; where none was known it is the other's.
+    """
+    both = replace(later, calibration=calibrated.calibration, doubted=False, turned=())
+    if later.doubted:
+        return replace(both, x=_NONE, covariance=_NONE.reshape(0, 0))
+    if len(later.x):
+        return both
+    return replace(
+        both,
+        x=calibrated.x,
+        covariance=calibrated.covariance,
+        device_time_s=calibrated.device_time_s,
+        temperature_c=calibrated.temperature_c,
+        powered_s=calibrated.powered_s,
+        lag_k=calibrated.lag_k,
+        doubted=calibrated.doubted,
+    )
 
 
 def _calibrated(checkpoint: Checkpoint) -> bool:

@@ -179,6 +179,12 @@ class Tracker:
         """Begin anew from what is believed of the gyro at a time before anything of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
 
+    def rescaled(self, scale_std: Floats) -> None:
+        """The scale is known otherwise than was said, (3,) relative; the bias is what it was."""
+        self._model = replace(self._model, scale_std=scale_std)
+        if len(self._filter.x) > OWN:
+            self._filter.extend(self._gravity.extend(self._filter.state, scale_std, self._model.cross_std))
+
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""
         before = self._filter.state

@@ -13,6 +13,7 @@ KNOBS = ClusterKnobs(
     fresh_s=0.0,
     retry_s=3.0,
     retry_most_s=12.0,
+    at_once_s=6.0,
     calm_s=30.0,
     busy_s=20.0,
 )
@@ -61,7 +62,7 @@ class World:
         for other in self.all.values():
             if other is not one and frozenset((name, other.own)) not in self.cut:
                 for device in other.said(said, self.now):
-                    other.lose(device, name, self.now)
+                    other.lose(device, other.taker(name), self.now)
 
     def part(self, one: str, other: str, *, cut: bool) -> None:
         (self.cut.add if cut else self.cut.discard)(frozenset((one, other)))
@@ -188,6 +189,60 @@ def test_what_was_taken_by_one_that_is_ended_then_is_taken_back_at_once() -> Non
     world.kill("e1")
     world.run(0.1)
     assert set(world.all["e2"].held) == set(DEVICES)
+
+
+def taken_from_the_second() -> tuple[Cluster, float]:
+    """One of two that has lost all of its devices to the other."""
+    world = World("e1", "e2")
+    world.run(1.5)
+    world.run(2.8, still="e2")
+    world.run(0.2)
+    assert world.all["e2"].held == {}
+    return world.all["e2"], world.now
+
+
+def test_who_took_and_is_started_anew_under_its_name_has_ended() -> None:
+    two, now = taken_from_the_second()
+    device = next(d for d in DEVICES if owner(d, ("e1", "e2")) == "e2")
+    two.change("e1", now, alive=False)
+    two.change("e1", now + 0.1, alive=True)
+    two.said(Owned("e1", 0, two.highest, 0.0, ()), now + 0.2)
+    two.look(now + 0.2)
+    assert two.wants(device, now + 0.2)
+
+
+def test_who_took_and_ended_before_that_was_looked_at_has_ended() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    two, device = world.all["e2"], next(iter(world.all["e2"].held))
+    taker = two.taker("e1")
+    two.change("e1", world.now, alive=False)
+    two.look(world.now)
+    two.lose(device, taker, world.now)
+    assert two.wants(device, world.now + 0.1)
+
+
+def test_what_another_has_taken_from_who_took_it_is_not_taken_back_at_once() -> None:
+    two, now = taken_from_the_second()
+    device = next(d for d in DEVICES if owner(d, ("e1", "e2", "e3")) == "e2")
+    two.change("e3", now, alive=True)
+    two.said(Owned("e3", 0, two.highest + 9, 0.0, (Holding(device, two.highest + 9, 0, 0),)), now)
+    two.change("e1", now, alive=False)
+    two.look(now)
+    assert not two.wants(device, now + 0.1)
+
+
+def test_over_a_line_that_breaks_again_and_again_devices_are_not_taken_back_at_once_each_time() -> None:
+    world = World("e1", "e2")
+    world.run(1.5)
+    moves, before = 0, world.most()
+    for _ in range(20):
+        for cut in (True, False):
+            world.part("e1", "e2", cut=cut)
+            world.run(1.0 if cut else 2.0)
+            moves += sum(before[d] != who for d, who in world.most().items())
+            before = world.most()
+    assert moves <= 12 * len(DEVICES), "each time is 20"
 
 
 def test_over_a_bad_line_devices_go_to_and_fro_ever_more_seldom_until_it_was_calm() -> None:

@@ -7,7 +7,7 @@ from bridge.wire.messages import Calibration, Quality, Verdict
 from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.result import PARAMETERS
 from estimator.correction import Correction, Floats, believed, choose
-from estimator.gyro import PriorKnobs, Repeatability
+from estimator.gyro import PriorKnobs
 from tests.estimator.stream import stream
 
 KNOBS = PriorKnobs()
@@ -40,7 +40,7 @@ def chosen(
     earlier: Calibration | None = None,
     bias: Floats | None = BIAS,
     noise_std: Floats | None = None,
-    moves: Repeatability | None = None,
+    moves: float | None = None,
 ) -> Correction:
     """With a bias that was tracked to 1e-4 rad/s, or with what is believed of it before."""
     belief = believed(calibration, earlier, KNOBS, moves)
@@ -78,16 +78,16 @@ def test_a_rest_gives_the_bias_and_nothing_of_the_scale() -> None:
     np.testing.assert_array_equal(best.model.scale_std, np.full(3, KNOBS.scale_std))
 
 
-@pytest.mark.parametrize("moves", [None, Repeatability(0.03, 0.01)])
-def test_an_earlier_boot_gives_scale_and_bias_as_far_as_they_hold_from_boot_to_boot(
-    moves: Repeatability | None,
-) -> None:
+@pytest.mark.parametrize("moves", [None, 0.03])
+def test_an_earlier_boot_gives_the_scale_as_far_as_it_holds_from_boot_to_boot(moves: float | None) -> None:
     best = chosen(None, CALIBRATION, bias=None, moves=moves)
     assert (best.quality, best.calibration) == (Quality.PRIOR, "c1")
     np.testing.assert_array_equal(best.model.matrix, CALIBRATION.matrix)
-    scale, bias = moves or (KNOBS.scale_std, KNOBS.bias_std)
-    np.testing.assert_array_equal(best.bias_std, np.full(3, bias))
-    np.testing.assert_allclose(best.model.scale_std, np.hypot(scale, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1]))
+    np.testing.assert_array_equal(best.bias_std, np.full(3, KNOBS.bias_std))
+    scale_std = moves or KNOBS.scale_std
+    np.testing.assert_allclose(
+        best.model.scale_std, np.hypot(scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
+    )
     with_rest = chosen(None, CALIBRATION)
     assert with_rest.quality is Quality.BIAS_ONLY
     np.testing.assert_array_equal(with_rest.model.matrix, CALIBRATION.matrix)

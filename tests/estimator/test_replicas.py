@@ -110,11 +110,23 @@ def test_a_calibration_said_late_ends_a_doubt_of_who_had_not_heard_of_it() -> No
     replicas.note(replace(said, epoch=8, bridge="b8"))
     remembered = replicas.recall(NAME, 1, NOW_NS)
     assert remembered is not None
-    assert remembered.bias is not None
-    np.testing.assert_array_equal(remembered.bias.x, said.x)
-    assert (remembered.doubted, remembered.calibration) == (False, said.calibration)
+    assert (remembered.doubted, remembered.calibration, remembered.bias) == (False, said.calibration, None)
     assert remembered.asked == ("nurse", "")
     assert replicas.bridge(NAME) == "b9"
+
+
+def test_a_calibration_said_late_comes_with_its_bias_where_none_was_known() -> None:
+    device, _ = calibrated()
+    said = checkpoint_of(device, NOW_NS)
+    assert said is not None
+    replicas, nothing = Replicas(10), np.zeros(0)
+    replicas.note(replace(said, epoch=9, calibration=None, x=nothing, covariance=nothing.reshape(0, 0)))
+    replicas.note(replace(said, epoch=8))
+    remembered = replicas.recall(NAME, 1, NOW_NS)
+    assert remembered is not None
+    assert remembered.bias is not None
+    np.testing.assert_array_equal(remembered.bias.x, said.x)
+    assert remembered.bias.time == said.device_time_s
 
 
 def test_a_calibration_of_another_boot_is_a_prior_under_its_key_and_no_more() -> None:

@@ -11,6 +11,7 @@ from bridge.sim.motion import Still
 from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import history
 from estimator.database import StoreError
+from estimator.remembered import Remembered
 from estimator.restore import changed
 from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
@@ -217,16 +218,36 @@ def test_after_a_reboot_the_scale_is_a_prior_and_the_bias_as_wide_as_from_power_
 def test_what_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
     (made,) = ward.store.calibrations(NAME)
-    stds, biases = [], []
+    stds = []
     for boot in (2, 3, 4):
         ward.send([replace(batch, boot=boot) for batch in second(once)[:6]], info(boot))
-        applied = ward.service._devices[NAME].session.applied
-        stds.append(applied.model.scale_std.max())
-        biases.append(applied.bias_std.max())
+        session = ward.service._devices[NAME].session
+        stds.append(session.applied.model.scale_std.max())
+        assert session.tracker._model.scale_std.max() == stds[-1], "by whom gravity is judged"
         ward.store.add_calibration(replace(made, id=f"c{boot}", boot=boot))
     prior = ward.service._devices[NAME].session.knobs.prior
     np.testing.assert_allclose(stds, prior.scale_std / np.sqrt([1, 4, 7]), rtol=1e-3)
-    np.testing.assert_allclose(biases, prior.bias_std / np.sqrt([1, 4, 7]), rtol=1e-2)
+
+
+def test_what_is_known_of_earlier_boots_only_after_a_calibration_or_a_rest_changes_neither(once: Stream) -> None:
+    """It is looked up while samples go on, or again as the device is told another rate."""
+    batches, device = once.batches(), DeviceSession(NAME)
+    feed(device, batches)
+    made = device.calibration
+    assert made is not None
+    adopted = DeviceSession(NAME)
+    feed(adopted, batches[: once.at(6.0) // 10], Remembered(replace(made, boot=7), None))
+    assert adopted.applied.quality is Quality.BIAS_ONLY
+    before = adopted.tracker.state
+    adopted.moves(0.01)
+    np.testing.assert_array_equal(adopted.tracker.bias, before.bias)
+    np.testing.assert_array_equal(adopted.tracker.state.bias_cov, before.bias_cov)
+    assert adopted.applied.model.scale_std.max() < 0.02
+    adopted.adopt(Remembered(made, device.checkpoint()), made)
+    applied = adopted.applied
+    assert (applied.quality, applied.calibration) == (Quality.GOOD, made.id)
+    adopted.moves(0.5)
+    assert adopted.applied.same(applied)
 
 
 def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:

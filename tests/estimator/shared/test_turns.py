@@ -145,13 +145,22 @@ def test_who_calibrated_it_goes_by_no_doubt_of_who_had_it_since_and_had_not_hear
     both.pass_(6.0)
     said = checkpoint_of(device, both.now_ns)
     assert said is not None
-    record._replicas.note(replace(said, epoch=said.epoch + 5, calibration=None, doubted=True, x=said.x + 0.1))
-    found = record.recall(device, said.boot)
-    assert found is not None
-    assert found.bias is not None
-    np.testing.assert_array_equal(found.bias.x, said.x)
-    assert not found.doubted
-    assert [found.calibration.id if found.calibration else ""] == [c.id for c in both.stores[SECOND].calibrations(NAME)]
+    (made,) = both.stores[SECOND].calibrations(NAME)
+    none = replace(said, calibration=None)
+    for epoch, later in (
+        (5, replace(none, doubted=True, x=said.x + 0.1)),
+        (6, replace(none, x=np.zeros(0), covariance=np.zeros((0, 0)))),
+    ):
+        record._replicas.note(replace(later, epoch=said.epoch + epoch))
+        found = record.recall(device, said.boot)
+        assert found is not None
+        assert found.calibration is not None
+        assert (found.doubted, found.calibration.id) == (False, made.id)
+        if later.doubted:
+            assert found.bias is None, "a rest has to tell"
+        else:
+            assert found.bias is not None
+            np.testing.assert_array_equal(found.bias.x, said.x)
 
 
 def test_a_calibration_that_is_taken_over_while_the_disk_is_full_is_kept_later(
