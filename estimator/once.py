@@ -19,6 +19,9 @@ from estimator.revision import SAME_TIME_NS
 
 #: how long a hole is waited for: some batches, so that two publishers may overtake each other
 WAIT_S = 0.1
+#: and at least where another estimator goes on behind a hole that no device's or bridge's is: who had the device before may be
+#: heard of late, as a line between routers is mended; publishers say their last number every two seconds
+HANDED_OVER_S = 3.0
 #: a bridge that stood still, or had just begun, may have taken samples for later than they were by as much as its caches reach
 MISTAKEN_NS = 30_000_000_000
 #: so many times what is held of a boot is set aside
@@ -134,22 +137,32 @@ class Once:
 
     def due(self) -> float | None:
         """When something held will have been waited for long enough; None when nothing is held."""
-        held = [boot.oldest + self.knobs.wait_s for boot in self._waiting.values()]
+        held = [boot.oldest + self._wait_s(boot) for boot in self._waiting.values()]
         aside = [boot.aside_s + self.knobs.forget_s for boot in self._aside.values()]
         return min((*held, *aside), default=None)
 
     def overdue(self, now: float) -> None:
         """Give what has been held for wait_s, and give up the holes before it."""
-        wait_s = self.knobs.wait_s
         for which, boot in [one for one in self._aside.items() if one[1].aside_s + self.knobs.forget_s <= now]:
             self._fill(boot)
             self._in_turn(boot)
             self._settle(which, boot)
-        for which, boot in [one for one in self._waiting.items() if one[1].oldest + wait_s <= now]:
+        waited = [(*one, self._wait_s(one[1])) for one in self._waiting.items()]
+        for which, boot, wait_s in [one for one in waited if one[1].oldest + one[2] <= now]:
             last = max(batch.sequence for batch, came in boot.held if came + wait_s <= now)
             while boot.held and boot.held[0][0].sequence <= last:
                 self._give_up_first(which, boot)
             self._settle(which, boot)
+
+    def _wait_s(self, boot: _Boot) -> float:
+        """How long what is held of a boot waits for what is missing before it."""
+        first, came_to = boot.held[0][0], boot.came_to
+        if came_to is None or first.sequence <= came_to or first.epoch <= boot.epoch:
+            return self.knobs.wait_s
+        told = first.flags[0] & SampleFlag.AFTER_GAP
+        if told or any(start <= came_to < end for start, end in map(_span, boot.aside)):
+            return self.knobs.wait_s
+        return max(self.knobs.wait_s, HANDED_OVER_S)
 
     def rest(self) -> None:
         """Give all that is held or was set aside: nothing more is to come."""

@@ -4,7 +4,9 @@ import random
 from dataclasses import replace
 from itertools import pairwise
 
-from bridge.wire.messages import CorrectedBatch
+import numpy as np
+
+from bridge.wire.messages import CorrectedBatch, SampleFlag
 from estimator.fence import FORGET_S, Fence, Turns
 from estimator.once import Once, OnceKnobs
 from tests.estimator.test_revision import batch
@@ -160,6 +162,39 @@ def test_what_only_a_former_estimator_says_is_given_in_the_end() -> None:
     assert _given(once) == [(0, 10, 1), (10, 30, 2), (30, 60, 1), (60, 70, 3)]
     assert once.left_out.as_dict() == {"outdated": 20}
     assert once.missing == {}
+
+
+def test_who_had_it_beyond_a_cut_is_waited_for_by_who_would_wait_for_nobody_else() -> None:
+    """The cut is mended as a third takes the device: its lines are there at once, what the second said in two seconds."""
+    once = Once()
+    once.feed(batch(0, 30, epoch=1), 0.0)
+    once.feed(batch(60, 10, epoch=3), 6.0)
+    once.overdue(8.0)
+    assert _given(once) == [(0, 30, 1)]
+    once.feed(batch(28, 20, epoch=2), 8.1)
+    once.feed(batch(48, 20, epoch=2), 8.1)
+    assert _given(once) == [(0, 30, 1), (30, 60, 2), (60, 70, 3)]
+    assert not any(boot.held for boots in once._devices.values() for boot in boots.values())
+    assert once.missing == {}
+
+
+def test_what_nobody_else_can_have_is_not_waited_for_so_long() -> None:
+    """A hole within a turn, and one that the device's or the bridge's is."""
+    for lost in (batch(60, 10, epoch=1), batch(60, 10, epoch=3, flags=np.full(10, SampleFlag.AFTER_GAP, np.uint32))):
+        once = Once()
+        once.feed(batch(0, 30, epoch=1), 0.0)
+        once.feed(lost, 6.0)
+        once.overdue(6.1)
+        assert once.missing["d"].samples == 30
+
+
+def test_a_former_owner_that_has_nothing_to_say_is_given_up() -> None:
+    once = Once()
+    once.feed(batch(0, 30, epoch=1), 0.0)
+    once.feed(batch(60, 10, epoch=3), 6.0)
+    assert once.due() == 9.0
+    once.overdue(9.0)
+    assert once.missing["d"].samples == 30
 
 
 def test_where_who_took_it_never_comes_back_nothing_is_lost_either() -> None:

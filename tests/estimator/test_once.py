@@ -74,10 +74,10 @@ def test_what_made_way_for_a_later_turn_is_waited_for_no_more() -> None:
     once.feed(batch(9, 3, epoch=1), 1.0)
     once.feed(batch(15, 3, epoch=1), 1.5)
     once.feed(batch(9, 3, epoch=2), 1.9)  # the same again, by who has the device now
-    assert once.due() == 2.5
+    assert once.due() == 4.5
     once.overdue(2.0)
     assert said(once) == [("d", 0, 4)]
-    once.overdue(2.5)
+    once.overdue(4.5)
     assert said(once) == [("-", 5, 8), ("d", 9, 11), ("-", 12, 14), ("d", 15, 17)]
 
 
