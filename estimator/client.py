@@ -93,7 +93,8 @@ class Client:
         """Corrected batches: each sample exactly once and in order; with history the last seconds come first.
 
         Iterating ends after idle_s seconds without a batch, or when it is closed. A hole is waited for wait_s seconds (3 s at
-        least where another estimator goes on behind it), then given up, counted in `missing` and told to on_miss. Of more than `queue` unread messages the oldest are dropped.
+        least where another estimator goes on behind it), then given up, counted in `missing` and told to on_miss. Of more than
+        `queue` unread messages the oldest are dropped.
         """
         subscription = self._subscribe("corrected", device, history=history, queue=queue)
         return Corrected(
