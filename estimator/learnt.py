@@ -100,7 +100,9 @@ class Learnt:
         """Use the scale factors of an earlier boot until this one is calibrated."""
         self.prior = calibration
         self._belief = believed(None, calibration, self._knobs.prior, self._moves)
-        if not self.tracker.sure:
+        if self.tracker.sure:
+            self.tracker.rescaled(self._belief.model)
+        else:
             self.tracker.supposed(self._belief.model, self._belief.bias_std, self.now)
 
     def moves(self, moves: float) -> bool:
@@ -109,7 +111,7 @@ class Learnt:
         if self.prior is None:
             return False
         self._belief = believed(None, self.prior, self._knobs.prior, moves)
-        self.tracker.rescaled(self._belief.model.scale_std)
+        self.tracker.rescaled(self._belief.model)
         return True
 
     def expect(self, law: TemperatureLaw) -> None:

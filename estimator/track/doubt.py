@@ -55,10 +55,15 @@ class Doubt:
         """What follows is not seen: rests in a row end here."""
         self._contradictions = dict.fromkeys(_PARTS, 0)
 
-    def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt]) -> None:
-        """Note receipts of rests; surprises: what the filter was told to expect before it took any of them."""
+    def take(self, receipts: Sequence[Receipt], surprises: Sequence[Receipt], *, rested: bool = True) -> None:
+        """Note receipts of rests; surprises: what the filter was told to expect before it took any of them.
+
+        rested: whether there was a rest that is one since a restart: the first quiet second after it may well be a breath, and
+        would be enough by itself to doubt everything.
+        """
         for receipt in (*surprises, *receipts):
-            self.consistency.take(receipt)
+            if rested or not receipt.kind.startswith("zaru"):
+                self.consistency.take(receipt)
         for receipt in receipts:
             self.last_receipt = receipt
             if receipt.reason in {INSISTED, JUMPED}:

@@ -19,6 +19,8 @@ class ThermometerKnobs:
     leap_s: float = 10.0
     #: readings are averaged over about so long, s, which low-cost parts need (0.05 K) and in which warmth moves little
     average_s: float = 10.0
+    #: what was read longer ago tells nothing of now, s
+    stale_s: float = 60.0
 
 
 class Thermometer:
@@ -81,7 +83,9 @@ class Thermometer:
             self.go_on(time, celsius - lag)
 
     def at(self, time: float) -> float:
-        """As it was at a time."""
+        """As it was at a time; NaN where it has not been told for long."""
+        if self._read and time - self._read[-1][0] > self.knobs.stale_s:
+            return float("nan")
         later, warmer = float("inf"), float("nan")
         for then, celsius in reversed(self._read):  # it is asked for what was a moment ago
             if then <= time:

@@ -179,11 +179,11 @@ class Tracker:
         """Begin anew from what is believed of the gyro at a time before anything of this boot is known."""
         self._believe(model, start(model.bias, np.diag(bias_std**2), time, self.knobs.bias, powered=self._began))
 
-    def rescaled(self, scale_std: Floats) -> None:
-        """The scale is known otherwise than was said, (3,) relative; the bias is what it was."""
-        self._model = replace(self._model, scale_std=scale_std)
+    def rescaled(self, model: GyroModel) -> None:
+        """The matrix is another one than was said, or known otherwise; the bias is what it was."""
+        self._model = model
         if len(self._filter.x) > OWN:
-            self._filter.extend(self._gravity.extend(self._filter.state, scale_std, self._model.cross_std))
+            self._filter.extend(self._gravity.extend(self._filter.state, model.scale_std, model.cross_std))
 
     def calibrated(self, model: GyroModel, cov: Floats, time: float, rest: RestBias) -> None:
         """Begin anew from a calibration: its bias with covariance (3, 3) at a time, and the rest after the last turn."""
@@ -209,6 +209,7 @@ class Tracker:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
+        self._zaru.rested = False
         self.doubt.anew()
         self._evidence_time = min(state.time, now)
         self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
@@ -257,7 +258,7 @@ class Tracker:
         """Learn from the next of its seconds; receipts of what rest there was."""
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
-            self.doubt.take(heard, self._zaru.surprises())
+            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.rested)
         return heard
 
     def _second(self, second: Second) -> list[Receipt]:
@@ -311,9 +312,13 @@ class Tracker:
         """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
         self._gravity.lose()
         if self._accelerometer.disbelieved and len(self._filter.x) > OWN:
-            state = self._filter.state
+            state, doubt = self._filter.state, self.knobs.bias_std**2 * np.eye(3)
             self._believe(self._model, state)
-            self._filter.widen(self.knobs.bias_std**2 * np.eye(3))
+            self._filter.widen(doubt)
+            # What is smoothed has been misled, too, since a rest told last.
+            now = self._filter.time
+            since = min(self._evidence_time, now - self.knobs.seconds.length_s)
+            self._history.doubt(doubt, since if self._evidenced else -np.inf, now)
 
     def _carried(self, second: Second) -> tuple[Span | None, Floats | None]:
         """The way of a second, and where it takes gravity; None where the way it went is not known."""

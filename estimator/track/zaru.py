@@ -84,6 +84,8 @@ class Zaru:
         self._blind = False  # whether it was not seen, and has not been seen to rest since
         self._proven = False  # whether the latest second of rest is one
         self._ever_proven = known
+        #: whether a rest has been one since a restart: before, what is quiet has nothing to be held against
+        self.rested = True
         self._tilt = Tilt(self.knobs.tilt)
         self._waiting: deque[_Waiting] = deque()
         self._contradiction: tuple[float, Floats, Floats] | None = None  # since when, and what was measured then
@@ -168,6 +170,7 @@ class Zaru:
         # What a gyro alone takes for a rest may be a slow passage of a movement, until it goes on.
         proven = self._proven = self._quiet >= self.knobs.proven_after and (up is not None or self._rests > 1)
         self._ever_proven |= proven
+        self.rested |= proven
         checked = up is not None and self._ever_proven
         motion_var = self.knobs.quasi_static**2 if proven else self._unproven_var(second, checked=checked)
         var, said = second.mean_var + motion_var, None

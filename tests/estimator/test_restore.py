@@ -250,6 +250,21 @@ def test_what_is_known_of_earlier_boots_only_after_a_calibration_or_a_rest_chang
     assert adopted.applied.same(applied)
 
 
+def test_a_scale_that_is_heard_of_after_the_first_rest_is_what_gravity_is_turned_by(once: Stream) -> None:
+    batches, device = once.batches(), DeviceSession(NAME)
+    feed(device, batches)
+    made = device.calibration
+    assert made is not None
+    late = DeviceSession(NAME)
+    feed(late, batches[: once.at(6.0) // 10])
+    before = late.tracker.state
+    late.believe(replace(made, boot=7))
+    late.moves(0.01)
+    np.testing.assert_array_equal(late.tracker._model.matrix, made.matrix)
+    np.testing.assert_array_equal(late.tracker.state.bias_cov, before.bias_cov)
+    np.testing.assert_array_equal(late.tracker.bias, before.bias)
+
+
 def test_a_doubt_stays_a_doubt(ward: Ward, once: Stream) -> None:
     ward.send(once.batches()[:-20], info(1))
     device = ward.service._devices[NAME]

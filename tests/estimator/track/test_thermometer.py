@@ -60,8 +60,16 @@ def test_what_it_said_a_while_ago() -> None:
     for time in times:
         one.read(time, 20.0 + 0.05 * time)
         said.append(one.now)
-    for time in (0.0, 2.0, 3.0, 13.7, *times, 99.0):
+    for time in (0.0, 2.0, 3.0, 13.7, *times, times[-1] + 50.0):
         assert one.at(time) == pytest.approx(np.interp(time, times, said), rel=1e-12)
+
+
+def test_what_is_not_told_any_more_is_not_known() -> None:
+    """Taken for what it was it let the bias walk as one does at an even temperature, while the device cooled."""
+    one = Thermometer()
+    one.read(0.0, 30.0)
+    assert one.at(one.knobs.stale_s) == 30.0
+    assert np.isnan(one.at(one.knobs.stale_s + 1.0))
 
 
 def test_a_leap_is_believed_when_it_stays_and_then_at_once() -> None:
