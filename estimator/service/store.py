@@ -234,8 +234,9 @@ class Store:
                 asked = tuple(more["asked"]) if more.get("asked") else None
                 age_s, doubted = (now_ns - row["time_ns"]) / 1e9, more.get("doubted", False)
                 found = Remembered(calibration, bias, age_s, doubted, asked)
-                since = calibration is not None and more.get("calibration", calibration.id) != calibration.id
-                return found.under(calibration) if calibration is not None and since else found
+                if calibration is not None and more.get("calibration", calibration.id) != calibration.id:
+                    return found.under(calibration)
+                return found
         return None if calibration is None else Remembered(calibration, None)
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.sim.motion import Still
-from bridge.wire.messages import Quality, SampleBatch, State
+from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator import history
 from estimator.database import StoreError
 from estimator.remembered import Remembered
@@ -229,12 +229,17 @@ def test_what_held_over_earlier_boots_is_believed_more(ward: Ward, once: Stream)
     np.testing.assert_allclose(stds, prior.scale_std / np.sqrt([1, 4, 7]), rtol=1e-3)
 
 
+def calibrated(batches: list[SampleBatch]) -> tuple[Calibration, DeviceSession]:
+    device = DeviceSession(NAME)
+    feed(device, batches)
+    assert device.calibration is not None
+    return device.calibration, device
+
+
 def test_what_is_known_of_earlier_boots_only_after_a_calibration_or_a_rest_changes_neither(once: Stream) -> None:
     """It is looked up while samples go on, or again as the device is told another rate."""
-    batches, device = once.batches(), DeviceSession(NAME)
-    feed(device, batches)
-    made = device.calibration
-    assert made is not None
+    batches = once.batches()
+    made, device = calibrated(batches)
     adopted = DeviceSession(NAME)
     feed(adopted, batches[: once.at(6.0) // 10], Remembered(replace(made, boot=7), None))
     assert adopted.applied.quality is Quality.BIAS_ONLY
@@ -251,10 +256,8 @@ def test_what_is_known_of_earlier_boots_only_after_a_calibration_or_a_rest_chang
 
 
 def test_a_scale_that_is_heard_of_after_the_first_rest_is_what_gravity_is_turned_by(once: Stream) -> None:
-    batches, device = once.batches(), DeviceSession(NAME)
-    feed(device, batches)
-    made = device.calibration
-    assert made is not None
+    batches = once.batches()
+    made, _ = calibrated(batches)
     late = DeviceSession(NAME)
     feed(late, batches[: once.at(6.0) // 10])
     before = late.tracker.state
