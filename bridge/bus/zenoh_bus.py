@@ -3,6 +3,7 @@
 import atexit
 import contextlib
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -36,6 +37,7 @@ _REMIND_S = (0.5, 2.0)
 _REPEAT_S, _REPEATED_S = 2.0, 40.0
 # How often it is announced anew that we keep streams; of other things little is kept, and that rarely fetched again.
 _ANNOUNCE_S, _ANNOUNCED = 3.0, 16
+_PORT = re.compile(r"\A(?:tcp|tls)/.*:(\d{1,5})\Z")
 
 
 class ZenohBus:
@@ -93,7 +95,9 @@ class ZenohBus:
                 sample_miss_detection=ext.MissDetectionConfig(
                     heartbeat=None, sporadic_heartbeat=None if cache >= _STREAM else _HEARTBEAT_S
                 ),
-                publisher_detection=True,
+                # Nobody listens for it (zenoh does not understand it below `@v1`), and a router has as much to do with it, when a
+                # session ends, as with a cache: all of it while everybody waits.
+                publisher_detection=False,
             )
             return _Publisher(self, publisher, key, stream=cache >= _STREAM)
 
@@ -181,6 +185,12 @@ class ZenohBus:
     def connected(self) -> bool:
         """See contract.Bus."""
         return not self._closed and bool(self._session.info.routers_zid())
+
+    @property
+    def ports(self) -> frozenset[int]:
+        """See contract.Bus."""
+        ends = (_PORT.search(str(link.src)) for link in self._session.info.links())
+        return frozenset(int(end[1]) for end in ends if end)
 
     def learn(self, keys: set[str]) -> None:
         """Make zenoh remember keys; else it searches all caches of all publishers anew for every message it receives.

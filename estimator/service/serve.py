@@ -77,7 +77,7 @@ def run(ward: Ward) -> None:
         rest.daemon = True
         stack.callback(rest.cancel)
         rest.start()
-        cycles, hang_up = Cycles(), HangUp(routers)
+        cycles, hang_up = Cycles(), HangUp(routers, lambda: control.ports)
         stack.callback(hang_up.close)
 
         def tend(devices: int) -> None:

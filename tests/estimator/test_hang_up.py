@@ -133,6 +133,39 @@ def test_what_is_left_of_a_process_whose_thread_ended_lets_others_go_first() -> 
         assert _ended(program.router, _PATIENT_S)
 
 
+def test_first_those_end_by_which_others_are_told(server: socket.socket) -> None:
+    program = """
+import socket, sys
+from estimator.service import hang_up
+at, hang_up._LATER_S = ("127.0.0.1", int(sys.argv[1])), 1.0
+data, control = socket.create_connection(at), socket.create_connection(at)
+hangs_up = hang_up.HangUp([f"tcp/{at[0]}:{at[1]}"], lambda: {control.getsockname()[1]})
+hangs_up.look()
+print(data.getsockname()[1], hangs_up.pid, flush=True)
+sys.stdin.readline()
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(server.getsockname()[1])],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        port, pid = map(int, process.stdout.readline().split())
+        ends = {peer[1]: end for end, peer in (server.accept() for _ in range(2))}
+        data, (control,) = ends.pop(port), ends.values()
+        _until(lambda: _sockets(pid) == 3)
+        os.kill(pid, signal.SIGSTOP)  # as long as it stands still the killed one's connections live
+        process.kill()
+        assert not _ended(control, 0.3)
+        os.kill(pid, signal.SIGCONT)
+        assert _ended(control, _PATIENT_S)
+        assert not _ended(data, 0.3)
+        assert _ended(data, _PATIENT_S)
+        for end in (data, control):
+            end.close()
+
+
 def test_it_outlives_what_ends_all_processes_of_a_service() -> None:
     with _program() as program:
         _until(lambda: _ignores(program.hangs_up, signal.SIGUSR2))  # it has begun
