@@ -2,7 +2,7 @@
 
 zenoh tells a holder by the common name of its certificate, exactly: each is named. What it denies it denies silently, and a
 subscription wider than what is allowed gets nothing. Of a key that an advanced publisher has, `KEY/@adv/**` carries its
-heartbeats, its history and the news that it is there; `**` does not match it.
+heartbeats, its history and, where others than ours publish, the news that it is there; `**` does not match it.
 """
 
 from collections.abc import Sequence

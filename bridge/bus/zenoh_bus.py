@@ -37,7 +37,7 @@ _REMIND_S = (0.5, 2.0)
 _REPEAT_S, _REPEATED_S = 2.0, 40.0
 # How often it is announced anew that we keep streams; of other things little is kept, and that rarely fetched again.
 _ANNOUNCE_S, _ANNOUNCED = 3.0, 16
-_PORT = re.compile(r"\A(?:tcp|tls)/.*:(\d{1,5})\Z")
+_PORT = re.compile(r"\A(?:tcp|tls)/.*:(\d{1,5})(?:[?#].*)?\Z")
 
 
 class ZenohBus:

@@ -4,8 +4,8 @@ Of a process that is killed the system first takes back the memory, and only the
 notices. A second, small process has these connections, too, and waits for a lock that the system passes on as soon as the
 thread that has it ends (a robust mutex: man pthread_mutexattr_setrobust). What the killed one still has to do, 20 to 100 ms of a
 processor for its memory, it lets wait for others that need the processor: where there are several estimators they do, just then.
-So it does with what a router has to do, 25 to 60 ms for hundreds of publishers during which nothing passes: first it ends the
-connection over which others are told that this one is gone, and all others later.
+A router has much to do, too: while it takes back hundreds of publishers nothing passes for 25 to 60 ms. So the connection over
+which others are told that this estimator is gone ends first, and the others later.
 
 This file is that process's program as well: it needs nothing but Python's own library.
 """
@@ -40,6 +40,8 @@ _MOST = 16
 _TRIES, _LASTING = 3, 600
 #: connections by which others are not told end so much later, s: most of what the killed one had is taken over by then
 _LATER_S = 0.15
+#: how often what still comes over those is taken away meanwhile, s, and bytes of it at a time
+_TAKEN_S, _TAKEN_BYTES = 0.01, 1 << 18
 #: it has so long to end, s, and its lock to tell that it should
 _ENDS_S = 0.5
 #: how far behind others a killed process stands, of 19: with a tenth of their share it is gone within a second on a busy machine
@@ -210,13 +212,12 @@ def _wait(memory: int, line: int, pid: int, later_s: float) -> None:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2):
         signal.signal(number, signal.SIG_IGN)  # to all processes of a service: this one goes when the first one is gone
     held, lock = _Held(socket.socket(fileno=line)), _Lock(memory)
-    threading.Thread(target=held.hear, daemon=True).start()
+    threading.Thread(target=held.hear, args=(later_s + _ENDS_S,), daemon=True).start()
     if not lock.take():
         later = held.end_first()
         _let_wait(pid)
         if later:
-            time.sleep(later_s)
-            _end(later)
+            _end_later(later, later_s)
     os._exit(0)
 
 
@@ -239,14 +240,14 @@ class _Held:
         #: so many of them end at once; 0: all
         self._first = 0
 
-    def hear(self) -> None:
-        """Until there is nobody who could say anything: then this process ends, whether or not its lock tells."""
+    def hear(self, ends_s: float) -> None:
+        """Until there is nobody who could say anything: so long after that this process ends, whether or not its lock tells."""
         goes_on = True
         while goes_on:
             select.select([self._line], [], [])
             with self._busy:
                 goes_on = self._take()
-        time.sleep(_ENDS_S)
+        time.sleep(ends_s)
         os._exit(0)
 
     def end_first(self) -> list[socket.socket]:
@@ -275,6 +276,18 @@ def _end(sockets: Sequence[socket.socket]) -> None:
     for one in sockets:
         with contextlib.suppress(OSError):
             one.shutdown(socket.SHUT_RDWR)
+
+
+def _end_later(sockets: Sequence[socket.socket], after_s: float) -> None:
+    """What comes until then is taken away: a router without room for it would wait, and all that it has to pass on with it."""
+    end = time.monotonic() + after_s
+    while (left := end - time.monotonic()) > 0:
+        time.sleep(min(_TAKEN_S, left))
+        for one in sockets:
+            with contextlib.suppress(OSError):  # there is no more now
+                while one.recv(_TAKEN_BYTES, socket.MSG_DONTWAIT):
+                    pass
+    _end(sockets)
 
 
 def _let_go(sockets: Sequence[socket.socket]) -> None:

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -133,37 +133,41 @@ def test_what_is_left_of_a_process_whose_thread_ended_lets_others_go_first() -> 
         assert _ended(program.router, _PATIENT_S)
 
 
-def test_first_those_end_by_which_others_are_told(server: socket.socket) -> None:
-    program = """
-import socket, sys
+_TWO = """
+import socket, subprocess, sys
 from estimator.service import hang_up
-at, hang_up._LATER_S = ("127.0.0.1", int(sys.argv[1])), 1.0
-data, control = socket.create_connection(at), socket.create_connection(at)
+at, hang_up._LATER_S = ("127.0.0.1", int(sys.argv[1])), 3.0
+data, control = both = socket.create_connection(at), socket.create_connection(at)
+keeps = subprocess.Popen(["sleep", "120"], pass_fds=[one.fileno() for one in both])
 hangs_up = hang_up.HangUp([f"tcp/{at[0]}:{at[1]}"], lambda: {control.getsockname()[1]})
 hangs_up.look()
-print(data.getsockname()[1], hangs_up.pid, flush=True)
+print(data.getsockname()[1], keeps.pid, hangs_up.pid, flush=True)
 sys.stdin.readline()
 """
-    with subprocess.Popen(
-        [sys.executable, "-c", program, str(server.getsockname()[1])],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
+#: more than there is room for on the way, where nobody reads
+_MUCH = 1 << 25
+
+
+def test_first_those_end_by_which_others_are_told_and_no_router_waits_for_the_rest(server: socket.socket) -> None:
+    with ExitStack() as stack:
+        program = [sys.executable, "-c", _TWO, str(server.getsockname()[1])]
+        process = stack.enter_context(
+            subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        )
+        stack.callback(process.kill)
         assert process.stdout is not None
-        port, pid = map(int, process.stdout.readline().split())
-        ends = {peer[1]: end for end, peer in (server.accept() for _ in range(2))}
+        port, keeps, pid = map(int, process.stdout.readline().split())
+        stack.callback(os.kill, keeps, signal.SIGKILL)
+        ends = {peer[1]: stack.enter_context(end) for end, peer in (server.accept() for _ in range(2))}
         data, (control,) = ends.pop(port), ends.values()
         _until(lambda: _sockets(pid) == 3)
-        os.kill(pid, signal.SIGSTOP)  # as long as it stands still the killed one's connections live
         process.kill()
-        assert not _ended(control, 0.3)
-        os.kill(pid, signal.SIGCONT)
         assert _ended(control, _PATIENT_S)
-        assert not _ended(data, 0.3)
-        assert _ended(data, _PATIENT_S)
-        for end in (data, control):
-            end.close()
+        assert not _ended(data, 0.1)
+        data.settimeout(_PATIENT_S)
+        data.sendall(bytes(_MUCH))
+        assert _ended(data, _PATIENT_S)  # though somebody else has it still
+        _until(lambda: not _runs(pid))
 
 
 def test_it_outlives_what_ends_all_processes_of_a_service() -> None:
