@@ -20,6 +20,8 @@ def _connected_to(port: int) -> Iterator[int]:
         with suppress(OSError):
             if path.readlink().name.startswith("socket:"):
                 with socket.socket(fileno=os.dup(int(path.name))) as one:
+                    if one.family == socket.AF_UNIX:  # No port: one end of a pair, as asyncio keeps one.
+                        continue
                     if one.getpeername()[1] == port and one.getsockname()[1] != port:
                         yield one.getsockname()[1]
 
