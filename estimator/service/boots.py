@@ -40,11 +40,11 @@ class Boots:
             if scratch:
                 remembered = None
             if remembered is None or remembered.calibration is None:
-                prior = self._record.prior(device, info)
+                prior = self._record.earlier.prior(device, info)
                 scratch = scratch if prior is None else ""
                 remembered = _with(remembered, prior)
                 if prior is None:
-                    scratch = scratch or self._record.scratch(session, info)
+                    scratch = scratch or self._record.earlier.scratch(session, info)
         now, celsius = float(batch.device_time[0]), temperature_at(batch, 0)
         outcome = session.begin_boot(batch.boot, now, remembered if same else None, None, celsius)
         if not same:
@@ -61,7 +61,7 @@ class Boots:
     def _before(self, name: str, boot: int) -> list[int] | None:
         """Boots before this one, None while they cannot be read; a cache may begin with the end of an earlier boot."""
         device = self._devices.get(name)
-        kept = None if device is None else self._record.past(device.session, name)
+        kept = None if device is None else self._record.earlier.past(device.session, name)
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
@@ -77,11 +77,11 @@ class Boots:
         if scratch:
             outcome = session.start_over(scratch)
         if session.calibration is None:
-            if (prior := self._record.prior(device, info)) is not None:
+            if (prior := self._record.earlier.prior(device, info)) is not None:
                 session.learnt.scratch = scratch = ""
                 session.believe(prior)
             else:
-                scratch = scratch or self._record.scratch(session, info)
+                scratch = scratch or self._record.earlier.scratch(session, info)
         if scratch:
             outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
             outcome.changed = True
@@ -96,8 +96,8 @@ class Boots:
                 self._guarded(device, what)
 
         session = device.session
-        self._record.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
-        self._record.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
+        self._record.earlier.law(session, info, lambda law: use(lambda: session.learnt.expect(law)))
+        self._record.earlier.moves(session, info, lambda moves: use(lambda: session.moves(moves)))
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
         device.session.learnt.scratch = why

@@ -14,26 +14,18 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
-
-import numpy as np
 
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Command, CommandReply, DeviceInfo, Verdict
 from bridge.wire.refusal import Refusal, Tally
-from estimator.gyro import repeatability
 from estimator.remembered import Remembered
-from estimator.restore import changed, differing, restore_key
 from estimator.service.clerk import Inline, Writes
 from estimator.service.device import UNSAVED, Device
+from estimator.service.earlier import Earlier
 from estimator.service.replicas import Replicas
 from estimator.service.roster import MAX_DEVICES
 from estimator.service.store import Store, StoreError
 from estimator.session import DeviceSession
-from estimator.track.learning import learn
-from estimator.track.temperature import TemperatureLaw
-
-_T = TypeVar("_T")
 
 log = logging.getLogger(__name__)
 
@@ -48,12 +40,8 @@ SCRATCH = "from scratch"
 REPLIES = 256
 #: lines of the audit that there was no room for while the store did not work are counted under
 UNWRITTEN = "lines of the audit not written"
-#: so many boots of a device are known again after a restart
-BOOTS_KNOWN = 48
 #: longer than a bridge keeps what it has sent
 CACHE_NS = 60_000_000_000
-#: a calibration that is made so much later than now was made by a clock that was wrong, s; or it is now
-AHEAD_S = 60.0
 #: so long nothing that names a calibration is said while the disk has not answered, s
 HELD_S = 0.5
 #: how often a store that failed is tried
@@ -76,6 +64,7 @@ class Record:
         self._replicas, self._tell, self._highest = replicas or Replicas(0), tell, highest
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
+        self.earlier = Earlier(store, self._replicas, self._clerk, now_ns, self._failed)
         self._damaged, self._probed = 0, float("-inf")
         self._epoch = 0  # the highest that is kept
         self._boots = Counter[str]()  # noted of each device
@@ -221,36 +210,6 @@ class Record:
             self._failing(error)
         return self._epoch
 
-    def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of the same hardware in an earlier boot, saved or not."""
-        for unsaved in reversed(device.unsaved):
-            if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
-                return unsaved
-        said, kept, now_ns = self._replicas.prior(info), None, self._now_ns()
-        try:
-            kept = self._store.prior(info)
-        except StoreError as error:
-            self._failed(device.session, error)
-        found = [c for c in (said, kept) if c is not None]
-        return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
-
-    def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
-        """A calibration; where its time lies ahead that is said: then, or now, the clock is wrong."""
-        ahead_s = 0.0 if c is None else (c.time_ns - self._now_ns()) / 1e9
-        if c is not None and ahead_s > AHEAD_S and device.session.count_event("calibration of a time to come") == 1:
-            words = "calibration %s says that it was made %.1f days from now: the clock was wrong then, or is wrong now"
-            log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
-        return c
-
-    def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
-        """Why no calibration of this device holds, in words for a person; empty where there is none."""
-        try:
-            latest = self._store.latest(info.device)
-        except StoreError as error:
-            self._failed(session, error)
-            return ""
-        return "" if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
-
     def started_over(self, session: DeviceSession, info: DeviceInfo, why: str) -> None:
         """For the device's history, once a boot: from here on it is calibrated from scratch."""
         request = keys.boot_id(info.boot)
@@ -261,39 +220,6 @@ class Record:
                 self._store.add_audit(self._now_ns(), *row, accepted=True)
 
         self._keep(session, once)
-
-    def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
-        """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
-        knobs = session.knobs.track.bias
-        self._look_up(session, lambda: learn(self._store.points(info), knobs), then)
-
-    def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
-        """How far the scale of the same hardware moved from boot to boot, as far as that is known here."""
-
-        def moved() -> float:
-            return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
-
-        self._look_up(session, moved, then)
-
-    def _look_up(self, session: DeviceSession, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
-        found = list[_T | None]()
-
-        def looked_up(error: StoreError | None) -> None:
-            if error is not None:
-                self._failed(session, error)
-            for one in found:
-                if one is not None:
-                    then(one)
-
-        self._clerk.look_up(lambda: found.append(what()), looked_up)
-
-    def past(self, session: DeviceSession, device: str) -> list[int] | None:
-        """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""
-        try:
-            return self._store.boots(device, BOOTS_KNOWN)
-        except StoreError as error:
-            self._failed(session, error)
-            return None
 
     def boot(self, session: DeviceSession, info: DeviceInfo) -> None:
         """A boot whose info is known."""

@@ -119,7 +119,7 @@ def test_a_second_boot_follows_what_the_first_taught(tmp_path: Path) -> None:
         clock[0] = round(batch.device_time[-1] * 1e9)
         record.checkpoint(device, clock[0] / 1e9)
     found = list[TemperatureLaw]()
-    record.law(device.session, info(2), found.append)
+    record.earlier.law(device.session, info(2), found.append)
     store.close()
     (law,) = found
     second = day(1 / 6, 2)
@@ -274,7 +274,7 @@ def test_a_store_that_fails_teaches_nothing_and_is_counted(tmp_path: Path) -> No
     store.database._db.execute("DROP TABLE bias_history")
     store.add_boot(info(1), 1)
     found = list[TemperatureLaw]()
-    record.law(session, info(2), found.append)
+    record.earlier.law(session, info(2), found.append)
     assert found == []
     assert session.status(0).events["store failed"] == 1
     store.close()
