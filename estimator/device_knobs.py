@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 _USUAL_HZ = 100.0
 #: Allan deviation of a bias instability of 1 (IEEE Std 952, √(2 ln 2 / π)); and at which averaging time a walk is to reach it, s
 _FLAT, _WITHOUT_REST_S = 0.664, 1000.0
+#: standard deviation of a flicker of bias instability 1 (IEEE Std 952: its two-sided density is B²/2πf) from 0.01 Hz, below
+#: which rests and the walk follow it, to 1 Hz, above which it is less than a second's noise: √(ln 100 / π)
+FLICKER = 1.21
 #: times a model's scale_tolerance that no gyro of the kind is off: sheets say limits (MPU-6050: ±3 % as MIN and MAX at 25 °C)
 #: or typical values with all of temperature in them (ICM-20948); and what a hand's turn may always miss by, 3.6°
 _TOLERANCES, _BY_HAND = 2.0, 0.01
@@ -25,9 +28,10 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     noise = float(model.arw.max()) * (_USUAL_HZ / 2) ** 0.5
     track = knobs.track
     # The flat of the Allan deviation, as a walk that comes to it where a device may well be without rest.
-    flat = _FLAT * float(model.bias_instability.max()) * (3 / _WITHOUT_REST_S) ** 0.5
-    walk = max(float(model.rrw.max()), flat)
-    bias = replace(track.bias, rate_random_walk=walk, per_kelvin=model.bias_per_kelvin)
+    instability = float(model.bias_instability.max())
+    walk = max(float(model.rrw.max()), _FLAT * instability * (3 / _WITHOUT_REST_S) ** 0.5)
+    flicker = FLICKER * instability
+    bias = replace(track.bias, rate_random_walk=walk, per_kelvin=model.bias_per_kelvin, flicker=flicker)
     gravity = track.gravity if model.zero_g is None else replace(track.gravity, accel_bias=model.zero_g)
     return replace(
         knobs,

@@ -62,7 +62,7 @@ def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) 
         tracked.look_back(kept, time, kept.temperature_c)
     else:
         tracked.predict(time, kept.temperature_c)
-    std = np.sqrt(tracked.cov.diagonal()[BIAS])
+    std = knobs.track.bias.std(tracked.cov.diagonal()[BIAS])
     sure = bool((std < doubt_std).all()) and not remembered.doubted
     return choose(belief, tracked.x[BIAS], std, None, sure=sure)
 

@@ -26,6 +26,7 @@ from scipy.stats import chi2
 from bridge.sim.day import Day, simulate_day, worn_spec
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.scenes import rests_and_motion, steady_walk, turned_by_hand, walk_with_pauses
+from estimator.device_knobs import FLICKER
 from estimator.gyro import GyroModel, PriorKnobs, uncalibrated
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasKnobs
@@ -48,6 +49,8 @@ class Scene:
     motion_s: tuple[float, float] = (5.0, 60.0)
     #: K, of a step of temperature every 200 s, which the tracker is told; 0 where it is told none
     step_k: float = 0.0
+    #: °/s, bias instability B of another day, which the tracker is told
+    unstable_dps: float = 0.0
     #: another day in place of that, of a seed, at a rate; its temperature is told
     other: Callable[[int, float], Day] | None = None
     #: whether the tracker is told the matrix, and the bias as the scene begins; else as little as of any new device
@@ -117,7 +120,9 @@ SCENES: Mapping[str, Scene] = {
     ),
     # Outside: a bias that flickers, as the best and the worst of the class do (configs/devices), and one that gravity moves.
     **{
-        f"on the ward, {what}": Scene(walk_dps=7e-4, other=partial(_on_the_ward, spec=spec))
+        f"on the ward, {what}": Scene(
+            walk_dps=7e-4, unstable_dps=spec.bias_instability_dps, other=partial(_on_the_ward, spec=spec)
+        )
         for what, spec in {
             "nothing of that (*)": _WORN,  # who wears it breathes
             "B 0.004 °/s (*)": replace(_WORN, bias_instability_dps=0.004),
@@ -157,7 +162,8 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     known, std = np.full(3, _MATRIX_STD), _BEGIN_STD if scene.calibrated else _PRIOR.bias_std
     begin = day.bias[0] + std * np.random.default_rng(seed).normal(size=3)
     model = GyroModel(day.truth.matrix, begin, known, known, known) if scene.calibrated else uncalibrated(_PRIOR)
-    knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=np.radians(told * scene.walk_dps), warm_up_walk=0.0))
+    walk, flicker = np.radians([told * scene.walk_dps, FLICKER * scene.unstable_dps]).tolist()
+    knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=walk, warm_up_walk=0.0, flicker=flicker))
     tracker = Tracker(knobs, 0.0, model, np.full(3, std))
     last, force = 0.0, day.accel.astype(float) if accel else None
     nees, squared = [], []
@@ -173,7 +179,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
             continue
         last = tracker.time
         error = tracker.bias - day.bias[round(last * _RATE_HZ) - 1]
-        nees.append(float(error @ np.linalg.solve(tracker.state.bias_cov, error)) / 3)
+        nees.append(float(error @ np.linalg.solve(tracker.state.bias_cov + flicker**2 * np.eye(3), error)) / 3)
         squared.append(float(error @ error) / 3)
     return Score(nees[-1], float(np.mean(nees)), float(np.mean(squared)))
 

@@ -246,7 +246,7 @@ def test_no_sample_waits_for_what_earlier_boots_teach(tmp_path: Path, monkeypatc
         assert go_on.wait(20.0)
         return learn(points, knobs)
 
-    monkeypatch.setattr("estimator.service.record.learn", thorough)
+    monkeypatch.setattr("estimator.service.earlier.learn", thorough)
     ward.start(hired)
     of = batches(day(0.01, 3), 3)
     ward.send(of[:10], info(3))
