@@ -15,8 +15,8 @@ Singles = NDArray[np.float32]
 class Corrected:
     """n rows, one for each sample: what was known when it came or, smoothed, what is known of it in the end.
 
-    time_s (n,) since the first sample; rate (n, 3) rad/s, corrected; rate_std (n, 3): noise, bias, scale, misalignment;
-    bias (n, 3) rad/s, the reading at zero rate; bias_std (n, 3); quality (n,) of bridge.wire.messages.Quality.
+    time_s (n,) since the first sample; rate (n, 3) rad/s, corrected; rate_std (n, 3): noise, bias and its flicker, scale,
+    misalignment; bias (n, 3) rad/s, the reading at zero rate; bias_std (n, 3); quality (n,) of bridge.wire.messages.Quality.
     Computed in float64 and kept in float32, as on the wire. matrix (3, 3) and calibration, its id, are the last row's.
     events: counts of what happened on the way; said: what a service would have logged.
     """

@@ -23,23 +23,25 @@ class Told(NamedTuple):
     scale_std: Float32s
     cross_std: Float32s
     bias: Float32s
+    flicker_std: Float32s
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One set of parameters: everything a CorrectedBatch carries beside its samples. bias_std (3,) rad/s."""
+    """One set of parameters: everything a CorrectedBatch carries beside its samples. bias_std (3,) rad/s, flicker rad/s."""
 
     model: GyroModel
     bias_std: Floats
     quality: Quality
     calibration: str
+    flicker: float
 
     @cached_property
     def told(self) -> Told:
         """As all batches that it corrects say it: the very same arrays."""
         model = self.model
-        noise, bias = model.corrected_std(np.array([model.noise_std, self.bias_std]))
-        return Told(*np.array([noise, bias, model.scale_std, model.cross_std, model.bias]).astype(np.float32))
+        noise, bias, flicker = model.corrected_std(np.array([model.noise_std, self.bias_std, [self.flicker] * 3]))
+        return Told(*np.array([noise, bias, model.scale_std, model.cross_std, model.bias, flicker]).astype(np.float32))
 
     @cached_property
     def parameters(self) -> Floats:
@@ -52,6 +54,7 @@ class Correction:
         return (
             self.quality is other.quality
             and self.calibration == other.calibration
+            and self.flicker == other.flicker
             and _same(mine.bias, theirs.bias)
             and _same(self.bias_std, other.bias_std)
             and _same(mine.noise_std, theirs.noise_std)
@@ -128,9 +131,16 @@ def believed(
 
 
 def choose(
-    belief: Belief, bias: Floats, bias_std: Floats, noise_std: Floats | None, *, sure: bool, away: bool = False
+    belief: Belief,
+    bias: Floats,
+    bias_std: Floats,
+    noise_std: Floats | None,
+    flicker: float,
+    *,
+    sure: bool,
+    away: bool = False,
 ) -> Correction:
-    """What is believed of a gyro, with the tracked bias (3,) and its bias_std (3,), rad/s.
+    """What is believed of a gyro, with the tracked bias (3,), its bias_std (3,), and by how much it flickers, rad/s.
 
     noise_std (3,) is what the present rest shows, or None. sure: the bias is known well enough to be called known, and nothing
     speaks against it. away: nothing comes of the device.
@@ -143,7 +153,7 @@ def choose(
     known = belief.model
     noise_std = known.noise_std if noise_std is None else noise_std
     model = GyroModel(known.matrix, bias, known.scale_std, known.cross_std, noise_std)
-    return Correction(model, bias_std, quality, belief.calibration)
+    return Correction(model, bias_std, quality, belief.calibration, flicker)
 
 
 def _cross_std(used: Calibration, knobs: PriorKnobs) -> Floats:

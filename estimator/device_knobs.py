@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import log, pi, sqrt
 from typing import TYPE_CHECKING
 
 from estimator.noise_model import GENERIC, NoiseModel, load_model
@@ -14,9 +15,9 @@ if TYPE_CHECKING:
 _USUAL_HZ = 100.0
 #: Allan deviation of a bias instability of 1 (IEEE Std 952, √(2 ln 2 / π)); and at which averaging time a walk is to reach it, s
 _FLAT, _WITHOUT_REST_S = 0.664, 1000.0
-#: standard deviation of a flicker of bias instability 1 (IEEE Std 952: its two-sided density is B²/2πf) from 0.01 Hz, below
-#: which rests and the walk follow it, to 1 Hz, above which it is less than a second's noise: √(ln 100 / π)
-FLICKER = 1.21
+#: standard deviation of a flicker of bias instability 1 (IEEE Std 952: its two-sided density is B²/2πf) from once in that time to
+#: once a second, above which noise hides it: √(ln 1000 / π)
+FLICKER = sqrt(log(_WITHOUT_REST_S) / pi)
 #: times a model's scale_tolerance that no gyro of the kind is off: sheets say limits (MPU-6050: ±3 % as MIN and MAX at 25 °C)
 #: or typical values with all of temperature in them (ICM-20948); and what a hand's turn may always miss by, 3.6°
 _TOLERANCES, _BY_HAND = 2.0, 0.01

@@ -321,7 +321,8 @@ class Learnt:
         track = self.tracker
         bias, std = track.ahead(self._silent_until, self._silent_c)
         sure = track.sure and not track.doubt.stands and all(axis < self._knobs.track.bias_std for axis in std.tolist())
-        return choose(self._belief, bias, std, noise_std, sure=sure, away=self._life.away)
+        flicker = self._knobs.track.bias.flicker
+        return choose(self._belief, bias, std, noise_std, flicker, sure=sure, away=self._life.away)
 
 
 def _bias_in(rest: Rest) -> RestBias:

@@ -3,7 +3,7 @@
     model = "mpu-6050"
     [gyro]                      a number, or a list of three for x, y and z
     arw_dps_per_sqrt_hz         angle random walk: the noise density of the rate
-    bias_instability_dps        the flat of the Allan deviation, divided by 0.664: no bias is known better than 1.2 times this
+    bias_instability_dps        the flat of the Allan deviation, divided by 0.664: by how much the bias flickers
     rrw_dps_per_sqrt_s          rate random walk: how fast the bias wanders at an even temperature
     step_dps                    the least difference between two readings
                                 numbers

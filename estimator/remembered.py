@@ -56,15 +56,16 @@ def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) 
     belief, doubt_std = believed(calibration, None, knobs.prior), knobs.track.bias_std
     kept = None if remembered is None else remembered.bias_at(time, doubt_std)
     if remembered is None or kept is None:
-        return None if calibration is not None else choose(belief, belief.model.bias, belief.bias_std, None, sure=False)
+        nothing = belief.model.bias, belief.bias_std, None, knobs.track.bias.flicker
+        return None if calibration is not None else choose(belief, *nothing, sure=False)
     tracked = BiasFilter(kept, knobs.track.bias)
     if time < kept.time:
         tracked.look_back(kept, time, kept.temperature_c)
     else:
         tracked.predict(time, kept.temperature_c)
-    std = knobs.track.bias.std(tracked.cov.diagonal()[BIAS])
+    std = np.sqrt(tracked.cov.diagonal()[BIAS])
     sure = bool((std < doubt_std).all()) and not remembered.doubted
-    return choose(belief, tracked.x[BIAS], std, None, sure=sure)
+    return choose(belief, tracked.x[BIAS], std, None, knobs.track.bias.flicker, sure=sure)
 
 
 def calibrated_bias(

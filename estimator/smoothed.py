@@ -40,7 +40,7 @@ def smooth_rows(rows: Rows, recording: Recording, session: DeviceSession, last: 
         rate = (recording.gyro[part] - bias_now) @ matrix.T
         left = np.sqrt(np.square(bias_std) @ np.square(matrix).T)
         rows.rate[part], rows.bias[part], rows.bias_std[part] = rate, bias_now, bias_std
-        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std)
+        rows.rate_std[part] = rate_std(rate, last.noise_std, left, last.scale_std, last.cross_std, last.flicker_std)
     rows.quality[:] = _quality(rows, session)
 
 

@@ -23,6 +23,8 @@ MAX_ACCEL = 10_000.0  # m/s²
 MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
+#: three deviations of who does not say them
+NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
 _FLOAT, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
 
@@ -96,13 +98,15 @@ class Stencil:
             calibration=clean(first.calibration, checks.MAX_NAME),
             epoch=epoch,
         )
+        self._last = columns.CorrectedBatch(flicker_std=column_of(first.flicker_std, _FLOAT)).SerializeToString()
         #: what stands before and behind the samples
-        self.begin, self.end = begin.SerializeToString(), end.SerializeToString()
+        self.begin, self.end = begin.SerializeToString(), end.SerializeToString() + self._last
 
     def under(self, epoch: int) -> "Stencil":
         """The same, said under this epoch, of one that is said under none."""
         made = copy(self)
-        made.end += columns.CorrectedBatch(epoch=epoch).SerializeToString()  # the last of its fields
+        said = columns.CorrectedBatch(epoch=epoch).SerializeToString()
+        made.end = self.end.removesuffix(self._last) + said + self._last
         return made
 
     def encode(self, batch: CorrectedBatch) -> bytes:
@@ -131,8 +135,12 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     ticks = _ticks(raw.ticks)
     _times(raw, ticks)
     n = len(ticks)
-    noise_std, bias_std, scale_std, cross_std = stds_of(
-        noise_std=raw.noise_std, bias_std=raw.bias_std, scale_std=raw.scale_std, cross_std=raw.cross_std
+    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(
+        noise_std=raw.noise_std,
+        bias_std=raw.bias_std,
+        scale_std=raw.scale_std,
+        cross_std=raw.cross_std,
+        flicker_std=raw.flicker_std or NOT_SAID,
     )
     return CorrectedBatch(
         device=raw.device,
@@ -152,6 +160,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
         bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
         calibration=checks.text(raw.calibration, "calibration"),
         epoch=checks.whole(raw.epoch, "epoch", checks.MAX_EPOCH),
+        flicker_std=flicker_std,
     )
 
 

@@ -35,7 +35,7 @@ class SampleBatch(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., receive_time_ns: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., gyro: _Optional[bytes] = ..., accel: _Optional[bytes] = ..., temperature_c: _Optional[bytes] = ..., flags: _Optional[bytes] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
-    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch")
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch", "flicker_std")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -54,6 +54,7 @@ class CorrectedBatch(_message.Message):
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     CROSS_STD_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
+    FLICKER_STD_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -72,10 +73,11 @@ class CorrectedBatch(_message.Message):
     calibration: str
     cross_std: bytes
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., rate: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[bytes] = ..., epoch: _Optional[int] = ...) -> None: ...
+    flicker_std: bytes
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[bytes] = ..., rate: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[bytes] = ..., epoch: _Optional[int] = ..., flicker_std: _Optional[bytes] = ...) -> None: ...
 
 class WindowBatch(_message.Message):
-    __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration")
+    __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration", "flicker_std")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -99,6 +101,7 @@ class WindowBatch(_message.Message):
     CROSS_STD_FIELD_NUMBER: _ClassVar[int]
     BIAS_FIELD_NUMBER: _ClassVar[int]
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    FLICKER_STD_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -122,4 +125,5 @@ class WindowBatch(_message.Message):
     cross_std: bytes
     bias: bytes
     calibration: str
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[bytes] = ..., times_ns: _Optional[bytes] = ..., samples: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., reading_mean: _Optional[bytes] = ..., reading_std: _Optional[bytes] = ..., reading_min: _Optional[bytes] = ..., reading_max: _Optional[bytes] = ..., rate_mean: _Optional[bytes] = ..., rate_std: _Optional[bytes] = ..., rate_min: _Optional[bytes] = ..., rate_max: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., cross_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ...) -> None: ...
+    flicker_std: bytes
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[bytes] = ..., times_ns: _Optional[bytes] = ..., samples: _Optional[bytes] = ..., flags: _Optional[bytes] = ..., reading_mean: _Optional[bytes] = ..., reading_std: _Optional[bytes] = ..., reading_min: _Optional[bytes] = ..., reading_max: _Optional[bytes] = ..., rate_mean: _Optional[bytes] = ..., rate_std: _Optional[bytes] = ..., rate_min: _Optional[bytes] = ..., rate_max: _Optional[bytes] = ..., quality: _Optional[int] = ..., noise_std: _Optional[bytes] = ..., bias_std: _Optional[bytes] = ..., scale_std: _Optional[bytes] = ..., cross_std: _Optional[bytes] = ..., bias: _Optional[bytes] = ..., calibration: _Optional[str] = ..., flicker_std: _Optional[bytes] = ...) -> None: ...

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 VERSION = 1
 Floats = NDArray[np.float64]
 T = TypeVar("T")
+#: (3,) rad/s, the flicker of who says none
+STEADY = np.zeros(3, np.float32)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
@@ -126,7 +128,10 @@ class SampleBatch:
 
 @_frequent(eq=False)
 class CorrectedBatch:
-    """Corrected rates of one SampleBatch: rate (n, 3) float32; noise_std, bias_std, scale_std, cross_std, bias (3,) float32."""
+    """Corrected rates of one SampleBatch: rate (n, 3) float32; the deviations, and bias, (3,) float32.
+
+    bias_std is of the bias on the mean of minutes, flicker_std of what it flickers by about that.
+    """
 
     device: str
     boot: int
@@ -145,6 +150,7 @@ class CorrectedBatch:
     calibration: str
     cross_std: NDArray[np.float32]
     epoch: int = 0  # since when its estimator has the device: the higher, the later; 0 when not said
+    flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -172,8 +178,8 @@ class CorrectedBatch:
 
     @property
     def rate_std(self) -> Floats:
-        """(n, 3) standard deviation of each corrected rate: noise, bias, scale and misalignment together."""
-        return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std)
+        """(n, 3) standard deviation of each corrected rate: noise, bias and its flicker, scale and misalignment together."""
+        return rate_std(self.rate, self.noise_std, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
 def _host_ns(batch: SampleBatch | CorrectedBatch) -> NDArray[np.int64]:
@@ -187,12 +193,13 @@ def rate_std(
     bias_std: NDArray[np.floating],
     scale_std: NDArray[np.floating],
     cross_std: NDArray[np.floating],
+    flicker_std: NDArray[np.floating],
 ) -> Floats:
     """(n, 3) standard deviation of corrected rates (n, 3), from those of a CorrectedBatch: (3,), or (n, 3) each its own."""
     rate_var = rate.astype(float) ** 2
     across_var = rate_var.sum(axis=1, keepdims=True) - rate_var
     var = rate_var * scale_std.astype(float) ** 2 + across_var * cross_std.astype(float) ** 2
-    var += noise_std.astype(float) ** 2 + bias_std.astype(float) ** 2
+    var += noise_std.astype(float) ** 2 + bias_std.astype(float) ** 2 + flicker_std.astype(float) ** 2
     return np.asarray(np.sqrt(var), dtype=np.float64)
 
 
@@ -347,6 +354,7 @@ class WindowBatch:
     cross_std: NDArray[np.float32]
     bias: NDArray[np.float32]
     calibration: str
+    flicker_std: NDArray[np.float32] = field(default_factory=lambda: STEADY)
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -355,7 +363,7 @@ class WindowBatch:
     def rate_mean_std(self) -> Floats:
         """(m, 3) standard deviation of each mean corrected rate: noise lessens with the samples, the other errors do not."""
         noise = self.noise_std / np.sqrt(self.samples.astype(float))[:, None]
-        return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std)
+        return rate_std(self.rate_mean, noise, self.bias_std, self.scale_std, self.cross_std, self.flicker_std)
 
 
 class Holding(NamedTuple):  # by the hundred, five times a second

@@ -176,7 +176,7 @@ class DeviceInfo(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., bridge: _Optional[str] = ..., boot: _Optional[int] = ..., boot_cause: _Optional[_Union[BootCause, str]] = ..., model: _Optional[str] = ..., firmware: _Optional[str] = ..., driver: _Optional[str] = ..., port: _Optional[str] = ..., rate_hz: _Optional[float] = ..., measured_rate_hz: _Optional[float] = ..., gyro_range: _Optional[float] = ..., has_accel: _Optional[bool] = ..., has_temperature: _Optional[bool] = ..., time_ns: _Optional[int] = ..., samples: _Optional[int] = ..., dropped: _Optional[_Mapping[str, int]] = ..., events: _Optional[_Mapping[str, int]] = ..., trouble: _Optional[str] = ..., battery_percent: _Optional[float] = ..., charging: _Optional[bool] = ..., notices: _Optional[_Mapping[str, str]] = ..., has_clock: _Optional[bool] = ...) -> None: ...
 
 class CorrectedBatch(_message.Message):
-    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch")
+    __slots__ = ("version", "device", "boot", "sequence", "start_time_ns", "tick_period_s", "clock_rate", "ticks", "rate", "flags", "quality", "noise_std", "bias_std", "scale_std", "bias", "calibration", "cross_std", "epoch", "flicker_std")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -195,6 +195,7 @@ class CorrectedBatch(_message.Message):
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
     CROSS_STD_FIELD_NUMBER: _ClassVar[int]
     EPOCH_FIELD_NUMBER: _ClassVar[int]
+    FLICKER_STD_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -213,7 +214,8 @@ class CorrectedBatch(_message.Message):
     calibration: str
     cross_std: _containers.RepeatedScalarFieldContainer[float]
     epoch: int
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., rate: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[_Iterable[float]] = ..., epoch: _Optional[int] = ...) -> None: ...
+    flicker_std: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., sequence: _Optional[int] = ..., start_time_ns: _Optional[int] = ..., tick_period_s: _Optional[float] = ..., clock_rate: _Optional[float] = ..., ticks: _Optional[_Iterable[int]] = ..., rate: _Optional[_Iterable[float]] = ..., flags: _Optional[_Iterable[int]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., cross_std: _Optional[_Iterable[float]] = ..., epoch: _Optional[int] = ..., flicker_std: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Status(_message.Message):
     __slots__ = ("version", "device", "boot", "time_ns", "state", "quality", "reason", "progress", "axes_done", "bias", "bias_std", "scale", "calibration", "calibrated_time_ns", "evidence_age_s", "temperature_c", "rate_hz", "samples_in", "samples_out", "dropped", "events", "bridge", "refused_bridges", "epoch")
@@ -366,7 +368,7 @@ class BiasRevision(_message.Message):
     def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., calibration: _Optional[str] = ..., time_ns: _Optional[int] = ..., matrix: _Optional[_Iterable[float]] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., bias: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class WindowBatch(_message.Message):
-    __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration")
+    __slots__ = ("version", "device", "boot", "window_s", "sequences", "times_ns", "samples", "flags", "reading_mean", "reading_std", "reading_min", "reading_max", "rate_mean", "rate_std", "rate_min", "rate_max", "quality", "noise_std", "bias_std", "scale_std", "cross_std", "bias", "calibration", "flicker_std")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     DEVICE_FIELD_NUMBER: _ClassVar[int]
     BOOT_FIELD_NUMBER: _ClassVar[int]
@@ -390,6 +392,7 @@ class WindowBatch(_message.Message):
     CROSS_STD_FIELD_NUMBER: _ClassVar[int]
     BIAS_FIELD_NUMBER: _ClassVar[int]
     CALIBRATION_FIELD_NUMBER: _ClassVar[int]
+    FLICKER_STD_FIELD_NUMBER: _ClassVar[int]
     version: int
     device: str
     boot: int
@@ -413,7 +416,8 @@ class WindowBatch(_message.Message):
     cross_std: _containers.RepeatedScalarFieldContainer[float]
     bias: _containers.RepeatedScalarFieldContainer[float]
     calibration: str
-    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., samples: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., reading_mean: _Optional[_Iterable[float]] = ..., reading_std: _Optional[_Iterable[float]] = ..., reading_min: _Optional[_Iterable[float]] = ..., reading_max: _Optional[_Iterable[float]] = ..., rate_mean: _Optional[_Iterable[float]] = ..., rate_std: _Optional[_Iterable[float]] = ..., rate_min: _Optional[_Iterable[float]] = ..., rate_max: _Optional[_Iterable[float]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., cross_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ...) -> None: ...
+    flicker_std: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, version: _Optional[int] = ..., device: _Optional[str] = ..., boot: _Optional[int] = ..., window_s: _Optional[float] = ..., sequences: _Optional[_Iterable[int]] = ..., times_ns: _Optional[_Iterable[int]] = ..., samples: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., reading_mean: _Optional[_Iterable[float]] = ..., reading_std: _Optional[_Iterable[float]] = ..., reading_min: _Optional[_Iterable[float]] = ..., reading_max: _Optional[_Iterable[float]] = ..., rate_mean: _Optional[_Iterable[float]] = ..., rate_std: _Optional[_Iterable[float]] = ..., rate_min: _Optional[_Iterable[float]] = ..., rate_max: _Optional[_Iterable[float]] = ..., quality: _Optional[_Union[Quality, str]] = ..., noise_std: _Optional[_Iterable[float]] = ..., bias_std: _Optional[_Iterable[float]] = ..., scale_std: _Optional[_Iterable[float]] = ..., cross_std: _Optional[_Iterable[float]] = ..., bias: _Optional[_Iterable[float]] = ..., calibration: _Optional[str] = ..., flicker_std: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Owned(_message.Message):
     __slots__ = ("version", "estimator", "time_ns", "epoch", "load", "part", "parts", "holdings", "moves")

@@ -8,6 +8,7 @@ from bridge.wire.batches import (
     MAX_CORRECTED,
     MAX_RATE,
     MAX_SEQUENCE,
+    NOT_SAID,
     Float32s,
     column_of,
     flags_of,
@@ -52,6 +53,7 @@ def encode_windows(batch: WindowBatch) -> bytes:
         cross_std=column_of(batch.cross_std, _FLOAT),
         bias=column_of(batch.bias, _FLOAT),
         calibration=clean(batch.calibration, checks.MAX_NAME),
+        flicker_std=column_of(batch.flicker_std, _FLOAT),
     ).SerializeToString()
 
 
@@ -68,8 +70,12 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
     samples = np.frombuffer(raw.samples, _UINT32)
     if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
         raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")
-    noise_std, bias_std, scale_std, cross_std = stds_of(
-        noise_std=raw.noise_std, bias_std=raw.bias_std, scale_std=raw.scale_std, cross_std=raw.cross_std
+    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(
+        noise_std=raw.noise_std,
+        bias_std=raw.bias_std,
+        scale_std=raw.scale_std,
+        cross_std=raw.cross_std,
+        flicker_std=raw.flicker_std or NOT_SAID,
     )
     return WindowBatch(
         device=raw.device,
@@ -94,6 +100,7 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
         cross_std=cross_std,
         bias=floats_of(raw.bias, "bias", 3, MAX_RATE),
         calibration=checks.text(raw.calibration, "calibration"),
+        flicker_std=flicker_std,
     )
 
 

@@ -35,11 +35,7 @@ _BEND_K = 1.0
 
 @dataclass(frozen=True, slots=True)
 class BiasKnobs:
-    """How the bias wanders. Rates in rad/s.
-
-    What flickers is no state of the filter: a faster walk, which follows it, makes the bias better by 7 % at most, for the worst
-    of the kinds that come with truerate. It is in what is said of the bias.
-    """
+    """How the bias wanders. Rates in rad/s."""
 
     #: rate random walk at a constant temperature, rad/s per root second
     rate_random_walk: float = radians(8e-4)
@@ -51,12 +47,9 @@ class BiasKnobs:
     per_kelvin: float = radians(0.03)
     #: how much the slope itself may change per kelvin, rad/s/K²
     curvature: float = radians(0.001)
-    #: standard deviation of what flickers: no rest, however long, tells where it is the moment after
+    #: standard deviation of what flickers about a mean of minutes. It is no state of the filter: a faster walk, to follow it,
+    #: makes the bias better by 7 % at most, for the worst of the kinds that come with truerate
     flicker: float = 0.0
-
-    def std(self, var: Floats, inflation: float = 1.0) -> Floats:
-        """(..., 3) standard deviation of the bias at a moment, from the variance (..., 3) of what a filter knows of it."""
-        return np.asarray(np.sqrt(var * inflation**2 + self.flicker**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -124,11 +124,8 @@ class Tracker:
 
     @property
     def std(self) -> Floats:
-        """(3,) its standard deviation: what flickers, and the filter's own, more where innovations show it too sure of itself."""
-        return self._std(self._filter.cov.diagonal()[BIAS])
-
-    def _std(self, var: Floats) -> Floats:
-        return self.knobs.bias.std(var, self.doubt.consistency.inflation)
+        """(3,) its standard deviation: the filter's own, more where its innovations show that it is too sure of itself."""
+        return np.asarray(np.sqrt(self._filter.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation)
 
     def ahead(self, time: float, celsius: float | None = None) -> tuple[Floats, Floats]:
         """Bias and its deviation, (3,) each, at a device time that the tracker may not have come to yet, where it is so warm."""
@@ -138,7 +135,8 @@ class Tracker:
         own = replace(now.state, x=now.x[:OWN], P=now.cov[:OWN, :OWN])
         then = BiasFilter(own, self.knobs.bias, now.law)
         then.predict(time, now.temperature_c if celsius is None else self.thermometer.ahead(time, celsius))
-        return then.x[BIAS], self._std(then.cov.diagonal()[BIAS])
+        std = np.sqrt(then.cov.diagonal()[BIAS]) * self.doubt.consistency.inflation
+        return then.x[BIAS], np.asarray(std)
 
     @property
     def sure(self) -> bool:
@@ -165,7 +163,7 @@ class Tracker:
     def smoothed(self, since: float = -np.inf) -> Smoothed | None:
         """The bias of each second after `since` by all that is known now; no surer than innovations allow."""
         found = self._history.smoothed(since)
-        return None if found is None else replace(found, std=self._std(found.std**2))
+        return None if found is None else replace(found, std=found.std * self.doubt.consistency.inflation)
 
     def improved(self) -> tuple[float, Smoothed] | None:
         """Once after each gap, when evidence has come back: how long it was, s, and the bias of each second since its begin."""

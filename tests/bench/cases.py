@@ -155,14 +155,11 @@ def day_cases(days: int, hours: float) -> Iterator[Case]:
     """Wearers' days, of a device read through a calibration, the same without accelerometer, and of one as bought."""
     for seed in range(days):
         day = simulate_day(seed, hours, _DAY_RATE_HZ)
-        yield _day_case("ward day, calibrated", f"seed {seed}", day, Prior(scale_std=_BY_HAND, flicker=0.0))
-        yield _day_case("ward day, gyro only", f"seed {seed}", day, Prior(scale_std=_BY_HAND, flicker=0.0), aided=False)
+        yield _day_case("ward day, calibrated", f"seed {seed}", day, Prior(scale_std=_BY_HAND))
+        yield _day_case("ward day, gyro only", f"seed {seed}", day, Prior(scale_std=_BY_HAND), aided=False)
         as_bought = simulate_day(seed, hours, _DAY_RATE_HZ, calibrated=False)
         yield _day_case(
-            "ward day, as bought",
-            f"seed {seed}",
-            as_bought,
-            Prior(bias_std=np.radians(5.0), scale_std=0.03, flicker=0.0),
+            "ward day, as bought", f"seed {seed}", as_bought, Prior(bias_std=np.radians(5.0), scale_std=0.03)
         )
 
 

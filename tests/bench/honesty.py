@@ -137,11 +137,15 @@ SCENES: Mapping[str, Scene] = {
 
 
 class Score(NamedTuple):
-    """Of a seed, or of many on the mean: NEES/dof at the end and on the way, mean squared error, (rad/s)²."""
+    """Of a seed, or of many on the mean: NEES/dof at the end and on the way, mean squared error, (rad/s)².
+
+    within: of the truth, how much lies within ±1.96 of the deviations that are told, on the way.
+    """
 
     end: float
     way: float
     squared: float
+    within: float
 
 
 def band(seeds: int) -> tuple[float, float]:
@@ -166,7 +170,7 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
     knobs = TrackKnobs(bias=BiasKnobs(rate_random_walk=walk, warm_up_walk=0.0, flicker=flicker))
     tracker = Tracker(knobs, 0.0, model, np.full(3, std))
     last, force = 0.0, day.accel.astype(float) if accel else None
-    nees, squared = [], []
+    nees, squared, within = [], [], []
     for windows in Stillness().feed(day.time_s, day.gyro.astype(float), force).each():
         if scene.step_k or scene.other:
             ((_, now, sample, _),) = windows.heads
@@ -181,7 +185,8 @@ def _lived(scene: Scene, seed: int, *, accel: bool, told: float) -> Score:
         error = tracker.bias - day.bias[round(last * _RATE_HZ) - 1]
         nees.append(float(error @ np.linalg.solve(tracker.state.bias_cov + flicker**2 * np.eye(3), error)) / 3)
         squared.append(float(error @ error) / 3)
-    return Score(nees[-1], float(np.mean(nees)), float(np.mean(squared)))
+        within.append(np.abs(error) < 1.96 * np.hypot(tracker.std, flicker))
+    return Score(nees[-1], float(np.mean(nees)), float(np.mean(squared)), float(np.mean(within)))
 
 
 def main() -> int:
@@ -200,7 +205,7 @@ def main() -> int:
         box=None,
         pad_edge=False,
     )
-    for heading in ("", "", "at the end", "on the way", "error, °/s rms"):
+    for heading in ("", "", "at the end", "on the way", "error, °/s rms", "in ±1.96 σ, %"):
         table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
     found: list[dict[str, object]] = []
 
@@ -212,10 +217,9 @@ def main() -> int:
         rms = float(np.degrees(np.sqrt(score.squared)))
         again = seeds.start > wanted.first
         what = f"{len(seeds)} other seeds" if again else "accelerometer-aided" if accel else "gyro only"
-        table.add_row(name if accel and not again else "", what, *marked, f"{rms:.4f}")
-        found.append(
-            {"scene": name, "accel": accel, "seeds": len(seeds), "end": score.end, "way": score.way, "rms_dps": rms}
-        )
+        table.add_row(name if accel and not again else "", what, *marked, f"{rms:.4f}", f"{100 * score.within:.1f}")
+        same = {"end": score.end, "way": score.way, "within": score.within}
+        found.append({"scene": name, "accel": accel, "seeds": len(seeds), **same, "rms_dps": rms})
         return all(inside)
 
     first, then = wanted.first, wanted.first + wanted.seeds

@@ -12,7 +12,7 @@ import json
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +30,6 @@ from tests.bench.trackers import Floats, Prior, Track, ours
 
 #: seconds that a real bias is held against: most, and least
 _AHEAD_S, _LEAST_S = 10.0, 4.0
-#: how much of what flickers, from 0.01 to 1 Hz, is in a mean of those: up to 1/20 s
-_SLOW = float(np.sqrt(np.log(5) / np.log(100)))
 #: known from then on, s: a second and more of the rest has told
 _TOLD_S = 2.0
 _SIGMAS, _DRAWS = 1.96, 2000
@@ -82,11 +80,10 @@ def broad_rests() -> Iterator[tuple[str, Floats]]:
     everything = broad.trials()
     for trial in track(everything, "BROAD"):
         siblings = broad.siblings(trial, everything)
-        prior = Prior(flicker=_SLOW * Prior().flicker)
-        tried = [("BROAD, aided", trial, trial.accel, prior), ("BROAD, gyro only", trial, None, prior)]
+        tried = [("BROAD, aided", trial, trial.accel, Prior()), ("BROAD, gyro only", trial, None, Prior())]
         if siblings:
             turned = trial.turned(matrix_of(siblings))
-            tried.append(("BROAD with 3×3, aided", turned, turned.accel, replace(prior, scale_std=_BY_OTHER_TRIAL)))
+            tried.append(("BROAD with 3×3, aided", turned, turned.accel, Prior(scale_std=_BY_OTHER_TRIAL)))
         for name, read, accel, prior in tried:
             found = ours(read.gyro, accel, None, read.rate_hz, prior)
             if found is not None and found.std is not None:
@@ -135,7 +132,7 @@ def day_rests(days: int, hours: float) -> Iterator[tuple[str, Floats]]:
             one.astype(np.float64) for one in (day.gyro, day.accel, day.temperature_c, day.bias)
         )
         for how, force in (("aided", accel), ("gyro only", None)):
-            found = ours(gyro, force, celsius, day.rate_hz, Prior(scale_std=_BY_HAND, flicker=0.0))
+            found = ours(gyro, force, celsius, day.rate_hz, Prior(scale_std=_BY_HAND))
             if found is not None and found.std is not None:
                 z = (found.bias - bias) / found.std
                 yield from ((f"ward day, {how}: {where}", one) for where, one in _by_rest(day, z))

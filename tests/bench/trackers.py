@@ -12,9 +12,7 @@ import numpy as np
 import vqf
 from numpy.typing import NDArray
 
-from estimator.device_knobs import knobs_of
 from estimator.gyro import GyroModel
-from estimator.noise_model import load_model
 from estimator.stillness import Stillness
 from estimator.track.bias_filter import BiasKnobs
 from estimator.track.tracker import Tracker as OurTracker
@@ -30,12 +28,11 @@ _STILL_S, _STILL_DPS, _STILL_ACCEL = 2.0, 1.0, 0.15
 class Prior:
     """What is known of a gyro beforehand: bias_std rad/s of its bias, taken as zero; scale_std, relative, of its matrix.
 
-    flicker: rad/s, of the bias. By default as of one calibrated by its maker. Peers have no way to be told.
+    By default as of one calibrated by its maker. Peers have no way to be told.
     """
 
     bias_std: float = np.radians(0.5)
     scale_std: float = 0.005
-    flicker: float = knobs_of(load_model("factory-calibrated")).track.bias.flicker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,8 +125,7 @@ def ours(
     bias, std = np.zeros(3), np.full(3, prior.bias_std)
     scale_std = np.full(3, prior.scale_std)
     model = GyroModel(np.eye(3), bias, scale_std, scale_std, np.full(3, 2e-3))
-    # Nobody knows when these were powered up.
-    knobs = TrackKnobs(history=None, bias=BiasKnobs(warm_up_walk=0.0, flicker=prior.flicker))
+    knobs = TrackKnobs(history=None, bias=BiasKnobs(warm_up_walk=0.0))  # nobody knows when these were powered up
     tracker, stillness = OurTracker(knobs, 0.0, model, std), Stillness()
     found, stds, steps = [bias], [std], [0.0]
     for start in range(0, n, _BLOCK):

@@ -6,7 +6,6 @@ the standard deviation that came with it, and how often the truth is within ±1.
 
 import argparse
 import sys
-from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
@@ -14,13 +13,9 @@ from rich.table import Table
 
 from bridge.recording import Recording
 from bridge.sim.day import Day, simulate_day
-from estimator.device_knobs import knobs_of
-from estimator.noise_model import GENERIC, load_model
 from estimator.offline import correct
 
 _RATE_HZ, _FIRST_REST_S, _LATE_S = 52.0, 60.0, 600.0
-#: no such device flickers
-_STEADY = knobs_of(replace(load_model(GENERIC), bias_instability=np.zeros(3)))
 #: what is left of the recording: temperature, accelerometer, from when on, and whether it is said to be warm
 CASES = {
     "all of it": (True, True, 0.0, False),
@@ -48,7 +43,7 @@ def judged(
     day: Day, of: Recording, since_s: float = 0.0, *, warmed_up: bool = False, smooth: bool = False
 ) -> list[float]:
     """Share within ±1.96 σ, NEES/dof, error and σ in °/s rms, after the first rest."""
-    found = correct(of, knobs=_STEADY, warmed_up=warmed_up, smooth=smooth)
+    found = correct(of, warmed_up=warmed_up, smooth=smooth)
     after = of.time_s > _FIRST_REST_S
     error = (found.bias - day.bias[day.time_s >= since_s])[after].astype(np.float64)
     std = found.bias_std[after].astype(np.float64)

@@ -56,8 +56,10 @@ def test_a_new_device_that_is_turned_by_hand_is_no_surer_than_it_may_be() -> Non
 
 
 @pytest.mark.parametrize("accel", [True, False], ids=["aided", "gyro only"])
-def test_a_bias_that_flickers_is_known_no_better_than_it_holds_still(*, accel: bool) -> None:
-    """The worst of the kinds that come with truerate, on somebody who wears it; what flickers left out, NEES/dof was 13 and 6."""
+def test_a_bias_that_flickers_is_within_what_is_told(*, accel: bool) -> None:
+    """The worst of the kinds that come with truerate, worn; without `flicker_std` half of it, and two thirds."""
     scene = SCENES["on the ward, B 0.014 °/s (*)"]
-    assert 0.5 < measured(scene, range(8), accel=accel).way < 1.7
-    assert measured(replace(scene, unstable_dps=0.0), range(2), accel=accel).way > 4.0
+    found = measured(scene, range(12), accel=accel)
+    assert 0.9 < found.within < 0.98
+    assert found.way < 2.0
+    assert measured(replace(scene, unstable_dps=0.0), range(2), accel=accel).within < 0.75

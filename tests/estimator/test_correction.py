@@ -32,7 +32,7 @@ CALIBRATION = Calibration(
     temperature_c=25.0,
     who="",
 )
-BIAS = np.array([0.011, 0.021, 0.031])
+BIAS, FLICKER = np.array([0.011, 0.021, 0.031]), 3e-4
 
 
 def chosen(
@@ -45,8 +45,8 @@ def chosen(
     """With a bias that was tracked to 1e-4 rad/s, or with what is believed of it before."""
     belief = believed(calibration, earlier, KNOBS, moves)
     if bias is None:
-        return choose(belief, belief.model.bias, belief.bias_std, noise_std, sure=False)
-    return choose(belief, bias, np.full(3, 1e-4), noise_std, sure=True)
+        return choose(belief, belief.model.bias, belief.bias_std, noise_std, FLICKER, sure=False)
+    return choose(belief, bias, np.full(3, 1e-4), noise_std, FLICKER, sure=True)
 
 
 def test_two_are_the_same_where_every_number_is() -> None:
@@ -56,6 +56,7 @@ def test_two_are_the_same_where_every_number_is() -> None:
         replace(one, quality=Quality.DEGRADED),
         replace(one, calibration="c2"),
         replace(one, bias_std=np.nextafter(one.bias_std, 1.0)),
+        replace(one, flicker=0.0),
         *(
             replace(one, model=replace(one.model, **{name: np.nextafter(getattr(one.model, name), 1.0)}))
             for name in ("matrix", "bias", "scale_std", "cross_std", "noise_std")
@@ -129,6 +130,7 @@ def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
     assert np.abs(part.sample_time_ns - batch.sample_time_ns[20:50]).max() <= 1
     np.testing.assert_allclose(part.noise_std, np.array([0.9, 1.0, 1.1]) * 0.001, rtol=1e-6)
     np.testing.assert_allclose(part.bias_std, np.array([0.9, 1.0, 1.1]) * 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(part.flicker_std, np.array([0.9, 1.0, 1.1]) * FLICKER, rtol=1e-6)
 
 
 def test_published_deviations_add_up() -> None:
@@ -137,7 +139,7 @@ def test_published_deviations_add_up() -> None:
         chosen(CALIBRATION).apply(batch, 0, 2),
         rate=np.array([[1.0, -2.0, 0.0], [0.0, 0.0, 0.0]], np.float32),
     )
-    noise_bias = np.hypot([0.0009, 0.001, 0.0011], [0.9e-4, 1e-4, 1.1e-4])
+    noise_bias = np.array([0.9, 1.0, 1.1]) * np.sqrt(0.001**2 + 1e-4**2 + FLICKER**2)
     np.testing.assert_allclose(corrected.rate_std[1], noise_bias, rtol=1e-5)
     np.testing.assert_allclose(
         corrected.rate_std[0],

@@ -88,8 +88,7 @@ def test_against_the_truth(day: Stream, corrected: Corrected) -> None:
 def test_at_an_even_temperature_the_deviation_of_the_bias_is_that_of_its_error() -> None:
     even = replace(DEMO_SPEC, accel_bias=0.0, temperature_c=(30.0, 30.0))
     day = calibration(seed=1, after=pieces(1, 18), spec=even)
-    steady = knobs_of(replace(load_model(GENERIC), bias_instability=np.zeros(3)))
-    found = correct(recorded(day), knobs=steady)
+    found = correct(recorded(day))
     good = found.quality == Quality.GOOD
     assert 0.5 < rms((found.bias - day.bias)[good] / found.bias_std[good]) < 1.5
 

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import Quality
+from estimator.device_knobs import knobs_of
+from estimator.noise_model import load_model
 from estimator.remembered import Remembered, correction
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BiasState, start
 from tests.estimator.test_correction import BIAS, CALIBRATION
 
-KNOBS = SessionKnobs()
+KNOBS = knobs_of(load_model("lsm9ds1"), SessionKnobs())
 BOOT, KEPT_S = CALIBRATION.boot, 500.0
 
 

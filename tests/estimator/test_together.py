@@ -224,7 +224,9 @@ def test_a_number_in_more_bytes_than_it_needs_is_read_or_left_to_the_door() -> N
 
 def correction_of(rng: np.random.Generator, scale: float = 1.0) -> Correction:
     matrix, vectors = scale * np.eye(3) + rng.normal(0, 0.1, (3, 3)), rng.normal(0, 1, (5, 3))
-    return Correction(GyroModel(matrix, vectors[0], *np.abs(vectors[1:4])), np.abs(vectors[4]), Quality.GOOD, "it")
+    return Correction(
+        GyroModel(matrix, vectors[0], *np.abs(vectors[1:4])), np.abs(vectors[4]), Quality.GOOD, "it", 2e-4
+    )
 
 
 def test_it_is_corrected_and_encoded_as_a_batch_by_itself() -> None:

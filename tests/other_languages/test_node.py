@@ -233,6 +233,8 @@ def tampered(batch: CorrectedBatch) -> list[tuple[str, Message]]:
         "std negative": {"bias_std": [-1.0, 0.0, 0.0]},
         "std large": {"scale_std": [0.0, 2e6, 0.0]},
         "std missing": {"cross_std": []},
+        "flicker negative": {"flicker_std": [0.0, 0.0, -1.0]},
+        "flicker short": {"flicker_std": [0.0, 0.0]},
         "bias large": {"bias": [0.0, 1001.0, 0.0]},
         "period": {"tick_period_s": 0.0},
         "clock": {"clock_rate": 1e5},

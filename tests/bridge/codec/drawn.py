@@ -84,7 +84,7 @@ def corrected(data: st.DataObject) -> CorrectedBatch:
         data.draw(st.floats(1e-4, 1e4)), when, column(data, 2000, n, 3), flags(data, n),
         data.draw(st.sampled_from(Quality)), abs(column(data, 9, 3)),
         abs(column(data, 9, 3)), abs(column(data, 9, 3)), column(data, 1000, 3), data.draw(TEXT), abs(column(data, 9, 3)),
-        data.draw(TIME),
+        data.draw(TIME), abs(column(data, 9, 3)),
     )  # fmt: skip
 
 

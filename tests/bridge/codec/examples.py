@@ -72,7 +72,7 @@ SURE = DeviceInfo(
 FIXED = CorrectedBatch(
     "d1", 7, 1, 1, 1e-6, 1.0, np.arange(3, dtype=np.uint64), np.ones((3, 3), np.float32), np.zeros(3, np.uint32),
     Quality.GOOD, np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), np.ones(3, np.float32), "c1",
-    np.ones(3, np.float32),
+    np.ones(3, np.float32), flicker_std=np.ones(3, np.float32),
 )  # fmt: skip
 REVISED = BiasRevision(
     "d1", 7, "c1", 9, np.eye(3), np.array([3, 103, 203], np.uint64), np.array([10**18, 10**18 + 1, 10**18 + 9], np.int64),
@@ -81,7 +81,7 @@ REVISED = BiasRevision(
 HALF, ONE = np.full((2, 3), 0.5, np.float32), np.ones(3, np.float32)
 SEEN = WindowBatch(
     "d1", 7, 0.1, np.array([3, 13], np.uint64), np.array([10**18, 10**18 + 9], np.int64), np.array([4, 10], np.uint32),
-    np.array([0, 2], np.uint32), HALF, HALF, HALF, HALF, HALF, HALF, HALF, HALF, Quality.GOOD, ONE, ONE, ONE, ONE, ONE, "c1",
+    np.array([0, 2], np.uint32), HALF, HALF, HALF, HALF, HALF, HALF, HALF, HALF, Quality.GOOD, ONE, ONE, ONE, ONE, ONE, "c1", ONE,
 )  # fmt: skip
 DOORS: dict[str, tuple[Callable[[bytes], Any], bytes]] = {
     "samples": (lambda payload: codec.decode_samples(RAW, payload), codec.encode_samples(plain())),

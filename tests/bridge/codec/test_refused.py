@@ -47,6 +47,8 @@ WRONG_WINDOWS: list[tuple[dict[str, Any], Reason]] = [
     ({"rate_max": np.full((2, 3), 2001, np.float32)}, Reason.RANGE),
     ({"reading_mean": np.full((3, 3), 1, np.float32)}, Reason.LENGTH),
     ({"bias_std": np.full(3, -1, np.float32)}, Reason.RANGE),
+    ({"flicker_std": np.full(3, -1, np.float32)}, Reason.RANGE),
+    ({"flicker_std": np.ones(2, np.float32)}, Reason.LENGTH),
     ({"bias": np.full(3, 1001, np.float32)}, Reason.RANGE),
     ({"calibration": "x" * 65}, Reason.LENGTH),
     ({"quality": 9}, Reason.RANGE),
@@ -226,8 +228,9 @@ def test_an_unknown_state_or_a_negative_deviation_is_refused() -> None:
     raw = truerate_pb2.Status.FromString(codec.encode_status(STILL))
     raw.state = 99  # type: ignore[assignment]
     assert refused(raw.SerializeToString(), STATUS, codec.decode_status) is Reason.RANGE
-    bad = dataclasses.replace(FIXED, bias_std=np.array([1, -1, 1], np.float32))
-    assert refused(codec.encode_corrected(bad), CORRECTED, codec.decode_corrected) is Reason.RANGE
+    wrong = np.array([1, -1, 1], np.float32)
+    for bad in (dataclasses.replace(FIXED, bias_std=wrong), dataclasses.replace(FIXED, flicker_std=wrong)):
+        assert refused(codec.encode_corrected(bad), CORRECTED, codec.decode_corrected) is Reason.RANGE
 
 
 def test_a_corrected_sample_too_has_a_time_that_can_be_said() -> None:

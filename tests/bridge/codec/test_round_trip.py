@@ -36,13 +36,14 @@ from tests.bridge.codec.drawn import (
     TEXT,
     TIME,
     U64,
+    WINDOWED,
     calibrations,
     checkpoints,
     corrected,
     revision,
     samples,
 )
-from tests.bridge.codec.examples import FIXED, assert_same, refused
+from tests.bridge.codec.examples import FIXED, SEEN, assert_same, refused
 
 
 @given(st.data())
@@ -140,3 +141,16 @@ def test_a_twin_writes_the_very_bytes_of_the_real_message(data: st.DataObject) -
             elif value is not None:
                 setattr(real, field.name, value)
         assert real.SerializeToString(deterministic=True) == payload
+
+
+def test_of_who_does_not_say_by_how_much_a_bias_flickers_it_does_not() -> None:
+    """As recordings of earlier versions."""
+    one = truerate_pb2.CorrectedBatch.FromString(codec.encode_corrected(FIXED))
+    two = truerate_pb2.WindowBatch.FromString(codec.encode_windows(SEEN))
+    one.ClearField("flicker_std")
+    two.ClearField("flicker_std")
+    for found in (
+        codec.decode_corrected(CORRECTED, one.SerializeToString()),
+        codec.decode_windows(WINDOWED, two.SerializeToString()),
+    ):
+        np.testing.assert_array_equal(found.flicker_std, np.zeros(3, np.float32))

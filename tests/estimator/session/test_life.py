@@ -143,6 +143,23 @@ def test_a_turn_that_was_not_once_around_is_asked_for_again(angle: float, kind: 
     np.testing.assert_allclose(np.diag(second.matrix), of.truth.k, atol=1e-3)
 
 
+def test_by_how_much_its_bias_flickers_is_told_by_its_model_beside_how_well_its_mean_is_known() -> None:
+    of, model = calibration(seed=4), load_model("generic")
+    device, steady = (
+        DeviceSession(NAME, knobs_of(each)) for each in (model, replace(model, bias_instability=np.zeros(3)))
+    )
+    found, known = (feed(each, of.batches()).corrected[-1] for each in (device, steady))
+    assert found.quality is Quality.GOOD
+    flicker = np.sqrt(np.log(1000) / np.pi) * model.bias_instability
+    np.testing.assert_allclose(found.flicker_std, flicker * of.truth.k, rtol=1e-3)
+    np.testing.assert_array_equal(found.bias_std, known.bias_std)
+    np.testing.assert_allclose(
+        found.rate_std**2 - known.rate_std**2, np.tile(found.flicker_std**2, (len(found), 1)), rtol=1e-3
+    )
+    status = device.status(1)
+    assert status.bias_std == steady.status(1).bias_std, "as a person wants it: of the mean"
+
+
 def test_a_calibration_that_fails_is_told_and_fits_the_wire(monkeypatch: pytest.MonkeyPatch) -> None:
     from estimator.batch import closure
 

@@ -56,7 +56,7 @@ function corrected(raw) {
     device: raw.device, boot: big(raw.boot), sequence: big(raw.sequence), start: big(raw.startTimeNs),
     period: raw.tickPeriodS, clock: raw.clockRate, ticks: raw.ticks.map(big), rate: vectors(raw.rate),
     quality: raw.quality, noise: raw.noiseStd, biasStd: raw.biasStd, scale: raw.scaleStd, cross: raw.crossStd,
-    bias: raw.bias, calibration: raw.calibration, epoch: big(raw.epoch),
+    bias: raw.bias, calibration: raw.calibration, epoch: big(raw.epoch), flicker: raw.flickerStd,
   };
   whole(batch.epoch, MOST, "epoch");
   check(1 <= n && n <= 1024, `length: ${n} samples`);
@@ -69,6 +69,7 @@ function corrected(raw) {
   whole(batch.start + BigInt(Math.round(lasts)), MOST, "the time of the last sample");
   within(raw.rate, 3 * n, -2000, 2000, "rate");
   for (const name of ["noiseStd", "biasStd", "scaleStd", "crossStd"]) within(raw[name], 3, 0, 1e6, name);
+  if (raw.flickerStd.length) within(raw.flickerStd, 3, 0, 1e6, "flickerStd");
   within(raw.bias, 3, -1000, 1000, "bias");
   check(raw.flags.length === 0 || raw.flags.length === n, "length: flags");
   for (const flags of raw.flags) check((flags & ~FLAGS) === 0, `range: flags ${flags}`);
@@ -108,6 +109,7 @@ function windows(raw) {
   for (const [of, most] of [["reading", 1000], ["rate", 2000]])
     for (const what of ["Mean", "Std", "Min", "Max"]) within(raw[of + what], 3 * m, what === "Std" ? 0 : -most, most, of + what);
   for (const name of ["noiseStd", "biasStd", "scaleStd", "crossStd"]) within(raw[name], 3, 0, 1e6, name);
+  if (raw.flickerStd.length) within(raw.flickerStd, 3, 0, 1e6, "flickerStd");
   within(raw.bias, 3, -1000, 1000, "bias");
   check(raw.flags.length === 0 || raw.flags.length === m, "length: flags");
   for (const flags of raw.flags) check((flags & ~FLAGS) === 0, `range: flags ${flags}`);
@@ -115,7 +117,7 @@ function windows(raw) {
   text(raw.calibration, 64, "calibration");
   return sequences.map((number, i) => {
     const noise = raw.noiseStd.map((value) => value / Math.sqrt(raw.samples[i]));
-    const batch = { noise, scale: raw.scaleStd, cross: raw.crossStd };
+    const batch = { noise, scale: raw.scaleStd, cross: raw.crossStd, flicker: raw.flickerStd };
     const [mean, least, most] = [raw.rateMean, raw.rateMin, raw.rateMax].map((values) => values.slice(3 * i, 3 * i + 3));
     return {
       window: raw.device, boot: big(raw.boot), number, time_ns: times[i], samples: raw.samples[i], mean, least, most,
@@ -131,7 +133,8 @@ const time = (batch, i) =>
 function std(batch, rate, biasStd) {
   return rate.map((r, axis) => {
     const across = Math.hypot(...rate.filter((_, other) => other !== axis));
-    return Math.hypot(batch.noise[axis], biasStd[axis], r * batch.scale[axis], across * batch.cross[axis]);
+    const flicker = batch.flicker[axis] ?? 0;
+    return Math.hypot(batch.noise[axis], biasStd[axis], flicker, r * batch.scale[axis], across * batch.cross[axis]);
   });
 }
 
