@@ -14,7 +14,7 @@ from typing import NamedTuple, Self, TypeVar
 
 from bridge import os_words
 from estimator.database.connection import FAULTS, beside, code, connect, on_file, snapshot, transaction, unused
-from estimator.database.errors import StoreError, Unavailable
+from estimator.database.errors import Busy, StoreError, Unavailable
 from estimator.database.opening import (
     ADVICE,
     LOOKED_THROUGH,
@@ -37,7 +37,8 @@ T = TypeVar("T")
 #: after a failure, how long until the file is opened again
 RETRY_S = 5.0
 #: after these the connection itself is in order
-_PASSING = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_CONSTRAINT}
+_HELD = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
+_PASSING = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_CONSTRAINT, *_HELD}
 _MEMORY = ":memory:"
 _TOLD = 1000
 
@@ -245,7 +246,7 @@ class Database:
                     self._writing.release()
             else:
                 self._sick = True
-        return Unavailable(self.trouble)
+        return Busy(self.trouble) if code(error) in _HELD else Unavailable(self.trouble)
 
     def _gone(self, trouble: str) -> None:
         """Go on from what can be read, for a while."""

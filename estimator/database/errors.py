@@ -7,3 +7,7 @@ class StoreError(Exception):
 
 class Unavailable(StoreError):
     """Not now: the disk is full, read-only or failing, or the file is somebody else's lock. It may work again later."""
+
+
+class Busy(Unavailable):
+    """Somebody else writes to the file, or holds it, for longer than is waited."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol
 
-from estimator.database import Database, StoreError
+from estimator.database import Busy, Database, StoreError
 
 log = logging.getLogger(__name__)
 
@@ -131,8 +131,9 @@ class Clerk:
                 for one in part:
                     one.write()
 
-        if _tried(all_of_it) is None:
-            return [None] * len(part)
+        error = _tried(all_of_it)
+        if error is None or isinstance(error, Busy):  # each by itself would wait for whoever has it as long again
+            return [error] * len(part)
         return [_tried(one.write) for one in part]  # one that cannot be written must not keep the others from it
 
 

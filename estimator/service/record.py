@@ -60,8 +60,9 @@ class Record:
         replicas: Replicas | None = None,
         tell: Callable[[Device], None] = lambda _: None,
         highest: Callable[[], int] = lambda: 0,
+        guarded: Callable[[Device, Callable[[], None]], object] = lambda _, work: work(),
     ) -> None:
-        self._replicas, self._tell, self._highest = replicas or Replicas(0), tell, highest
+        self._replicas, self._tell, self._highest, self._guarded = replicas or Replicas(0), tell, highest, guarded
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
         self.earlier = Earlier(store, self._replicas, self._clerk, now_ns, self._failed)
@@ -126,11 +127,14 @@ class Record:
             return None  # all of it is of another power-up
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
         said = self._replicas.recall(device.name, boot, self._now_ns())
+        before = self._made_before(device, boot)
+        if before is not None and said is not None and said.calibration is not None and said.calibration.id in before:
+            said = None  # who says so has not heard of it
         theirs = None if said is None else said.calibration
         if unsaved is not None and (theirs is None or theirs.id != unsaved.id):
             return Remembered(unsaved, None)
         if said is not None and said.calibration is not None:
-            if (later := self._later(device.name, said.calibration)) is not None:
+            if (later := self._later(device, said.calibration)) is not None:
                 return said.under(later)
             self.keep(device, said.calibration)
             return said
@@ -144,14 +148,9 @@ class Record:
             return said
         if ours is not None and ours.calibration is not None:
             self._in_use(ours.calibration)
-        if said is None:
-            return ours
-        if ours is None or ours.calibration is None:
-            return said
-        # Whoever had the device after us has not heard of our calibration.
-        if said.bias is None and not said.doubted:
-            return replace(ours, asked=said.asked or ours.asked)
-        return said.under(ours.calibration)
+        elif before is not None:
+            device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
+        return _joined(said, ours)
 
     def repeat(self, device: Device, boot: int, *more: Calibration) -> None:
         """Another power-up has this boot number, and is to be calibrated anew; more: of the one before, beside what is unsaved.
@@ -174,12 +173,17 @@ class Record:
     def keep(self, device: Device, calibration: Calibration) -> None:
         """Another's calibration, which may be gone for ever with it."""
         self._in_use(calibration)
+        if all(c.id != calibration.id for c in device.unsaved):
+            device.unsaved = [*device.unsaved, calibration][-UNSAVED:]
+        self._save_calibrations(device)
 
-        def kept(error: StoreError | None) -> None:
-            if error is not None and all(c.id != calibration.id for c in device.unsaved):
-                device.unsaved = [*device.unsaved, calibration][-UNSAVED:]
-
-        self._keep(device.session, lambda: self._store.add_calibration(calibration), kept)
+    def _made_before(self, device: Device, boot: int) -> set[str] | None:
+        """See Store.made_before."""
+        try:
+            return self._store.made_before(device.name, boot)
+        except StoreError as error:
+            self._failed(device.session, error)
+            return None
 
     def _in_use(self, calibration: Calibration) -> None:
         """From now on its device goes by this one."""
@@ -189,9 +193,15 @@ class Record:
         while len(self._used) > MAX_DEVICES:
             del self._used[next(iter(self._used))]
 
-    def _later(self, device: str, said: Calibration) -> Calibration | None:
+    def _later(self, device: Device, said: Calibration) -> Calibration | None:
         """One that has taken the place of what another still goes by, who was cut off as it was made; by order, not by clocks."""
-        used = self._used.get(device, ())
+        if device.name not in self._used:  # since a restart
+            try:
+                for kept in self._store.of_boot(device.name, said.boot):
+                    self._in_use(kept)
+            except StoreError as error:
+                self._failed(device.session, error)
+        used = self._used.get(device.name, ())
         return used[-1] if any(c.id == said.id for c in used[:-1]) else None
 
     def reached(self) -> dict[str, tuple[int, int, int, str]]:
@@ -374,13 +384,13 @@ class Record:
         self._clerk.do(line, done)
 
     def _save_calibrations(self, device: Device) -> None:
-        for c in [c for c in device.unsaved if c.id not in self._saving]:
-            self._saving.add(c.id)
-            self._keep(
-                device.session,
-                lambda c=c: self._store.add_calibration(c),  # type: ignore[misc] # bound now
-                lambda error, c=c: self._saved(device, c, error),  # type: ignore[misc]
-            )
+        """One after the other: which was kept last is which holds after a restart."""
+        if not device.unsaved or any(c.id in self._saving for c in device.unsaved):
+            return
+        first = device.unsaved[0]
+        self._saving.add(first.id)
+        write = partial(self._store.add_calibration, first)
+        self._keep(device.session, write, lambda error: self._saved(device, first, error))
 
     def _saved(self, device: Device, c: Calibration, error: StoreError | None) -> None:
         self._saving.discard(c.id)
@@ -391,11 +401,12 @@ class Record:
             device.unsaved = [other for other in device.unsaved if other is not c]
             if device.session.sequence.events.as_dict().get("calibration not saved"):
                 log.info("%s: calibration %s is saved", device.name, c.id)
+            self._save_calibrations(device)
         self._let_go(device, c.id)
 
     def _let_go(self, device: Device, calibration: str) -> None:
         if device.let_go(calibration):
-            device.say_status(self._now_ns())
+            self._guarded(device, lambda: device.say_status(self._now_ns()))
 
     def _keep(
         self,
@@ -433,3 +444,15 @@ class Record:
                 self._write_down(line, again=device)
             for _ in range(len(self._unwritten)):
                 self._write_down(self._unwritten.popleft())
+
+
+def _joined(said: Remembered | None, ours: Remembered | None) -> Remembered | None:
+    """What another has said of a boot that it had no calibration of, and what is kept here."""
+    if said is None:
+        return ours
+    if ours is None or ours.calibration is None:
+        return said
+    # Whoever had the device after us has not heard of our calibration.
+    if said.bias is None and not said.doubted:
+        return replace(ours, asked=said.asked or ours.asked)
+    return said.under(ours.calibration)

@@ -89,8 +89,16 @@ class Service:
         self._bus, self._control, self._now_ns, self._store_path = data, control, now_ns, store.path
         self._peers = Peers(ward, settings.id, data, control, now_ns, self.counts, peers)
         cluster = self._peers.cluster
+        self._guarded = Isolation(self.counts)
         self._record = Record(
-            store, self.counts, now_ns, clerk, self._peers.replicas, self._peers.tell, lambda: cluster.highest
+            store,
+            self.counts,
+            now_ns,
+            clerk,
+            self._peers.replicas,
+            self._peers.tell,
+            lambda: cluster.highest,
+            self._guarded,
         )
         cluster.hear(self._record.epoch())
         self._left = deque[tuple[float, Publisher]]()
@@ -98,7 +106,6 @@ class Service:
         self._missed = dict[str, Checkpoint]()
         self._treatment = treatment(settings)
         self._silent = Silent(data, ward, self._peers.replicas, self._treatment.of)
-        self._guarded = Isolation(self.counts)
         self._devices = Roster(self.counts, settings.silence_s)
         self._interim = Interim(
             data, ward, self._peers.replicas, self._treatment.of, now_ns, self.counts, self._devices.info

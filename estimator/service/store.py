@@ -81,10 +81,16 @@ class Store:
         self.database.write(Change("calibrations", _as_row(calibration)))
 
     def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
-        """Note a boot; the same boot again changes nothing."""
+        """Note a boot; the same boot again changes nothing but what its device is, where that is known better now."""
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
         row["cause"] = BootCause(info.boot_cause).name
-        self.database.write(Change("boots", row | restore_key(info)))
+        key = restore_key(info)
+        for known in self.database.rows("boots", "device = ? AND boot = ?", (row["device"], row["boot"])):
+            better = {name: value for name, value in key.items() if value and value != known[name]}
+            if better:
+                self.database.write(Change("boots", known | better, "REPLACE"))
+            return
+        self.database.write(Change("boots", row | key))
 
     def save_bias(
         self,
@@ -241,9 +247,21 @@ class Store:
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """The calibration of this very boot."""
-        name, rows = keys.boot_id(boot), self.database.rows("audit", "request_id = ?", (_repeated(device, boot),))
-        before = {made for row in rows if row["verb"] == REPEATED for made in row["reason"].split()}
+        name, before = keys.boot_id(boot), self.made_before(device, boot) or ()
         return self._latest(device, lambda row: row["boot"] == name and row["id"] not in before, "boot = ?", name)
+
+    def made_before(self, device: str, boot: int) -> set[str] | None:
+        """Ids of calibrations under this boot number that are of another power-up; None where it has not come again."""
+        rows = self.database.rows("audit", "request_id = ?", (_repeated(device, boot),))
+        repeats = [row["reason"].split() for row in rows if row["verb"] == REPEATED]
+        return {made for ids in repeats for made in ids} if repeats else None
+
+    def of_boot(self, device: str, boot: int) -> list[Calibration]:
+        """The latest calibrations of this very boot, in the order in which they were kept."""
+        name, before = keys.boot_id(boot), self.made_before(device, boot) or ()
+        rows = self.database.rows("calibrations", _LATEST, (device,))
+        made = (self._calibration(row) for row in rows if row["boot"] == name and row["id"] not in before)
+        return [one for one in made if one is not None]
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:
         """By device boot, sequence number and host time of the last sample that its latest bias knows of, if kept since then.

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -235,3 +236,61 @@ def test_while_nothing_can_be_written_what_is_asked_pushes_out_no_boot_that_came
     kept._works()
     lines = store.database.rows("audit", "device = ?", (NAME,))
     assert len(lines) == record.REPLIES + 1, "and that of the boot that came again"
+
+
+def test_where_another_has_the_file_all_that_waits_waits_for_it_but_once(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One by one each waited for five seconds, and nobody was told of the first meanwhile."""
+    monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    assert store.database._db is not None
+    store.database._db.execute("PRAGMA busy_timeout = 50")
+    clerk, tried, heard = Clerk(store.database), list[int](), list[StoreError | None]()
+
+    def write(n: int) -> None:
+        tried.append(n)
+        store.save_epoch(n, n)
+
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        for n in range(4):
+            clerk.do(partial(write, n), heard.append, soon=False)
+        clerk.close()
+    assert tried == [0, 1, 2, 3]
+    assert len(heard) == 4
+    assert all("locked" in str(error) for error in heard)
+
+
+class Lazy(Inline):
+    """Does nothing until it is told to, and then what it is told."""
+
+    def __init__(self) -> None:
+        self.given: list[tuple[Write, Done]] = []
+
+    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
+        self.given.append((write, done))
+
+    def next(self, error: StoreError | None = None) -> None:
+        write, done = self.given.pop(0)
+        if error is None:
+            write()
+        done(error)
+
+
+def test_calibrations_are_kept_in_the_order_in_which_they_were_made_though_one_fails_at_first(store: Store) -> None:
+    """Which was kept last is which holds after a restart."""
+    lazy = Lazy()
+    kept, device = record.Record(store, Tally(), lambda: 5, lazy), Mock(unsaved=[])
+    device.name = NAME
+    older, newer = CALIBRATIONS[0], replace(CALIBRATIONS[0], id="newer", time_ns=9)
+    kept.keep(device, older)
+    kept.keep(device, newer)
+    lazy.next(StoreError("locked"))
+    kept.keep(device, newer)  # as a checkpoint would
+    assert len(lazy.given) == 1
+    lazy.next()
+    assert [c.id for c in device.unsaved] == ["newer"]
+    lazy.next()
+    assert not lazy.given
+    assert (found := store.calibrated(NAME, older.boot)) is not None
+    assert found.id == "newer"

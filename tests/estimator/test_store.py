@@ -397,3 +397,15 @@ def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
     assert remembered.calibration is not None
     assert remembered.calibration.boot == boot
     assert remembered.bias is not None
+
+
+def test_what_a_device_is_may_be_known_better_later_in_its_boot(store: Store) -> None:
+    """Else what it taught of temperature is looked for in vain, by who knows its firmware from the first."""
+    first = replace(info(7), firmware="", model="")
+    store.add_boot(first, 5)
+    store.add_boot(info(7), 9)
+    store.add_boot(first, 11)  # as a bridge that was restarted says it
+    (row,) = store.database.rows("boots")
+    assert (row["firmware"], row["model"], row["time_ns"]) == ("1.0", info(7).model, 5)
+    store.save_bias(NAME, 7, 20, BIAS, history=True)
+    assert len(store.points(info(8))) == 1

@@ -43,9 +43,10 @@ class Both:
         self._kept = bridge.publisher(keys.build(WARD, "checkpoint", device=NAME), cache=1)
         self._info = bridge.publisher(keys.build(WARD, "info", bridge="bridge", device=NAME), cache=1)
 
-    def start(self, name: str) -> None:
+    def start(self, name: str, store: Store | None = None) -> None:
+        """With a store of its own, be it the one that it had before it was killed."""
         self.buses[name] = data, control = MemoryBus(self.broker), MemoryBus(self.broker)
-        self.stores[name] = Store(":memory:")
+        self.stores[name] = store or Store(":memory:")
         self.services[name] = Service(
             WARD, Estimator(id=name), data, control, self.stores[name], lambda: self.now_ns, peers=[*self.services]
         )

@@ -8,8 +8,10 @@ from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
+from bridge.wire.refusal import Tally
 from estimator.service.device import Device
-from estimator.service.replicas import checkpoint_of
+from estimator.service.record import Record
+from estimator.service.replicas import Replicas, checkpoint_of
 from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
 from tests.estimator.shared.test_interim import fails, powered_up_again
 from tests.estimator.stream import NAME, calibration
@@ -107,6 +109,45 @@ def test_who_is_killed_as_soon_as_it_knows_has_said_so(handed: Handed, both: Bot
     assert Quality.GOOD not in {batch.quality for batch in handed.said()}
     # Its own store knows, too.
     assert both.stores[FIRST].calibrated(NAME, handed.made.boot) is None
+
+
+def test_who_is_restarted_before_it_is_calibrated_anew_still_knows_and_tells(handed: Handed, both: Both) -> None:
+    """Another, which was away meanwhile and has the old calibration in its store, is not to go on by that."""
+    both.kill(FIRST)
+    again, n = powered_up_again(handed.batches[-200:]), 0
+    while handed.device(SECOND).repeated is None:
+        both.send([again[n]])
+        n += 1
+    both.kill(SECOND)
+    both.start(SECOND, both.stores[SECOND])
+    handed.slowly(again[n : n + 20])
+    assert handed.device(SECOND).repeated is not None
+    both.start(FIRST, both.stores[FIRST])
+    handed.slowly(again[n + 20 : n + 30])
+    both.pass_(6.0)
+    both.kill(SECOND)
+    handed.said()
+    handed.slowly(again[n + 30 :])
+    assert both.has() == [FIRST]
+    assert handed.device(FIRST).session.calibration is None
+    assert Quality.GOOD not in {batch.quality for batch in handed.said()}
+
+
+def test_who_says_the_calibration_of_the_one_before_is_not_believed_after_a_restart(handed: Handed, both: Both) -> None:
+    device = handed.device(SECOND)
+    known = checkpoint_of(device, both.now_ns)
+    assert known is not None
+    again, n = powered_up_again(handed.batches[-200:]), 0
+    while device.repeated is None:
+        both.send([again[n]])
+        n += 1
+    replicas = Replicas(1)
+    replicas.note(replace(known, epoch=known.epoch + 9))  # by who was away
+    restarted = Record(both.stores[SECOND], Tally(), lambda: both.now_ns, replicas=replicas)
+    device.repeated = None
+    found = restarted.recall(device, handed.made.boot)
+    assert found is None or found.calibration is None
+    assert device.repeated == handed.made.boot
 
 
 def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: Both) -> None:

@@ -8,7 +8,9 @@ import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
+from bridge.wire.refusal import Tally
 from estimator.guide.reasons import Words, said
+from estimator.service.record import Record
 from estimator.service.replicas import checkpoint_of
 from estimator.service.store import StoreError
 from tests.estimator.shared.conftest import FIRST, SECOND, Both
@@ -129,6 +131,11 @@ def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: 
     found = record.recall(device, old.boot)
     assert found is not None
     assert found.calibration == new
+    restarted = Record(both.stores[SECOND], Tally(), lambda: both.now_ns, replicas=record._replicas)
+    found = restarted.recall(device, old.boot)
+    assert found is not None
+    assert found.calibration is not None
+    assert found.calibration.id == new.id, "a store knows it, too"
     third = replace(old, id="third")  # and what is made later counts again, by whomever
     record._replicas.note(replace(said, epoch=said.epoch + 6, calibration=third))
     found = record.recall(device, old.boot)
