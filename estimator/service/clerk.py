@@ -34,6 +34,9 @@ class Writes(Protocol):
     def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
         """Write, now, soon, or when there is more; done is called on the caller's own thread, at once or in `collect`."""
 
+    def hear(self, held_up: Done) -> None:
+        """Whom to tell why what waits cannot be written yet; in `collect`."""
+
     def look_up(self, read: Write, done: Done) -> None:
         """The same of what only reads and takes its time; none when it is over before."""
 
@@ -50,6 +53,9 @@ class Inline:
     def do(self, write: Write, done: Done, *, soon: bool = True) -> None:  # noqa: ARG002
         """See Writes."""
         done(_tried(write))
+
+    def hear(self, held_up: Done) -> None:
+        """See Writes."""
 
     def look_up(self, read: Write, done: Done) -> None:
         """See Writes."""
@@ -76,6 +82,7 @@ class Clerk:
         self._written: deque[tuple[Done, StoreError | None]] = deque()
         self._more = threading.Condition()
         self._hurry = self._over = False
+        self._held_up: Done = lambda _: None
         self._reader = ThreadPoolExecutor(1, "reader")
         self._thread = threading.Thread(target=self._run, name="clerk", daemon=True)
         self._thread.start()
@@ -91,6 +98,10 @@ class Clerk:
                     self._more.notify()
         if full:
             done(StoreError(f"store {self._database.path}: the disk is too slow, {MOST} writes wait for it"))
+
+    def hear(self, held_up: Done) -> None:
+        """See Writes."""
+        self._held_up = held_up
 
     def look_up(self, read: Write, done: Done) -> None:
         """See Writes."""
@@ -123,16 +134,27 @@ class Clerk:
                 self._hurry &= bool(self._waiting)
             if not part:
                 return
-            self._written += zip((one.done for one in part), self._errors(part), strict=True)
+            errors = self._errors(part)
+            if isinstance(errors, Busy):  # each by itself would wait for whoever has it as long again
+                with self._more:
+                    self._waiting.extendleft(reversed(part))
+                    self._hurry = True
+                self._written.append((self._held_up, errors))
+            else:
+                self._written += zip((one.done for one in part), errors, strict=True)
 
-    def _errors(self, part: list[_Waiting]) -> list[StoreError | None]:
+    def _errors(self, part: list[_Waiting]) -> list[StoreError | None] | Busy:
+        """What became of each; Busy where another has the file and there is time to wait for it."""
+
         def all_of_it() -> None:
             with self._database.together():
                 for one in part:
                     one.write()
 
         error = _tried(all_of_it)
-        if error is None or isinstance(error, Busy):  # each by itself would wait for whoever has it as long again
+        if isinstance(error, Busy) and not self._over:
+            return error
+        if error is None or isinstance(error, Busy):
             return [error] * len(part)
         return [_tried(one.write) for one in part]  # one that cannot be written must not keep the others from it
 

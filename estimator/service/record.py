@@ -24,7 +24,7 @@ from estimator.service.device import UNSAVED, Device
 from estimator.service.earlier import Earlier
 from estimator.service.replicas import Replicas
 from estimator.service.roster import MAX_DEVICES
-from estimator.service.store import Store, StoreError
+from estimator.service.store import Before, Store, StoreError
 from estimator.session import DeviceSession
 
 log = logging.getLogger(__name__)
@@ -65,6 +65,7 @@ class Record:
         self._replicas, self._tell, self._highest, self._guarded = replicas or Replicas(0), tell, highest, guarded
         self._store, self._counts, self._now_ns = store, counts, now_ns
         self._clerk = clerk or Inline()
+        self._clerk.hear(self._held_up)
         self.earlier = Earlier(store, self._replicas, self._clerk, now_ns, self._failed)
         self._damaged, self._probed = 0, float("-inf")
         self._epoch = 0  # the highest that is kept
@@ -128,7 +129,7 @@ class Record:
         unsaved = next((c for c in reversed(device.unsaved) if c.boot == boot), None)
         said = self._replicas.recall(device.name, boot, self._now_ns())
         before = self._made_before(device, boot)
-        if before is not None and said is not None and said.calibration is not None and said.calibration.id in before:
+        if said is not None and said.calibration is not None and before.has(said.calibration):
             said = None  # who says so has not heard of it
         theirs = None if said is None else said.calibration
         if unsaved is not None and (theirs is None or theirs.id != unsaved.id):
@@ -148,7 +149,7 @@ class Record:
             return said
         if ours is not None and ours.calibration is not None:
             self._in_use(ours.calibration)
-        elif before is not None:
+        elif before.seen_ns is not None:
             device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
         return _joined(said, ours)
 
@@ -177,13 +178,17 @@ class Record:
             device.unsaved = [*device.unsaved, calibration][-UNSAVED:]
         self._save_calibrations(device)
 
-    def _made_before(self, device: Device, boot: int) -> set[str] | None:
-        """See Store.made_before."""
+    def of_before(self, device: Device, calibration: Calibration) -> bool:
+        """Whether it may be of another power-up under the same boot number."""
+        before = self._made_before(device, calibration.boot)
+        return device.repeated == calibration.boot if before.seen_ns is None else before.has(calibration)
+
+    def _made_before(self, device: Device, boot: int) -> Before:
         try:
             return self._store.made_before(device.name, boot)
         except StoreError as error:
             self._failed(device.session, error)
-            return None
+            return Before(frozenset(), None)
 
     def _in_use(self, calibration: Calibration) -> None:
         """From now on its device goes by this one."""
@@ -195,10 +200,11 @@ class Record:
 
     def _later(self, device: Device, said: Calibration) -> Calibration | None:
         """One that has taken the place of what another still goes by, who was cut off as it was made; by order, not by clocks."""
-        if device.name not in self._used:  # since a restart
+        used = self._used.get(device.name, ())
+        if all(c.id != said.id for c in used):  # but before a restart, perhaps
             try:
-                for kept in self._store.of_boot(device.name, said.boot):
-                    self._in_use(kept)
+                for c in (*self._store.of_boot(device.name, said.boot), *used):
+                    self._in_use(c)
             except StoreError as error:
                 self._failed(device.session, error)
         used = self._used.get(device.name, ())
@@ -384,24 +390,32 @@ class Record:
         self._clerk.do(line, done)
 
     def _save_calibrations(self, device: Device) -> None:
-        """One after the other: which was kept last is which holds after a restart."""
-        if not device.unsaved or any(c.id in self._saving for c in device.unsaved):
+        """All of them in their order, though some are on their way: which was kept last is which holds after a restart."""
+        waiting = tuple(device.unsaved)
+        if all(c.id in self._saving for c in waiting):
             return
-        first = device.unsaved[0]
-        self._saving.add(first.id)
-        write = partial(self._store.add_calibration, first)
-        self._keep(device.session, write, lambda error: self._saved(device, first, error))
+        self._saving.update(c.id for c in waiting)
+
+        def write() -> None:
+            for c in waiting:
+                self._store.add_calibration(c)
+
+        def done(error: StoreError | None) -> None:
+            for c in waiting:
+                self._saved(device, c, error)
+
+        self._keep(device.session, write, done)
 
     def _saved(self, device: Device, c: Calibration, error: StoreError | None) -> None:
         self._saving.discard(c.id)
         if error is not None:
-            if device.session.count_event("calibration not saved") == 1:
+            waits = any(c is other for other in device.unsaved)
+            if waits and device.session.count_event("calibration not saved") == 1:
                 log.error("%s: calibration %s is not saved; it is tried again", device.name, c.id)
-        else:
+        elif any(c is other for other in device.unsaved):
             device.unsaved = [other for other in device.unsaved if other is not c]
             if device.session.sequence.events.as_dict().get("calibration not saved"):
                 log.info("%s: calibration %s is saved", device.name, c.id)
-            self._save_calibrations(device)
         self._let_go(device, c.id)
 
     def _let_go(self, device: Device, calibration: str) -> None:
@@ -428,6 +442,11 @@ class Record:
     def _failed(self, session: DeviceSession, error: StoreError) -> None:
         session.count_event("store failed")
         self._failing(error)
+
+    def _held_up(self, error: StoreError | None) -> None:
+        """What is to be written waits for who has the file."""
+        if error is not None:
+            self._failing(error)
 
     def _failing(self, error: StoreError) -> None:
         self._counts.add("store failed")

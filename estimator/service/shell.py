@@ -275,12 +275,13 @@ class Service:
         if session.life.away:
             self._missed[device.name] = known
             return
-        if device.repeated == calibration.boot:
-            return  # it may be of the power-up before
+        if self._record.of_before(device, calibration):
+            return
         if session.info is not None and changed(calibration, session.info, within_boot=True):
             return  # it has been void since
 
         def adopted() -> None:
+            device.repeated = None
             session.adopt(remembered, calibration)
             log.info("%s: %s", device.name, session.life.reason)
             self._record.keep(device, calibration)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -39,6 +39,8 @@ _WRITTEN = "rowid DESC"
 _LATEST = "rowid IN (SELECT rowid FROM calibrations WHERE device = ? ORDER BY rowid DESC LIMIT 8)"
 #: how many points are thinned at a time
 STRETCH = 500
+#: of so many devices it is known how their boot was noted last
+_BEGUN = 4096
 #: rows to look at where one would do: it may be damaged
 _SOME = 8
 #: under which boots teach the same law
@@ -49,19 +51,29 @@ _WARD = ""
 _STATE = 5
 
 
+class Before(NamedTuple):
+    """Calibrations under a boot number that came again, of the power-ups before; when that was seen, None where it did not."""
+
+    ids: frozenset[str]
+    seen_ns: int | None
+
+    def has(self, calibration: Calibration) -> bool:
+        """Whether it is one of them, as far as one knows."""
+        return calibration.id in self.ids or (self.seen_ns is not None and calibration.time_ns < self.seen_ns)
+
+
 class Store:
     """One open store; used from one thread. `patient`: where the disk does not let us, it goes on without and tries again."""
 
     def __init__(self, path: Path | str | Database, *, patient: bool = False) -> None:
         self.database = path if isinstance(path, Database) else Database(path, patient=patient)
         self._audited: Counter[str] = Counter()
+        self._begun = dict[str, Row]()  # as the latest boot of a device was noted last
 
     @classmethod
     def reading(cls, path: Path | str) -> Self:
         """A store as it is, be it in use by an estimator; nothing is written."""
-        self = cls.__new__(cls)
-        self.database = Database.reading(path)
-        return self
+        return cls(Database.reading(path))
 
     @property
     def path(self) -> str:
@@ -81,16 +93,20 @@ class Store:
         self.database.write(Change("calibrations", _as_row(calibration)))
 
     def add_boot(self, info: DeviceInfo, time_ns: int) -> None:
-        """Note a boot; the same boot again changes nothing but what its device is, where that is known better now."""
+        """Note a boot; the same boot again changes nothing but what was not known of its device."""
         row: Row = {"device": info.device, "boot": keys.boot_id(info.boot), "time_ns": time_ns}
-        row["cause"] = BootCause(info.boot_cause).name
-        key = restore_key(info)
-        for known in self.database.rows("boots", "device = ? AND boot = ?", (row["device"], row["boot"])):
-            better = {name: value for name, value in key.items() if value and value != known[name]}
-            if better:
-                self.database.write(Change("boots", known | better, "REPLACE"))
-            return
-        self.database.write(Change("boots", row | key))
+        row |= {"cause": BootCause(info.boot_cause).name, **restore_key(info)}
+        kept = None
+        known = self._begun.pop(info.device, None)  # which may not be written yet
+        if known is None or known["boot"] != row["boot"]:
+            rows = self.database.rows("boots", "device = ? AND boot = ?", (row["device"], row["boot"]))
+            known = kept = rows[0] if rows else None
+        whole = row if known is None else known | {name: known.get(name) or value for name, value in row.items()}
+        if whole != kept:
+            self.database.write(Change("boots", whole, "REPLACE"))
+        self._begun[info.device] = whole
+        while len(self._begun) > _BEGUN:
+            del self._begun[next(iter(self._begun))]
 
     def save_bias(
         self,
@@ -247,20 +263,21 @@ class Store:
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """The calibration of this very boot."""
-        name, before = keys.boot_id(boot), self.made_before(device, boot) or ()
-        return self._latest(device, lambda row: row["boot"] == name and row["id"] not in before, "boot = ?", name)
+        name, before = keys.boot_id(boot), self.made_before(device, boot)
+        return self._latest(device, lambda row: row["boot"] == name and row["id"] not in before.ids, "boot = ?", name)
 
-    def made_before(self, device: str, boot: int) -> set[str] | None:
-        """Ids of calibrations under this boot number that are of another power-up; None where it has not come again."""
+    def made_before(self, device: str, boot: int) -> "Before":
+        """Of calibrations under this boot number those of another power-up."""
         rows = self.database.rows("audit", "request_id = ?", (_repeated(device, boot),))
-        repeats = [row["reason"].split() for row in rows if row["verb"] == REPEATED]
-        return {made for ids in repeats for made in ids} if repeats else None
+        repeats = [row for row in rows if row["verb"] == REPEATED]
+        ids = frozenset(made for row in repeats for made in row["reason"].split())
+        return Before(ids, max((row["time_ns"] for row in repeats), default=None))
 
     def of_boot(self, device: str, boot: int) -> list[Calibration]:
         """The latest calibrations of this very boot, in the order in which they were kept."""
-        name, before = keys.boot_id(boot), self.made_before(device, boot) or ()
+        name, before = keys.boot_id(boot), self.made_before(device, boot)
         rows = self.database.rows("calibrations", _LATEST, (device,))
-        made = (self._calibration(row) for row in rows if row["boot"] == name and row["id"] not in before)
+        made = (self._calibration(row) for row in rows if row["boot"] == name and row["id"] not in before.ids)
         return [one for one in made if one is not None]
 
     def reached(self, since_ns: int) -> dict[str, tuple[int, int, int, str]]:

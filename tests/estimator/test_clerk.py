@@ -238,14 +238,16 @@ def test_while_nothing_can_be_written_what_is_asked_pushes_out_no_boot_that_came
     assert len(lines) == record.REPLIES + 1, "and that of the boot that came again"
 
 
-def test_where_another_has_the_file_all_that_waits_waits_for_it_but_once(
+def test_where_another_has_the_file_that_is_told_at_once_and_nothing_is_lost(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One by one each waited for five seconds, and nobody was told of the first meanwhile."""
+    """One by one each waited for five seconds; nobody was told of the first meanwhile, and what nobody tries again was lost."""
     monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    monkeypatch.setattr(rules, "TOGETHER", 4)
     assert store.database._db is not None
     store.database._db.execute("PRAGMA busy_timeout = 50")
-    clerk, tried, heard = Clerk(store.database), list[int](), list[StoreError | None]()
+    clerk, tried, heard, told = Clerk(store.database), list[int](), list[StoreError | None](), list[StoreError | None]()
+    clerk.hear(told.append)
 
     def write(n: int) -> None:
         tried.append(n)
@@ -255,8 +257,29 @@ def test_where_another_has_the_file_all_that_waits_waits_for_it_but_once(
         other.execute("BEGIN IMMEDIATE")
         for n in range(4):
             clerk.do(partial(write, n), heard.append, soon=False)
+        deadline = time.monotonic() + 20
+        while len(told) < 2 and time.monotonic() < deadline:
+            clerk.collect()
+            time.sleep(0.01)
+        assert tried[:8] == [0, 1, 2, 3] * 2, "all of them, once for each time that the file was waited for"
+        assert all("locked" in str(error) for error in told)
+        assert heard == []
+        other.execute("COMMIT")
+    clerk.close()
+    assert heard == [None] * 4
+    assert store.epoch() == 3
+
+
+def test_at_the_end_who_has_the_file_is_waited_for_but_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "GATHER_S", 30.0)
+    assert store.database._db is not None
+    store.database._db.execute("PRAGMA busy_timeout = 50")
+    clerk, heard = Clerk(store.database), list[StoreError | None]()
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        for n in range(4):
+            clerk.do(partial(store.save_epoch, n, n), heard.append, soon=False)
         clerk.close()
-    assert tried == [0, 1, 2, 3]
     assert len(heard) == 4
     assert all("locked" in str(error) for error in heard)
 
@@ -285,12 +308,30 @@ def test_calibrations_are_kept_in_the_order_in_which_they_were_made_though_one_f
     older, newer = CALIBRATIONS[0], replace(CALIBRATIONS[0], id="newer", time_ns=9)
     kept.keep(device, older)
     kept.keep(device, newer)
-    lazy.next(StoreError("locked"))
-    kept.keep(device, newer)  # as a checkpoint would
-    assert len(lazy.given) == 1
-    lazy.next()
-    assert [c.id for c in device.unsaved] == ["newer"]
+    lazy.next(StoreError("locked"))  # it fails as the later one is on its way
+    assert [c.id for c in device.unsaved] == ["c1", "newer"]
     lazy.next()
     assert not lazy.given
+    assert device.unsaved == []
     assert (found := store.calibrated(NAME, older.boot)) is not None
     assert found.id == "newer"
+
+
+def test_at_the_end_all_calibrations_that_wait_are_kept(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    clerk, device = Clerk(store.database), Mock(unsaved=[])
+    device.name = NAME
+    kept = record.Record(store, Tally(), lambda: 5, clerk)
+    with monkeypatch.context() as full:
+        full.setattr(store, "add_calibration", Mock(side_effect=StoreError("no room")))
+        made = [replace(CALIBRATIONS[0], id=name) for name in ("first", "second", "third")]
+        for one in made:
+            kept.keep(device, one)
+        deadline = time.monotonic() + 20
+        while kept._saving and time.monotonic() < deadline:
+            kept.collect(0.0)
+            time.sleep(0.01)
+    assert device.unsaved == made
+    kept._save_calibrations(device)
+    kept.close()
+    assert device.unsaved == []
+    assert [c.id for c in store.calibrations(NAME)] == ["first", "second", "third"]

@@ -1,5 +1,6 @@
 import sqlite3
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -399,13 +400,27 @@ def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
     assert remembered.bias is not None
 
 
-def test_what_a_device_is_may_be_known_better_later_in_its_boot(store: Store) -> None:
+@pytest.mark.parametrize("together", [True, False])
+def test_what_a_device_is_may_be_known_only_later_in_its_boot(store: Store, *, together: bool) -> None:
     """Else what it taught of temperature is looked for in vain, by who knows its firmware from the first."""
-    first = replace(info(7), firmware="", model="")
-    store.add_boot(first, 5)
-    store.add_boot(info(7), 9)
-    store.add_boot(first, 11)  # as a bridge that was restarted says it
+    first, wider = replace(info(7), firmware="", model=""), replace(info(7), gyro_range=99.0)
+    with store.database.together() if together else nullcontext():
+        store.add_boot(first, 5)
+        store.add_boot(info(7), 9)
+        store.add_boot(first, 11)  # as a bridge that was restarted says it
+        store.add_boot(wider, 12)  # what it taught was taught in the range that it had
     (row,) = store.database.rows("boots")
-    assert (row["firmware"], row["model"], row["time_ns"]) == ("1.0", info(7).model, 5)
+    assert (row["firmware"], row["model"], row["gyro_range"], row["time_ns"]) == (
+        "1.0",
+        info(7).model,
+        info(7).gyro_range,
+        5,
+    )
     store.save_bias(NAME, 7, 20, BIAS, history=True)
     assert len(store.points(info(8))) == 1
+    again = Store(store.path)
+    again.add_boot(first, 13)
+    again.add_boot(info(9), 14)
+    assert again.boots(NAME, 9) == store.boots(NAME, 9) == [7, 9]
+    assert again.database.rows("boots")[0] == row
+    again.close()

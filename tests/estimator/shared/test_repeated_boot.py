@@ -158,6 +158,10 @@ def test_the_calibration_of_the_one_before_is_not_adopted(handed: Handed, both: 
     handed.slowly(powered_up_again(handed.batches[-200:])[:80])
     both.services[SECOND]._adopt(known)
     assert handed.device(SECOND).session.calibration is None
+    anew = replace(handed.made, id="anew", time_ns=both.now_ns)  # beyond a cut, since it is known that it came again
+    both.services[SECOND]._adopt(replace(known, calibration=anew, epoch=known.epoch + 1))
+    assert handed.calibrated(SECOND).id == "anew"
+    assert handed.device(SECOND).repeated is None
 
 
 def test_who_is_left_alone_does_not_go_back_to_what_another_said_hours_ago(handed: Handed, both: Both) -> None:

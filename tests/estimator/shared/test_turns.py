@@ -11,7 +11,7 @@ from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from bridge.wire.refusal import Tally
 from estimator.guide.reasons import Words, said
 from estimator.service.record import Record
-from estimator.service.replicas import checkpoint_of
+from estimator.service.replicas import Replicas, checkpoint_of
 from estimator.service.store import StoreError
 from tests.estimator.shared.conftest import FIRST, SECOND, Both
 from tests.estimator.stream import NAME, calibration, info
@@ -131,11 +131,16 @@ def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: 
     found = record.recall(device, old.boot)
     assert found is not None
     assert found.calibration == new
-    restarted = Record(both.stores[SECOND], Tally(), lambda: both.now_ns, replicas=record._replicas)
-    found = restarted.recall(device, old.boot)
-    assert found is not None
-    assert found.calibration is not None
-    assert found.calibration.id == new.id, "a store knows it, too"
+    for heard_first in (True, False):
+        replicas = Replicas(1)
+        restarted = Record(both.stores[SECOND], Tally(), lambda: both.now_ns, replicas=replicas)
+        if not heard_first:
+            assert restarted.recall(device, old.boot) is not None
+        replicas.note(replace(said, epoch=said.epoch + 5, calibration=old))
+        found = restarted.recall(device, old.boot)
+        assert found is not None
+        assert found.calibration is not None
+        assert found.calibration.id == new.id, "a store knows it, too"
     third = replace(old, id="third")  # and what is made later counts again, by whomever
     record._replicas.note(replace(said, epoch=said.epoch + 6, calibration=third))
     found = record.recall(device, old.boot)
