@@ -28,7 +28,16 @@ from bridge.record import stretches
 from bridge.record.stretches import Stretch
 from bridge.recording_csv import read_csv
 from bridge.recording_error import RecordingError, check_file
-from bridge.recording_units import believed_accel, check_gyro, check_rate, check_time, rate_of, warn_of_gyro
+from bridge.recording_units import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
+    believed_accel,
+    check_gyro,
+    check_rate,
+    check_time,
+    rate_of,
+    warn_of_gyro,
+)
 from bridge.wire import keys
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration
@@ -259,8 +268,10 @@ def _checked(path: Path, columns: dict[str, Floats], rate_hz: float | None, plac
         raise RecordingError(f"{path}: {count(n, 'sample')}; at least 2 are needed")
     rate = float(columns["rate_hz"]) if "rate_hz" in columns else rate_hz
     for said in (rate, rate_hz):
-        if said is not None and not 0.1 <= said <= 100_000:
-            raise RecordingError(f"{path}: rate_hz is {said:g}; 0.1 to 100000 is taken")
+        if said is not None and not SLOWEST_HZ <= said <= FASTEST_HZ:
+            raise RecordingError(
+                f"{path}: the rate that is told is {said:g} Hz; {SLOWEST_HZ:g} to {FASTEST_HZ:g} is taken"
+            )
     if rate_hz is not None and rate is not None and abs(rate_hz - rate) > _SAME_RATE * rate:
         _log.warning("%s: its rate is %.5g Hz by itself; %.5g Hz, as told, is not used", path, rate, rate_hz)
     time = _time(path, columns.get("t_s"), rate, n, place)

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 #: rad/s that no wearable turns at, and few gyros can read
 ABSURD = 70.0
 _ABSURD_S = 0.25
-_SLOWEST_HZ, _FASTEST_HZ = 1.0, 20_000.0
+SLOWEST_HZ, FASTEST_HZ = 1.0, 20_000.0
 #: how far a rate may be from what times say: devices are sold as of 100 Hz that have 104
 _RATE_OFF = 0.2
 #: no gap is as long as a quarter of a second where a device rests
@@ -36,15 +36,13 @@ _NEAR = 0.25
 def check_time(path: Path, time_s: Floats) -> None:
     """Refuse times (n,) whose median step is no IMU's."""
     step = float(np.median(np.diff(time_s)))
-    if 1 / _FASTEST_HZ <= step < 1 / _SLOWEST_HZ:
+    if 1 / FASTEST_HZ <= step < 1 / SLOWEST_HZ:
         return
-    unit = "milliseconds" if step < 1000 / _SLOWEST_HZ else "microseconds"
-    asked = (
-        f"is the time in {unit}? It must be in seconds" if step >= 1 / _SLOWEST_HZ else "is it in its column's unit?"
-    )
+    unit = "milliseconds" if step < 1000 / SLOWEST_HZ else "microseconds"
+    asked = f"is the time in {unit}? It must be in seconds" if step >= 1 / SLOWEST_HZ else "is it in its column's unit?"
     raise RecordingError(
         f"{path}: the time steps by {step:g} s, a rate of {1 / step:g} Hz; "
-        f"{_SLOWEST_HZ:g} to {_FASTEST_HZ:g} Hz is taken: {asked}"
+        f"{SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz is taken: {asked}"
     )
 
 

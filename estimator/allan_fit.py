@@ -8,6 +8,7 @@ An estimate with ν degrees of freedom is distributed as σ² χ²/ν. The fit t
 square below zero; an interval ends where the likelihood, maximised over the other coefficients, has fallen by that of 95 %.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import log, pi, sqrt
 
@@ -24,6 +25,8 @@ Floats = NDArray[np.float64]
 _SHARED = 2.5
 _FALL: float = float(chi2.ppf(0.95, 1))  # of twice the log-likelihood
 _LEAST_OCTAVES = 6
+#: more than this of the two least octaves is white noise where it is not shaped
+_WHITE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +83,14 @@ def identify(rate: Floats, rate_hz: float) -> Noise:
     terms, each = _terms(tau), degrees_of_freedom(len(rate), factors)
     each = np.column_stack([each, each[:, 2]])  # a drift has no scatter of its own: no better than a random walk
     first, fit = _explain(terms, variance, each)
+    white = None if first == 0 else _white(terms, variance, each)
+    if white is not None:
+        first, fit = min(_tried(terms, variance, each, 0), key=lambda trial: trial[1].misfit)
     freedom = fit.mixed(terms, each)
     low, high = (np.sqrt(end) for end in interval(variance, freedom))
     arw, bias_instability, rrw = (fit.coefficient(i) for i in range(3))
+    if white is not None:
+        arw = white.coefficient(0)  # however little the model says of what is slower
     drift = sqrt(fit.squares[3]) if len(fit.squares) > 3 else 0.0
     return Noise(
         arw, bias_instability, rrw, drift, tau, np.sqrt(variance), low, high, float(tau[first]), max(fit.misfit, 1.0)
@@ -100,14 +108,26 @@ def _explain(terms: Floats, variance: Floats, each: Floats) -> tuple[int, "_Fit"
     """
     most = max(len(variance) - _LEAST_OCTAVES, 0)
     tried = []
+    for first, fit in _tried(terms, variance, each, most):
+        tried.append((first, fit))
+        if fit.explains:
+            later, count = min(first + 2, most) if first else 0, len(fit.squares)
+            return later, _Fit(terms[later:, :count], variance[later:], each[later:])
+    return min(tried, key=lambda trial: trial[1].misfit)
+
+
+def _tried(terms: Floats, variance: Floats, each: Floats, most: int) -> Iterator[tuple[int, "_Fit"]]:
+    """Fits from each octave on, up to one; then with a drift."""
     for count in (3, 4):
         for first in range(most + 1):
-            fit = _Fit(terms[first:, :count], variance[first:], each[first:])
-            tried.append((first, fit))
-            if fit.explains:
-                later = min(first + 2, most) if first else 0
-                return later, _Fit(terms[later:, :count], variance[later:], each[later:])
-    return min(tried, key=lambda trial: trial[1].misfit)
+            yield first, _Fit(terms[first:, :count], variance[first:], each[first:])
+
+
+def _white(terms: Floats, variance: Floats, each: Floats) -> "_Fit | None":
+    """The least octaves, if they are mostly white noise: no filter shapes them then, and what does not fit is slower."""
+    fit = _Fit(terms[:_LEAST_OCTAVES, :3], variance[:_LEAST_OCTAVES], each[:_LEAST_OCTAVES])
+    share = fit.squares[0] * terms[:2, 0] / variance[:2]
+    return fit if fit.explains and (share > _WHITE).all() else None
 
 
 class _Fit:

@@ -89,16 +89,20 @@ class Client:
         wait_s: float = WAIT_S,
         on_miss: Callable[[Miss], None] | None = None,
         queue: int = QUEUE,
+        quiet: bool = False,
     ) -> Corrected:
         """Corrected batches: each sample exactly once and in order; with history the last seconds come first.
 
         Iterating ends after idle_s seconds without a batch, or when it is closed. A hole is waited for wait_s seconds (3 s at
         least where another estimator goes on behind it), then given up, counted in `missing` and told to on_miss. Of more than
-        `queue` unread messages the oldest are dropped.
+        `queue` unread messages the oldest are dropped. Where nothing comes of devices that were named the log says so after
+        five seconds, unless `quiet`.
         """
+        device = device if device is None or isinstance(device, str) else tuple(device)
         subscription = self._subscribe("corrected", device, history=history, queue=queue)
+        nothing = "" if quiet or device is None else self._nothing_of(device)
         return Corrected(
-            subscription, Door("corrected", codec.decode_corrected), idle_s, OnceKnobs.patient(wait_s), on_miss
+            subscription, Door("corrected", codec.decode_corrected), idle_s, OnceKnobs.patient(wait_s), on_miss, nothing
         )
 
     def rates(self, device: Devices = None) -> Stream[codec.Rates]:
@@ -242,6 +246,11 @@ class Client:
             raise ValueError("an empty list of devices; give one or more, or None for all of the ward")
         parts = [self._bus.subscribe(pattern, history=history, capacity=queue) for pattern in patterns]
         return Together(parts, queue) if len(parts) > 1 else parts[0]
+
+    def _nothing_of(self, device: str | Iterable[str]) -> str:
+        names = device if isinstance(device, str) else ", ".join(device)
+        ask = f"`truerate devices --ward {self.ward}`"
+        return f"nothing has come yet of {names} in ward {self.ward}; are the names right? {ask} shows who is there"
 
     def _pattern(self, what: str, device: str | None) -> str:
         return keys.pattern(self.ward, what, **({} if device is None else {"device": device}))

@@ -95,8 +95,12 @@ def glance(
         law={name: words for name, status in sorted(statuses.items()) if (words := _law(status))},
         bridges=sorted(bridges),
         estimators=sorted(estimators),
-        troubles=troubles if names else [*troubles, "no device is heard"],
+        troubles=troubles if names else [*troubles, "no device is heard", *_misnamed(ward, bridges, estimators)],
     )
+
+
+def _misnamed(ward: str, bridges: Sequence[str], estimators: Sequence[str]) -> list[str]:
+    return [] if bridges or estimators else [f"nobody is in ward {ward}: is its name right?"]
 
 
 def as_json(seen: Glance) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from estimator.stillness import Stillness
 
 Floats = NDArray[np.float64]
 #: the least rest that says anything about angle random walk, s
-LEAST_REST_S = 60.0
+#: a minute, less what is left out at its ends
+LEAST_REST_S = 55.0
 #: left out at both ends of a rest, in windows of stillness: the hand that put the device down
 _EDGE = 4
 #: how much of a rest may be missing or bunched, before its samples count as unevenly spaced (relative)

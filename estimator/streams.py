@@ -19,6 +19,8 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 _CHUNK = 4096  # messages taken from the queue at a time
 _WAIT_S = 1.0
+#: who named somebody of whom nothing has come for so long is told so, s
+_NOTHING_S = 5.0
 
 
 class Stream(Generic[T]):
@@ -34,8 +36,11 @@ class Stream(Generic[T]):
         door: Door[T],
         idle_s: float | None = None,
         wanted: Callable[[T], bool] = lambda _: True,
+        nothing: str = "",
     ) -> None:
+        """nothing: what is said, once, where nothing comes at first."""
         self._subscription, self._door, self._wanted = subscription, door, wanted
+        self._nothing, self._begun = nothing, time.monotonic()
         self._ready: deque[T] = deque()
         self._told = False
         self._loop: _InALoop[T] | None = None
@@ -112,6 +117,10 @@ class Stream(Generic[T]):
     def _fill(self, timeout_s: float) -> bool:
         """Take what the queue has, waiting for a first message; False when nothing came in all that time."""
         messages = self._subscription.drain(_CHUNK, timeout_s)
+        if self._nothing and (messages or time.monotonic() - self._begun > _NOTHING_S):
+            if not messages:
+                log.warning("%s", self._nothing)
+            self._nothing = ""
         self._take(messages)
         if not self._told and self._subscription.overflowed:
             self._told = True
@@ -142,8 +151,9 @@ class Corrected(Stream[CorrectedBatch]):
         idle_s: float | None = None,
         knobs: OnceKnobs | None = None,
         on_miss: Callable[[Miss], None] | None = None,
+        nothing: str = "",
     ) -> None:
-        super().__init__(subscription, door, idle_s)
+        super().__init__(subscription, door, idle_s, nothing=nothing)
         self._once, self._on_miss, self._lateness = Once(knobs), on_miss, Lateness()
 
     @property

@@ -124,7 +124,7 @@ def _hardware_row(info: DeviceInfo) -> tuple[str, ...]:
 def watch(console: Console, ward: str, endpoints: Sequence[str], device: str, seconds: float | None) -> int:
     """One device until Ctrl-C, or for so many seconds; 1 when nothing of it was heard."""
     with Client(endpoints, ward=ward) as client:
-        corrected = client.corrected(device, history=False)
+        corrected = client.corrected(device, history=False, quiet=True)
         status = client.follow(device)
         revisions = client.revisions(device, history=False)
         live = Live(console=console, refresh_per_second=10) if console.is_terminal else None

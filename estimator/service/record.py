@@ -266,6 +266,7 @@ class Record:
             device.unsaved = [*device.unsaved, c][-UNSAVED:]
             device.hold(c.id, payload)
             self._due.append((now + HELD_S, partial(self._let_go, device, c.id)))
+            device.recorded = float("-inf")  # a point of the history, too
             self.checkpoint(device, now, force=True)
         else:
             words = f"{c.verdict.name.lower()}: {c.reason}"
@@ -285,7 +286,8 @@ class Record:
         state, boot = session.checkpoint(), session.boot
         if state is None or boot is None:
             return
-        history = now - device.recorded >= HISTORY_S
+        # Of one that is silent nothing new is known: a law would be taught the same point again and again.
+        history = now - device.recorded >= HISTORY_S and device.heard > device.recorded
         if history:
             device.recorded = now
             self.thin(device, now)

@@ -54,7 +54,10 @@ class TraceTopic:
         self._corrected: Corrected | None = None
         self._told_at = 0.0
         if sources.client is not None:
-            self._raw, self._corrected = sources.client.raw(self._device), sources.client.corrected(self._device)
+            self._raw, self._corrected = (
+                sources.client.raw(self._device),
+                sources.client.corrected(self._device, quiet=True),
+            )
 
     def whole(self, now: float, now_ns: int) -> Iterable[Frame]:  # noqa: ARG002 - of a topic
         """The last seconds."""

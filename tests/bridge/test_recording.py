@@ -76,7 +76,7 @@ def test_lost_samples_do_not_lower_a_rate(tmp_path: Path) -> None:
         ({"gyro_rad_s": GYRO, "rate_hz": [1.0]}, "'rate_hz' has shape (1,); ()"),
         ({"gyro_rad_s": np.where(GYRO == 7, np.nan, GYRO), "rate_hz": 1.0}, "not a finite number at sample 2 (1 such"),
         ({"gyro_rad_s": GYRO, "rate_hz": np.inf}, "'rate_hz' is not a finite number"),
-        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "rate_hz is -5"),
+        ({"gyro_rad_s": GYRO, "rate_hz": -5.0}, "the rate that is told is -5 Hz; 1 to 20000"),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 1, 2]}, "time does not rise at sample 2: 1 s, then 1 s"),
         ({"gyro_rad_s": GYRO, "t_s": [0, 1, 0.5, 2]}, "time does not rise at sample 2"),
         ({"gyro_rad_s": GYRO[:1], "rate_hz": 1.0}, "1 sample; at least 2"),

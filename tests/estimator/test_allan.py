@@ -95,6 +95,17 @@ def test_a_filter_in_the_device_does_not_pass_for_less_noise() -> None:
     assert noise.arw.value == pytest.approx(0.01, rel=0.05)
 
 
+@pytest.mark.parametrize("correlated_s", [1.0, 3.0, 10.0, 30.0])
+def test_a_bias_that_wanders_otherwise_than_modelled_leaves_the_white_noise_what_it_is(correlated_s: float) -> None:
+    """Two decades of white noise were taken for a filter's work, and the walk for up to five times as much or not seen."""
+    n, forgets = 360_000, float(np.exp(-0.01 / correlated_s))
+    kicks = np.random.default_rng(3).normal(0.0, 0.007 * np.sqrt(1 - forgets**2), n)
+    noise = identify(at_rest(4, n, 100.0, 0.005, 0.0) + lfilter([1.0], [1.0, -forgets], kicks), 100.0)
+    assert noise.fitted_from == 0.01
+    assert noise.arw.low < 0.005 < noise.arw.high < 0.0051
+    assert noise.misfit > 2.0, "and it is said that the rest is no such bias"
+
+
 def test_a_steady_drift_is_no_random_walk() -> None:
     rate = at_rest(7, 60_000, 100.0, 0.005, 0.0) + np.linspace(0, 0.3, 60_000)
     noise = identify(rate, 100.0)

@@ -93,8 +93,15 @@ def test_too_short_a_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     file = saved(tmp_path / "short.npz", np.concatenate([lying(40), carried(100, 3)]))
     assert main(["allan", file]) == 1
     said = capsys.readouterr().err
-    for words in ("short: its longest rest lasts 3", "of 140 s", "at least 60 s", "hour"):
+    for words in ("short: its longest rest lasts 3", "of 140 s", "at least 55 s", "hour"):
         assert words in said
+
+
+def test_a_minute_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second at its ends is no rest yet, as far as one knows."""
+    file = saved(tmp_path / "minute.npz", lying(60))
+    assert main(["allan", file, "--picture", str(tmp_path / "allan.png")]) == 0
+    assert "angle random walk" in capsys.readouterr().out
 
 
 def test_times_of_arrival(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

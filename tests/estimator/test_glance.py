@@ -117,6 +117,7 @@ def test_what_was_not_used_is_told_with_its_reasons_most_first() -> None:
 
 def test_an_empty_ward_is_not_well() -> None:
     assert glance("w", {}, {}, ["b"], ["e"]).troubles == ["no device is heard"]
+    assert glance("w", {}, {}, [], []).troubles[-1] == "nobody is in ward w: is its name right?"
 
 
 def test_what_bridges_count_is_told_and_a_notable_share_needs_a_person() -> None:

@@ -1,10 +1,12 @@
 """A bias history that is kept for years does not grow without end, and teaches what it taught."""
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bridge.sim.motion import Still
 from bridge.wire import keys
 from estimator import history
 from estimator.database import Change
@@ -213,3 +215,27 @@ def test_boots_of_a_time_to_come_stand_in_nobodys_way() -> None:
     store.save_bias(NAME, 2000 + RECENT_BOOTS - 1, now_ns, state, history=True)
     assert [len(points.time) for points in store.points(info(9999))] == [1]
     store.close()
+
+
+def test_a_silent_device_adds_nothing_to_its_history(tmp_path: Path) -> None:
+    """A law was taught the same point sixty times an hour, and a picture showed a bias that nobody had seen."""
+    ward, of = Ward(tmp_path), calibration(seed=1, after=[Still(4.0)]).batches()
+    ward.send(of[:-20], info(1))
+    record, device = ward.service._record, ward.service._devices[NAME]
+
+    def points() -> int:
+        return len(ward.store.database.rows("bias_history"))
+
+    (made,) = ward.store.calibrations(NAME)
+    assert [row["time_ns"] for row in ward.store.database.rows("bias_history")] == [ward.now_ns]
+    assert made.id == device.session.calibration.id  # type: ignore[union-attr]
+    now = time.monotonic()
+    for minute in (2, 3, 4):
+        ward.now_ns += 60 * 10**9
+        record.checkpoint(device, now + 60 * minute)
+    assert points() == 2, "what came after the calibration is news, once"
+    ward.send(of[-20:])
+    device.heard = now + 300
+    record.checkpoint(device, now + 301)
+    assert points() == 3
+    ward.kill()
