@@ -25,7 +25,7 @@ from bridge.vitals import Vitals
 from bridge.ward import Ward
 from bridge.wording import count
 
-_DONE = 0
+_DONE, _NOT_USED = 0, 1
 _LOOK_S = 0.2
 _log = logging.getLogger(__name__)
 
@@ -140,6 +140,10 @@ def _serve(ward: str, bridge: Bridge, connect: Routers, *, patient: bool) -> int
             watched = RouterWatch(_log, _LOOK_S, connect)
             while not stop.wait(_LOOK_S) and not running.over:
                 watched.look(time.monotonic(), connected=bus.connected)
+            if running.over and running.refused:
+                names = ", ".join(sorted(running.refused))
+                _log.error("what was played of %s was not used: play it as another device, by --device", names)
+                return _NOT_USED
     return _DONE
 
 

@@ -38,10 +38,20 @@ class Rivals:
     """What a bridge itself is told of its devices: the first time that one is refused."""
 
     def __init__(self, bridge: str, devices: Iterable[str]) -> None:
-        self._bridge, self._untold = bridge, set(devices)
+        self._bridge, self._devices, self._told = bridge, frozenset(devices), set[str]()
+        #: of which another bridge is listened to, as far as was said last
+        self.refused: set[str] = set()
 
     def take(self, status: Status) -> None:
         """The estimator's word on a device."""
-        if self._bridge in status.refused_bridges and status.device in self._untold:
-            self._untold.discard(status.device)
-            _log.warning("%s (said once)", words([status.device], status.bridge, status.refused_bridges))
+        device = status.device
+        if device not in self._devices:
+            return
+        if self._bridge not in status.refused_bridges:
+            if status.bridge == self._bridge:
+                self.refused.discard(device)
+            return
+        self.refused.add(device)
+        if device not in self._told:
+            self._told.add(device)
+            _log.warning("%s (said once)", words([device], status.bridge, status.refused_bridges))

@@ -137,6 +137,11 @@ class Ward:
         """Every device has ended for good, as recordings do."""
         return all(link.over for link in self._links)
 
+    @property
+    def refused(self) -> frozenset[str]:
+        """Devices of which another bridge is listened to, as far as was said last."""
+        return frozenset(self._rivals.refused)
+
     def __enter__(self) -> Self:
         for link in self._links:
             link.start()

@@ -146,11 +146,17 @@ def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _
             calibrations[said.device, said.time_ns, said.id] = said
         elif isinstance(said, Note):
             notes[said.device, said.time_ns, said.text] = said
+    trouble = contents.trouble + contents.passed_over()
+    trouble += [
+        f"of {name} there are {sum(map(len, batches))} corrected rates, but no readings"
+        for name in sorted(devices)
+        if not devices[name].batches and (batches := [b for of in devices[name].corrected.values() for b in of])
+    ]
     return Recorded(
         stretches={name: _stretches(name, devices[name]) for name in sorted(devices) if devices[name].batches},
         calibrations=list(calibrations.values()),
         notes=sorted(notes.values(), key=lambda note: note.time_ns),
-        trouble=contents.trouble + contents.passed_over(),
+        trouble=trouble,
     )
 
 

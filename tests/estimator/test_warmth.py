@@ -117,7 +117,8 @@ def test_a_second_boot_follows_what_the_first_taught(tmp_path: Path) -> None:
     for batch in batches(day(0.5, 1), 1, accel=False):
         feed(device.session, [batch])
         clock[0] = round(batch.device_time[-1] * 1e9)
-        record.checkpoint(device, clock[0] / 1e9)
+        device.heard = clock[0] / 1e9
+        record.checkpoint(device, device.heard)
     found = list[TemperatureLaw]()
     record.earlier.law(device.session, info(2), found.append)
     store.close()

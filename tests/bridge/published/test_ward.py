@@ -164,11 +164,15 @@ def test_a_bridge_whose_device_is_refused_says_so_once(
     words = "device d1 is sent by two bridges, b0 and b1: b1's samples are refused; stop one"
     status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
     config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
-    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Ward("w", config, bus):
+    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Ward("w", config, bus) as ward:
         for device in ("d2", "d1", "d1"):
             said = replace(status, device=device, bridge="b0", refused_bridges=("b1",))
             estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
         listener.until(lambda: words in caplog.text)
+        assert ward.refused == {"d1"}
+        said = replace(status, bridge="b1", refused_bridges=())
+        estimator.publisher(keys.build("w", "status", device="d1"), cache=1).put(codec.encode_status(said))
+        listener.until(lambda: not ward.refused)
     assert caplog.text.count("are refused") == 1
 
 

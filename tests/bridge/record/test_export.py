@@ -191,3 +191,11 @@ def test_the_bids_validator_finds_no_error(some: Recorded, tmp_path: Path) -> No
     said = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     issues = json.loads(said.stdout)["issues"]["issues"]
     assert [issue for issue in issues if issue.get("severity") == "error"] == []
+
+
+def test_of_whom_only_corrected_rates_are_there_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "rec").mkdir()
+    part = [message for message in run("lost", 0, 100) if "corrected" in message.key]
+    found = read(recorded(tmp_path / "rec", [about("one"), *run("one", 0, 100), *part]))
+    assert list(found.stretches) == ["one"]
+    assert found.trouble == ["of lost there are 100 corrected rates, but no readings"]
