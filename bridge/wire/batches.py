@@ -24,7 +24,7 @@ MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
 #: three deviations of who does not say them
-NOT_SAID = bytes(12)
+_NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
 _FLOAT, _UINT64, _UINT32 = np.dtype("<f4"), np.dtype("<u8"), np.dtype("<u4")
 
@@ -135,13 +135,7 @@ def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:
     ticks = _ticks(raw.ticks)
     _times(raw, ticks)
     n = len(ticks)
-    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(
-        noise_std=raw.noise_std,
-        bias_std=raw.bias_std,
-        scale_std=raw.scale_std,
-        cross_std=raw.cross_std,
-        flicker_std=raw.flicker_std or NOT_SAID,
-    )
+    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(raw)
     return CorrectedBatch(
         device=raw.device,
         boot=raw.boot,
@@ -228,12 +222,14 @@ def floats_of(column: bytes, name: str, n: int, limit: float) -> Float32s:
     return values
 
 
-def stds_of(**columns: bytes) -> NDArray[np.float32]:
-    """Read-only (columns, 3): three deviations in each column, from 0 up."""
-    for name, column in columns.items():
+def stds_of(raw: columns.CorrectedBatch | columns.WindowBatch) -> NDArray[np.float32]:
+    """Read-only (5, 3), from 0 up: deviations by noise, bias, scale, the other axes, and by flicker, which may be left out."""
+    said = {name: getattr(raw, name) for name in ("noise_std", "bias_std", "scale_std", "cross_std")}
+    said["flicker_std"] = raw.flicker_std or _NOT_SAID
+    for name, column in said.items():
         if len(column) != 12:
             raise Refusal(Reason.LENGTH, f"{name} has {len(column)} bytes; 12 are expected")
-    stds = floats_of(b"".join(columns.values()), "a standard deviation", 3 * len(columns), MAX_STD)
+    stds = floats_of(b"".join(said.values()), "a standard deviation", 3 * len(said), MAX_STD)
     if np.minimum.reduce(stds) < 0:
         raise Refusal(Reason.RANGE, "a standard deviation is negative")
     return stds.reshape(-1, 3)

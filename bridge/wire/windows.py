@@ -8,7 +8,6 @@ from bridge.wire.batches import (
     MAX_CORRECTED,
     MAX_RATE,
     MAX_SEQUENCE,
-    NOT_SAID,
     Float32s,
     column_of,
     flags_of,
@@ -70,13 +69,7 @@ def decode_windows(key: str, payload: bytes) -> WindowBatch:
     samples = np.frombuffer(raw.samples, _UINT32)
     if int(samples.min()) < 1 or int(samples.max()) > MAX_IN_WINDOW:
         raise Refusal(Reason.RANGE, f"a window has no sample, or more than {MAX_IN_WINDOW}")
-    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(
-        noise_std=raw.noise_std,
-        bias_std=raw.bias_std,
-        scale_std=raw.scale_std,
-        cross_std=raw.cross_std,
-        flicker_std=raw.flicker_std or NOT_SAID,
-    )
+    noise_std, bias_std, scale_std, cross_std, flicker_std = stds_of(raw)
     return WindowBatch(
         device=raw.device,
         boot=raw.boot,
