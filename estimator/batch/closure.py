@@ -1,8 +1,9 @@
 """The default calibration: the bias and scale under which every turn ends where it began, as sure as the data make them.
 
-All rests measure the bias, each turn's end closes on SO(3) whatever path the hand took, and what may differ from that is
-named with its size: noise, a bias that moves, rounding, and how well a hand puts a device back. With an accelerometer
-the tilt after a turn is measured instead of assumed. The equations are in closure_fit.
+All rests measure the bias, and each turn closes on SO(3) whatever path the hand took. The errors of a session are noise, a
+bias that moves, rounding, re-placement by the hand, and misaligned axes. With an accelerometer the tilt after a turn is
+measured. How well the hand put the device back, and how far the axes may be misaligned, is estimated from the session itself:
+see replacement and misalignment. The equations are in closure_fit.
 """
 
 from dataclasses import dataclass, replace
@@ -13,8 +14,10 @@ import scipy
 from numpy.typing import NDArray
 
 from estimator import rotation
+from estimator.batch import misalignment, replacement
 from estimator.batch.capture import Capture, Rest, TurnCapture
 from estimator.batch.closure_fit import Evidence, Fit, fit
+from estimator.batch.replacement import End, Replacement
 from estimator.gyro import reading_std
 
 Floats = NDArray[np.float64]
@@ -22,23 +25,19 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ClosureKnobs:
-    """What may keep a turn from closing, and a bias from staying. Standard deviations."""
+    """Errors of a session beside its noise. Standard deviations; None: estimated from the session."""
 
-    #: rad per axis between a turn's start and end against a table's edge, where no accelerometer saw them
-    replacement_std: float = radians(0.2)
-    #: rad about the vertical, which an accelerometer does not see: a quarter of a millimetre over an edge of 5 cm
-    heading_std: float = radians(0.3)
-    #: rad of tilt that an accelerometer errs by in two rests in the same pose, beside its noise
-    tilt_floor: float = radians(0.1)
-    #: relative error of an accelerometer (scale, misalignment, bias over g): so much of a tilt that it sees
+    #: rad per axis, between the start and the end of a turn as the hand made them, and of a tilt that gravity measured
+    replacement: Replacement | None = None
+    #: of each off-diagonal element of the gyro's matrix, which is not itself estimated
+    misalignment_std: float | None = None
+    #: relative error of an accelerometer (scale, misalignment, bias over g), of a tilt that it measures
     tilt_share: float = 0.02
-    #: of each element that takes the gyro's axes to orthogonal ones: not estimated here, and felt where a turn tilts
-    misalignment_std: float = 0.01
     #: rad/s per root second that a bias moves, as in tracking
     rate_random_walk: float = radians(2e-3)
     #: output rates, Hz, below which a rate's change of direction within a sample is made good
     coning_below_hz: float = 50.0
-    #: where residuals are less probable than this, the hand, or the bias, is taken to be as bad as they show
+    #: a scatter of the rests less probable than this is taken for a bias that moves as much as they show
     honest_p: float = 0.01
 
 
@@ -50,9 +49,8 @@ class NotConverged(Exception):
 class Closure:
     """k (3,) and bias (3,) rad/s at device time `time`; their covariance (6, 6) in the order bias, k.
 
-    turn_bias (3, 3): the bias during each turn, where a bias that moves was likeliest then.
-    residual (3, 3) rad: by what each turn does not close, in the frame it started in, beyond a tilt that was measured.
-    misfit (3,): how unlikely that is under the knobs, as chi-square of 3 degrees of freedom. chi2, dof: of all residuals.
+    turn_bias (3, 3): the likeliest bias during each turn. residual (3, 3) rad: what each turn does not close by, in the frame
+    it started in, beyond a measured tilt. replacement, misalignment_std: as estimated or told. chi2, dof: of all residuals.
     """
 
     k: Floats
@@ -61,7 +59,8 @@ class Closure:
     time: float
     turn_bias: Floats
     residual: Floats
-    misfit: Floats
+    replacement: Replacement
+    misalignment_std: float
     chi2: float
     dof: int
     iterations: int
@@ -71,12 +70,24 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     """The calibration of one session; raises NotConverged."""
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
-    told = evidence(capture, knobs)
+    ends = tuple(_end(turn, knobs.tilt_share) for turn in capture.turns)
+    placed, askew = knobs.replacement or replacement.USUAL, knobs.misalignment_std or 0.0
+    told = replace(evidence(capture, knobs, ends, placed), misalignment_var=askew**2)
     try:
-        first = found = fit(told)
-        if first.converged[0]:
-            shown = _as_shown(told, first, knobs)
-            found = first if shown is told else fit(shown)
+        found = fit(told)
+        if found.converged[0]:
+            if knobs.replacement is None:
+                known = found.f_cov[0] - told.end_cov[0]
+                placed = replacement.estimate(ends, found.f_turn[0], known)
+            if knobs.misalignment_std is None:
+                askew = misalignment.estimate(told.reading[0] - found.b[0], told.dt[0], found.k[0], capture.turns)
+            found = fit(
+                replace(
+                    _with_scatter(told, found, knobs.honest_p),
+                    end_cov=np.array([[end.covariance(placed) for end in ends]]),
+                    misalignment_var=askew**2,
+                )
+            )
     except np.linalg.LinAlgError:
         raise NotConverged(
             "the turns do not determine the three scale factors: one about each axis is needed"
@@ -92,28 +103,25 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
         time=rests[-1].middle,
         turn_bias=found.turn_b[0],
         residual=found.f[0],
-        misfit=first.misfit[0],
-        chi2=float(first.chi2[0]),
+        replacement=placed,
+        misalignment_std=askew,
+        chi2=float(found.chi2[0]),
         dof=3 * len(rests) + 3,
         iterations=found.iterations,
     )
 
 
-def _as_shown(told: Evidence, found: Fit, knobs: ClosureKnobs) -> Evidence:
-    """The evidence with errors of turns, or of rests, as large as their residuals; unchanged where these are as told."""
-    # A turn's residual along its axis went into k, and one rest's into the bias.
-    turn_dof, rest_dof = 6, 3 * told.rest.shape[1] - 3
-    turns, rests = float(found.misfit[0].sum()), float(found.rest_misfit[0])
-    shown = told
-    if turns > scipy.special.chdtri(turn_dof, knobs.honest_p):
-        shown = replace(shown, end_cov=told.end_cov + (turns / turn_dof - 1) * found.f_cov)
-    if rest_dof and rests > scipy.special.chdtri(rest_dof, knobs.honest_p):
-        larger = rests / rest_dof
-        shown = replace(shown, rest_var=larger * told.rest_var, walk=larger * told.walk)
-    return shown
+def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:
+    """The evidence with rests as uncertain, and a bias that moves as fast, as the scatter of the rests shows."""
+    dof = 3 * told.rest.shape[1] - 3  # one rest went into the bias
+    scatter = float(found.rest_misfit[0])
+    if not dof or scatter <= scipy.special.chdtri(dof, honest_p):
+        return told
+    larger = scatter / dof
+    return replace(told, rest_var=larger * told.rest_var, walk=larger * told.walk)
 
 
-def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
+def evidence(capture: Capture, knobs: ClosureKnobs, ends: tuple[End, ...], placed: Replacement) -> Evidence:
     """One session's captures as the stacked arrays of the fit; the bias is that of the middle of the last rest."""
     rests, turns = capture.rests or (capture.rest,), capture.turns
     n = max(len(turn.samples) for turn in turns)
@@ -123,7 +131,6 @@ def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
         dt[i, : len(turn.samples)] = rotation.intervals(turn.samples.time)
     counts = np.array([rest.n for rest in rests])
     std = np.array([reading_std(rest.std) for rest in rests])
-    ends = [_end(turn, knobs) for turn in turns]
     return Evidence(
         reading=reading[None],
         dt=dt[None],
@@ -133,27 +140,22 @@ def evidence(capture: Capture, knobs: ClosureKnobs) -> Evidence:
         rest_common_var=np.array([[rest.rounding_var for rest in rests]]),
         shared=np.array([[[_shared(turn, dt[i], rests, late) for i, turn in enumerate(turns)] for late in (0, 1)]]),
         walk=knobs.rate_random_walk**2 * _walk(rests, turns)[None],
-        end=np.array([[end for end, _ in ends]]),
-        end_cov=np.array([[cov for _, cov in ends]]),
-        misalignment_var=knobs.misalignment_std**2,
+        end=np.array([[end.attitude for end in ends]]),
+        end_cov=np.array([[end.covariance(placed) for end in ends]]),
         coning=1 / float(np.median(np.diff(turns[0].samples.time))) < knobs.coning_below_hz,
     )
 
 
-def _end(turn: TurnCapture, knobs: ClosureKnobs) -> tuple[Floats, Floats]:
-    """(3, 3) the end of a turn in the frame of its start, and the covariance (3, 3) of its error.
-
-    Gravity tells the end's tilt; about gravity the turn is taken to have closed.
-    """
+def _end(turn: TurnCapture, tilt_share: float) -> End:
+    """The end of a turn: gravity tells its tilt; about gravity the turn is taken to have closed."""
     before, after = turn.before, turn.after
     if before.accel is None or after.accel is None:
-        return np.eye(3), knobs.replacement_std**2 * np.eye(3)
+        return End(np.eye(3))
     up, then = (a / np.linalg.norm(a) for a in (before.accel, after.accel))
-    V = rotation.cross_matrix(np.cross(then, up))
-    end = np.eye(3) + V + V @ V / (1 + up @ then)
-    noise_var = _direction_var(before) + _direction_var(after)
-    tilt_var = knobs.tilt_floor**2 + (knobs.tilt_share * rotation.angle_between(up, then)) ** 2 + noise_var
-    return end, tilt_var * np.eye(3) + (knobs.heading_std**2 - tilt_var) * np.outer(up, up)
+    across = np.cross(then, up)
+    V = rotation.cross_matrix(across)
+    tilt_var = (tilt_share * rotation.angle_between(up, then)) ** 2 + _direction_var(before) + _direction_var(after)
+    return End(np.eye(3) + V + V @ V / (1 + up @ then), up, across, tilt_var)
 
 
 def _direction_var(rest: Rest) -> float:

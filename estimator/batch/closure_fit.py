@@ -66,8 +66,8 @@ class Fit:
     """b (s, 3), k (s, 3), covariance (s, 6, 6) of both; what remains of s sessions.
 
     turn_b (s, 3, 3): the likeliest bias during each turn, b and its way; f (s, 3, 3): the turns' residuals at that bias.
-    f_cov (s, 3, 3, 3): the covariance of the turns' residuals at b; misfit (s, 3), rest_misfit (s,), chi2 (s,): of the
-    turns, of the rests and of all together, residuals at b squared over their covariance.
+    f_turn (s, 3, 3), f_cov (s, 3, 3, 3): the turns' residuals at b, and their covariance. rest_misfit (s,), chi2 (s,): of the
+    rests and of all together, residuals at b squared over their covariance.
     """
 
     b: Floats
@@ -75,8 +75,8 @@ class Fit:
     covariance: Floats
     turn_b: Floats
     f: Floats
+    f_turn: Floats
     f_cov: Floats
-    misfit: Floats
     rest_misfit: Floats
     chi2: Floats
     converged: NDArray[np.bool_]
@@ -118,8 +118,8 @@ def _found(
         covariance=np.asarray(np.linalg.inv(F.swapaxes(-1, -2) @ explained[..., :6])),
         turn_b=theta[:, None, :3] + way,
         f=f_turn - (A[:, r:] @ way[..., None])[..., 0],
+        f_turn=f_turn,
         f_cov=f_cov,
-        misfit=np.einsum("sti,sti->st", f_turn, np.linalg.solve(f_cov, f_turn[..., None])[..., 0]),
         rest_misfit=np.einsum("si,si->s", f_rest, np.linalg.solve(rest_cov, f_rest[..., None])[..., 0]),
         chi2=np.einsum("si,si->s", f, explained[..., 6]),
         converged=converged,

@@ -40,7 +40,6 @@ def by_closure(capture: Capture) -> Result:
         CLOSURE_VERDICT,
         turn_bias=found.turn_bias,
         unclosed=np.linalg.norm(found.residual, axis=1),
-        misfit=found.misfit,
         bias_time=found.time,
     )
 

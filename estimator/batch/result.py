@@ -21,8 +21,6 @@ class VerdictKnobs:
     k_max: float = 1.4
     #: rad between start and end of a turn, corrected; a hand that wobbles 3° leaves Algorithm 1 up to 4° off
     closure: float = radians(5.0)
-    #: what a turn does not close by, squared over its covariance (3 degrees of freedom): false alarm 1e-6
-    misfit: float = 30.66
     #: relative; more than this and the three turns did not determine the scale
     scale_std: float = 0.02
 
@@ -95,13 +93,12 @@ def judge(
     *,
     turn_bias: Floats | None = None,
     unclosed: Floats | None = None,
-    misfit: Floats | None = None,
     bias_time: float | None = None,
 ) -> Result:
     """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6).
 
     A method may know better than one bias and closed turns: turn_bias (3, 3) rad/s, the bias during each turn;
-    unclosed (3,) rad, by what each misses, and misfit (3,), how unlikely that is as chi-square of 3 degrees of freedom.
+    unclosed (3,) rad, by what each misses.
     bias_time: when the bias was so, by default in the middle of the first rest.
     """
     knobs = knobs or VerdictKnobs()
@@ -109,7 +106,7 @@ def judge(
     matrix, noise_std = np.diag(k), reading_std(capture.rest.std)
     turns = tuple(turn_report(turn, matrix, b) for turn, b in zip(capture.turns, turn_bias, strict=True))
     missed = np.array([turn.closure_error for turn in turns]) if unclosed is None else unclosed
-    is_open = (missed > knobs.closure) | (np.zeros(3) if misfit is None else misfit > knobs.misfit).astype(bool)
+    is_open = missed > knobs.closure
     open_axes = tuple(turn.axis for turn, is_so in zip(turns, is_open, strict=True) if is_so)
     loose = tuple(axis for axis in range(3) if not np.sqrt(covariance[3 + axis, 3 + axis]) < knobs.scale_std)
     outside = unbelievable(k, knobs)
