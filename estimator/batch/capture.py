@@ -40,7 +40,10 @@ class Samples:
 
     def between(self, start: float, end: float) -> "Samples":
         """The samples with start <= time <= end."""
-        part = slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
+        return self.part(slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right"))))
+
+    def part(self, part: slice) -> "Samples":
+        """Some of them, in a row."""
         accel = None if self.accel is None else self.accel[part]
         return Samples(self.time[part], self.gyro[part], accel, self.clipped[part])
 

@@ -1,10 +1,11 @@
 """Stages of a session from judged windows alone: rests, and what happened between two of them."""
 
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 
-from estimator.batch.capture import Floats, History, Movement, Rest
+from estimator.batch.capture import Floats, History, Movement, Rest, Samples
 from estimator.gyro import least_step
 from estimator.stillness import Window
 
@@ -14,6 +15,8 @@ LEAST_GRAVITY, MOST_GRAVITY = 7.0, 13.0
 _FEWEST = 8
 #: what the means of pieces of white noise vary by, at the most, over what they should
 _WHITE = 6.0
+#: standard deviations of its noise by which the mean of a piece may differ from the rest's
+_CREEP = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,12 @@ class StageKnobs:
     margin_s: float = 0.4
     #: rest just before a movement that cannot be told from its beginning
     edge_s: float = 0.13
+    #: a slow movement of at most this long, at either end of a rest, belongs to the turn beside it
+    creep_s: float = 1.5
+    #: rad/s by which such a creep differs from the rest, beyond the noise of a piece of the rest
+    creep: float = radians(0.03)
+    #: the pieces that are compared
+    piece_s: float = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +83,7 @@ class Stages:
         self.still_s = ended - self._still_since
         if self._settled or self.still_s < self.knobs.rest_s:
             return None
-        rest = self._measure(self._still_since, ended)
+        rest = self._measure(self._still_since, ended, goes_on=True)
         self._settled = rest is not None
         return None if rest is None else Settled(self._before, rest, self._pause_s)
 
@@ -84,11 +93,12 @@ class Stages:
             self._before, self._pause_s = self._measure(since, end), 0.0
         self._still_since, self._settled, self.still_s = None, False, 0.0
 
-    def _measure(self, start: float, end: float) -> Rest | None:
+    def _measure(self, start: float, end: float, *, goes_on: bool = False) -> Rest | None:
         """The rest as far as its samples are still held; None when they are not: a hole has pushed them out."""
         still = self._history.between(max(start, end - self.knobs.longest_s), end)
         if len(still) < _FEWEST:
             return None
+        still = without_creep(still, self.knobs, goes_on=goes_on)
         accel = None if still.accel is None else still.accel.mean(axis=0)
         if accel is not None and not LEAST_GRAVITY < np.linalg.norm(accel) < MOST_GRAVITY:
             accel = None  # dead, saturated or in other units: no witness of what is up
@@ -103,6 +113,28 @@ class Stages:
         lead = min(self.knobs.margin_s, (before.end - before.start) / 2)
         tail = min(self.knobs.margin_s, (after.end - after.start) / 2)
         return Movement(before, after, self._history.between(before.end - lead, after.start + tail))
+
+
+def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -> Samples:
+    """A rest without a slow movement at its beginning or end: a hand that lets go of the device, or takes hold of it.
+
+    Each piece is compared with the calm half of the rest: the middle, or the latest of a rest that goes on.
+    """
+    size = max(2, int(np.searchsorted(still.time - still.time[0], knobs.piece_s)))
+    count = len(still) // size
+    if count < 4:
+        return still
+    pieces = still.gyro[: count * size].reshape(count, size, 3)
+    means = pieces.mean(axis=1)
+    calm = slice(count // 2, None) if goes_on else slice(count // 4, count - count // 4)
+    noise = np.maximum(np.median(pieces.std(axis=1, ddof=1), axis=0), least_step(still.gyro) / 2) / np.sqrt(size)
+    near = (np.abs(means - np.median(means[calm], axis=0)) < knobs.creep + _CREEP * noise).all(axis=1)
+    most = min(int(knobs.creep_s / knobs.piece_s), count // 2)
+    creeping = np.flatnonzero(~near)
+    begin = max((i + 1 for i in creeping.tolist() if i < most), default=0)
+    end = count if goes_on else min((i for i in creeping.tolist() if i >= max(count - most, begin)), default=count)
+    last = len(still) if end == count else end * size
+    return still.part(slice(begin * size, last))
 
 
 def wander(gyro: Floats) -> Floats:
