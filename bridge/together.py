@@ -17,7 +17,7 @@ from bridge.routers_together import host_of, hosts_at, is_for, port_of, reaches,
 
 #: what all estimators of a ward are told alike
 _NAMED = 5
-_ALIKE = ("method", "model", "models", "warming_s", "silence_s")
+_ALIKE = ("method", "model", "models", "horizontal_turns", "warming_s", "silence_s")
 
 
 def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datetime) -> list[str]:

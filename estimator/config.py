@@ -22,6 +22,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     #: kind of device, one of configs/devices or the path of such a file; by device id for those that differ
     model: str = GENERIC
     models: dict[str, str] = {}
+    #: whether each turn by hand must be about a horizontal axis, so that an accelerometer checks its angle
+    horizontal_turns: bool = False
     #: seconds after power-up before a device is believed
     warming_s: float = 1.0
     #: seconds without a sample after which a device is lost

@@ -36,6 +36,7 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     gravity = track.gravity if model.zero_g is None else replace(track.gravity, accel_bias=model.zero_g)
     return replace(
         knobs,
+        gyro_range=model.gyro_range,
         scale_limit=max(_TOLERANCES * model.scale_tolerance, _BY_HAND),
         prior=replace(knobs.prior, bias_std=model.turn_on_bias, scale_std=model.scale_tolerance, noise_std=noise),
         stillness=replace(knobs.stillness, noise_guess=noise),
@@ -61,4 +62,5 @@ def treatment(told: "Estimator | None") -> Treatment:
     """As the estimator of the same file treats its devices; without one, as it does where nothing is said."""
     if told is None:
         return Treatment()
-    return Treatment(SessionKnobs(method=told.method, warming_s=told.warming_s), told.model, told.models)
+    usual = SessionKnobs(method=told.method, warming_s=told.warming_s, horizontal_turns=told.horizontal_turns)
+    return Treatment(usual, told.model, told.models)

@@ -20,11 +20,12 @@ from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
-from estimator.batch.session import CalibrationSession, Finished, Ignored
+from estimator.batch.session import CalibrationSession, Finished, Ignored, TurnFound
 from estimator.block import UNFIT
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
+from estimator.gyro import AXES
 from estimator.noise_model import GENERIC, load_model
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
@@ -32,6 +33,7 @@ from estimator.same_rate import same_rate
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Stillness
+from estimator.under_way import turn_knobs
 
 #: samples are handed over in batches this long: a rest and what lies around it must fit what a session remembers
 BATCH_S = 1.0
@@ -62,7 +64,8 @@ def calibrate(
     if method in BY_RATES:
         return BY_RATES[method](samples, rates), []
     windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
-    session = CalibrationSession(method, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
+    turns = turn_knobs(knobs, gyro_range)
+    session = CalibrationSession(method, None, None, turns, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
     if windows:
         session.add(Samples.of(windows))
     passed_over: list[str] = []
@@ -71,6 +74,11 @@ def calibrate(
         for progress in session.window(window):
             if isinstance(progress, Ignored):
                 passed_over.append(f"{window.end_time:.1f} s: {progress.no_turn.reason}")
+            elif isinstance(progress, TurnFound):
+                passed_over += [
+                    f"{window.end_time:.1f} s: the turn about {AXES[axis]} no longer counts, {why}"
+                    for axis, why in progress.dropped.items()
+                ]
             elif isinstance(progress, Finished):
                 last = progress.result
                 if not last.repeat:

@@ -16,6 +16,10 @@ class SessionKnobs:
     method: str = DEFAULT
     #: after power-up, before anything is believed
     warming_s: float = 1.0
+    #: rad/s, full scale of a reading; infinite: not known
+    gyro_range: float = inf
+    #: whether only turns about a horizontal axis count, where there is an accelerometer: gravity checks their angle
+    horizontal_turns: bool = False
     #: farther from 1, and from the other axes', no scale factor of such a device is (relative): the turn was no full one
     scale_limit: float = inf
     prior: PriorKnobs = field(default_factory=PriorKnobs)

@@ -1,16 +1,24 @@
 """A calibration under way: who asked for it, which turns are taken, and what is still to be done, in words."""
 
+from estimator.batch.clipping import ClippingKnobs
+from estimator.batch.recognise import TurnKnobs
 from estimator.batch.session import CalibrationSession, Expired, Ignored, Progress, TurnFound
 from estimator.gyro import AXES
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import Windows
 
 
+def turn_knobs(knobs: SessionKnobs, gyro_range: float = 0.0) -> TurnKnobs:
+    """What counts as a full turn of a device; gyro_range in rad/s as told of this recording, 0 where nothing was."""
+    clipping = ClippingKnobs(gyro_range=gyro_range or knobs.gyro_range)
+    return TurnKnobs(horizontal=knobs.horizontal_turns, clipping=clipping)
+
+
 class UnderWay:
     """Windows in, progress out. `who` asked for it and `why`; nobody, where a device has just booted."""
 
     def __init__(self, knobs: SessionKnobs, who: str = "", why: str = "") -> None:
-        self._capture = CalibrationSession(knobs.method, scale_limit=knobs.scale_limit)
+        self._capture = CalibrationSession(knobs.method, turn_knobs=turn_knobs(knobs), scale_limit=knobs.scale_limit)
         self.who, self.why = who, why
 
     @property
@@ -53,9 +61,9 @@ class UnderWay:
         """What is said of it, and of what is still to be done."""
         missing = self._capture.missing()
         match progress:
-            case TurnFound(turn, gone, missing):
+            case TurnFound(turn, dropped, missing):
                 what = f"turn about {AXES[turn.axis]} taken"
-                what += f"; the turn about {_names(gone)} is too old, or the bias has moved since" if gone else ""
+                what += "".join(f"; the turn about {AXES[axis]} no longer counts, {why}" for axis, why in dropped.items())
             case Expired(axes):
                 what = f"the turn about {_names(axes)} is too old"
             case Ignored(no_turn):

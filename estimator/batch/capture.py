@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from estimator.held import CLIPPED, WIDTH
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
+#: sine of the steepest angle above the horizon of an axis that gravity shows turns about
+_STEEP = np.sin(radians(45.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +93,12 @@ class TurnCapture:
     samples: Samples
     before: Rest
     after: Rest
+
+    @property
+    def checked_by_gravity(self) -> bool:
+        """Whether gravity, measured before and after, shows if the turn was a full one: its axis was not near the vertical."""
+        up = self.before.accel
+        return up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimator import rotation
 from estimator.batch import misalignment, replacement
 from estimator.batch.capture import Capture, Rest, TurnCapture
-from estimator.batch.closure_fit import Evidence, Fit, fit
+from estimator.batch.closure_fit import Evidence, Fit, fit, linearise
 from estimator.batch.replacement import End, Replacement
 from estimator.gyro import reading_std
 
@@ -71,23 +71,9 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
     knobs = knobs or ClosureKnobs()
     rests = capture.rests or (capture.rest,)
     ends = tuple(_end(turn, knobs.tilt_share) for turn in capture.turns)
-    placed, askew = knobs.replacement or replacement.USUAL, knobs.misalignment_std or 0.0
-    told = replace(evidence(capture, knobs, ends, placed), misalignment_var=askew**2)
+    told = evidence(capture, knobs, ends, knobs.replacement or replacement.USUAL)
     try:
         found = fit(told)
-        if found.converged[0]:
-            if knobs.replacement is None:
-                known = found.f_cov[0] - told.end_cov[0]
-                placed = replacement.estimate(ends, found.f_turn[0], known)
-            if knobs.misalignment_std is None:
-                askew = misalignment.estimate(told.reading[0] - found.b[0], told.dt[0], found.k[0], capture.turns)
-            found = fit(
-                replace(
-                    _with_scatter(told, found, knobs.honest_p),
-                    end_cov=np.array([[end.covariance(placed) for end in ends]]),
-                    misalignment_var=askew**2,
-                )
-            )
     except np.linalg.LinAlgError:
         raise NotConverged(
             "the turns do not determine the three scale factors: one about each axis is needed"
@@ -96,10 +82,16 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
         raise NotConverged(
             f"no scale factors close the three turns (after {found.iterations} steps k = {np.round(found.k[0], 3)})"
         )
+    placed = knobs.replacement or replacement.estimate(ends, found.f_turn[0], found.f_cov[0] - told.end_cov[0])
+    askew = knobs.misalignment_std
+    if askew is None:
+        askew = misalignment.estimate(told.reading[0] - found.b[0], told.dt[0], found.k[0], capture.turns)
+    end_cov = np.array([[end.covariance(placed) for end in ends]])
+    shown = replace(_with_scatter(told, found, knobs.honest_p), end_cov=end_cov)
     return Closure(
         k=found.k[0],
         bias=found.b[0],
-        covariance=found.covariance[0],
+        covariance=_covariance(shown, found, askew),
         time=rests[-1].middle,
         turn_bias=found.turn_b[0],
         residual=found.f[0],
@@ -109,6 +101,14 @@ def estimate(capture: Capture, knobs: ClosureKnobs | None = None) -> Closure:
         dof=3 * len(rests) + 3,
         iterations=found.iterations,
     )
+
+
+def _covariance(shown: Evidence, found: Fit, misalignment_std: float) -> Floats:
+    """(6, 6) of bias and k, if the errors are as the session showed them and the fit weighed them as it did."""
+    _, _, S, by_E = linearise(shown, np.concatenate([found.b, found.k], axis=-1))
+    gain = found.gain[0]
+    across = gain[:, -by_E.shape[1] :] @ by_E[0]
+    return np.asarray(gain @ S[0] @ gain.T + misalignment_std**2 * across @ across.T)
 
 
 def _with_scatter(told: Evidence, found: Fit, honest_p: float) -> Evidence:

@@ -15,8 +15,8 @@ Jacobian of SO(3). Taken here as (C_(t-1) + C_t)/2 dt: the difference is (rate d
     A_i = sum P_t K,   df_i/db = -J A_i,   df_i/dk = J sum P_t diag(m_t - b),   J = Jl(f_i)^-1;   A_j = I, df_j/db = -I
 
 At the true b and k, f_j = w_j + mean noise and f_i = J (A_i w_i + sum P_t K (noise_t + E (m_t - b))) + what the hand or
-the accelerometer missed; E, the misalignment of the gyro's axes, has a zero diagonal, is not estimated, and is the same in
-all turns. Samples of a rest that are in the integral of a turn too make the two depend on each other.
+the accelerometer missed; E, the misalignment of the gyro's axes, has a zero diagonal and is the same in all turns. It is not
+estimated, and has no part in S. Samples of a rest that are in the integral of a turn too make the two depend on each other.
 
 Gauss-Newton on L^-1 f, L L' = S the covariance of f; covariance of (b, k) = (F' S^-1 F)^-1, F = df/d(b, k).
 The information in how S itself depends on k is left out: some 1e-6 of the rest.
@@ -55,8 +55,6 @@ class Evidence:
     #: (s, 3, 3, 3) ends of the turns as measured or assumed, and their covariance in the frame of the start
     end: Floats
     end_cov: Floats
-    #: variance of each element of E
-    misalignment_var: float = 0.0
     #: whether steps are mean rates of intervals so long that their direction changes within
     coning: bool = False
 
@@ -65,6 +63,7 @@ class Evidence:
 class Fit:
     """b (s, 3), k (s, 3), covariance (s, 6, 6) of both; what remains of s sessions.
 
+    gain (s, 6, 3r + 9): by how much each residual moves b and k.
     turn_b (s, 3, 3): the likeliest bias during each turn, b and its way; f (s, 3, 3): the turns' residuals at that bias.
     f_turn (s, 3, 3), f_cov (s, 3, 3, 3): the turns' residuals at b, and their covariance. rest_misfit (s,), chi2 (s,): of the
     rests and of all together, residuals at b squared over their covariance.
@@ -73,6 +72,7 @@ class Fit:
     b: Floats
     k: Floats
     covariance: Floats
+    gain: Floats
     turn_b: Floats
     f: Floats
     f_turn: Floats
@@ -88,7 +88,7 @@ def fit(evidence: Evidence, max_iterations: int = 12, tolerance: float = 0.01) -
     theta = start(evidence)
     iterations, converged = 0, np.zeros(len(theta), bool)
     while iterations < max_iterations and np.isfinite(theta).all() and not converged.all():
-        f, F, S = linearise(evidence, theta)
+        f, F, S, _ = linearise(evidence, theta)
         white = np.linalg.solve(np.linalg.cholesky(S), np.concatenate([F, f[..., None]], axis=-1))
         WF, Wf = white[..., :6], white[..., 6:]
         information = WF.swapaxes(-1, -2) @ WF
@@ -112,10 +112,12 @@ def _found(
     turns = np.arange(r, r + 3)
     f_cov = np.moveaxis(S.reshape(s, r + 3, 3, r + 3, 3)[:, turns, :, turns], 0, 1)
     f_rest, rest_cov = f[:, : 3 * r], S[:, : 3 * r, : 3 * r]
+    covariance = np.linalg.inv(F.swapaxes(-1, -2) @ explained[..., :6])
     return Fit(
         b=theta[:, :3],
         k=theta[:, 3:],
-        covariance=np.asarray(np.linalg.inv(F.swapaxes(-1, -2) @ explained[..., :6])),
+        covariance=np.asarray(covariance),
+        gain=-covariance @ explained[..., :6].swapaxes(-1, -2),
         turn_b=theta[:, None, :3] + way,
         f=f_turn - (A[:, r:] @ way[..., None])[..., 0],
         f_turn=f_turn,
@@ -143,8 +145,11 @@ def start(evidence: Evidence) -> Floats:
     return np.concatenate([b, np.sqrt(np.where(k_square > 0.01, k_square, 1.0))], axis=-1)
 
 
-def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats]:
-    """Residuals f (s, 3r + 9), their derivatives F (s, 3r + 9, 6) by (b, k) and covariance S, at theta (s, 6)."""
+def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Residuals f (s, 3r + 9), their derivatives F (s, 3r + 9, 6) by (b, k) and covariance S, at theta (s, 6).
+
+    The last, (s, 9, 6), is the derivatives of the turns' residuals by the elements of E off its diagonal.
+    """
     b, k = theta[:, :3], theta[:, 3:]
     s, r = evidence.rest.shape[:2]
     read = (evidence.reading - b[:, None, None]) * evidence.dt[..., None]
@@ -166,11 +171,9 @@ def linearise(evidence: Evidence, theta: Floats) -> tuple[Floats, Floats, Floats
     F[:, r:, :, 3:] = np.einsum("...aii->...ai", by_E)
     f = np.concatenate([evidence.rest - b[:, None], f_turn], axis=1)
     S = _covariance(evidence, k, C, J, A)
-    if evidence.misalignment_var:
-        # With M = K (I + E), an element E_ij makes axis i turn k_i times the reading of axis j.
-        unknown = (by_E * k[:, None, None, :, None])[..., ~np.eye(3, dtype=bool)].reshape(s, 9, 6)
-        S[:, 3 * r :, 3 * r :] += evidence.misalignment_var * unknown @ unknown.swapaxes(-1, -2)
-    return f.reshape(s, -1), F.reshape(s, -1, 6), S
+    # With M = K (I + E), an element E_ij makes axis i turn k_i times the reading of axis j.
+    across = (by_E * k[:, None, None, :, None])[..., ~np.eye(3, dtype=bool)].reshape(s, 9, 6)
+    return f.reshape(s, -1), F.reshape(s, -1, 6), S, across
 
 
 def _covariance(evidence: Evidence, k: Floats, C: Floats, J: Floats, A: Floats) -> Floats:

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 #: rms tilt of a turn's axis that a hand makes, relative to 1 rad
 HAND = 0.03
 #: the least standard deviation of an element
-LEAST = 0.002
+LEAST = 0.0015
 
 
 def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.batch.capture import Movement
+from estimator.batch.clipping import clipped
 from estimator.batch.recognise import TurnKnobs, same_bias
 
 #: the latest so many are kept: more than any procedure needs, 20 MB at 1 kHz
@@ -46,7 +47,7 @@ class Movements:
 
     def _whole(self, movement: Movement) -> bool:
         time = movement.samples.time
-        if movement.samples.clipped.any() or movement.after.start - movement.before.end > LONGEST_S or len(time) < 3:
+        if clipped(movement.samples, self._knobs.clipping).any() or movement.after.start - movement.before.end > LONGEST_S or len(time) < 3:
             return False
         steps = np.diff(time)
         way = np.linalg.norm(movement.samples.gyro[1:] - movement.before.bias, axis=1) @ steps

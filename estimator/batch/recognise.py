@@ -1,12 +1,13 @@
 """Is a movement a full turn about one axis of the device? If not, why not, in words for who turned it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import degrees, radians
 
 import numpy as np
 
 from estimator import rotation
-from estimator.batch.capture import Floats, Movement, Rest, Samples, TurnCapture
+from estimator.batch.capture import Floats, Movement, Rest, TurnCapture
+from estimator.batch.clipping import ClippingKnobs, clipped
 from estimator.gyro import AXES
 
 
@@ -25,14 +26,15 @@ class TurnKnobs:
     gap_s: float = 0.035
     #: a longer movement is no turn: what is not known of the bias grows with it
     longest_s: float = 15.0
-    #: the largest reading repeated for this long is the gyro's limit, whatever its range is said to be
-    flat_s: float = 0.15
     #: how far gravity before and after may differ
     tilt: float = radians(4.0)
     #: how far the readings at rest before and after may differ, rad/s, beyond their noise: else one was no rest
     bias_step: float = radians(0.2)
     #: below this it was a nudge and no try at a turn
     nudge: float = radians(30.0)
+    #: whether only turns about a horizontal axis count, where an accelerometer tells which those are
+    horizontal: bool = False
+    clipping: ClippingKnobs = field(default_factory=ClippingKnobs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +65,8 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         small = low < degrees(angle) < high and share > knobs.axis_share and way < knobs.detour * angle
         return NoTurn("a nudge, not a turn", attempt=False, unit_axis=axis if small else None)
     reason = None
-    if samples.clipped.any():
-        reason = _spoilt(samples.gyro[samples.clipped])
-    elif _flat_s(samples, axis, dt) > knobs.flat_s and movement.before.std[axis] > 1e-9:
-        reason = "its largest reading was repeated: turned faster than the gyro's range, turn more slowly"
+    if (spoilt := clipped(samples, knobs.clipping)).any():
+        reason = _spoilt(samples.gyro[spoilt])
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
         reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
     elif low < radians(way) < high:
@@ -84,9 +84,10 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         reason = f"not about one axis of the device: {100 * share:.0f} % about {AXES[axis]}"
     else:
         reason = _rests(movement, knobs) or _tilt(movement, knobs)
-    if reason is not None:
-        return NoTurn(reason, attempt=angle > low / 2)
-    return TurnCapture(axis, samples, movement.before, movement.after)
+    turn = TurnCapture(axis, samples, movement.before, movement.after)
+    if reason is None and knobs.horizontal and movement.before.accel is not None and not turn.checked_by_gravity:
+        reason = f"a turn about the vertical, which gravity does not check: stand the device so that {AXES[axis]} is level first"
+    return turn if reason is None else NoTurn(reason, attempt=angle > low / 2)
 
 
 def rough_scale(turns: tuple[TurnCapture, ...]) -> Floats:
@@ -109,15 +110,6 @@ def _spoilt(gyro: Floats) -> str:
 
 def _half(is_so: bool) -> str:  # noqa: FBT001 - a sentence or none
     return "; if it was just one, the sample rate is off by a factor of two" if is_so else ""
-
-
-def _flat_s(samples: Samples, axis: int, dt: Floats) -> float:
-    """For how long the largest reading about an axis was repeated without a break; 0 of one that was read once."""
-    size = np.abs(samples.gyro[:, axis])
-    edges = np.diff((size == size.max()).astype(int), prepend=0, append=0)
-    runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
-    longest = runs.max()
-    return float(longest * np.median(dt)) if longest > 1 else 0.0
 
 
 def same_bias(a: Rest, b: Rest, knobs: TurnKnobs) -> bool:

@@ -66,9 +66,11 @@ def estimate(ends: Sequence[End], residual: Floats, known: Floats) -> Replacemen
     tilts = [(B @ r, B @ V @ B.T + end.tilt_var * np.eye(2)) for B, r, V, end in zip(planes, residual, known, ends, strict=True)]
     headings = [(np.array([u @ r]), np.array([[u @ V @ u]])) for u, r, V in zip(up, residual, known, strict=True)]
     measured = [(B @ end.tilt, end.tilt_var * np.eye(2)) for B, end in zip(planes, ends, strict=True)]
-    # A hand misses a heading as it misses a tilt, or worse: a table's top is flat.
-    together = _std([*headings, *measured], dof=6 + 3 - vertical)
-    return Replacement(max(together, _std(headings, dof=2 + 3 - vertical)), _std(tilts, dof=3 + vertical))
+    # A hand misses a heading as it misses a tilt, or worse, for a table's top is flat. Where all turns were about the vertical
+    # no closure shows by how much.
+    shown = 3 - vertical
+    heading_std = _std(headings, dof=shown + 2) if shown > 1 else USUAL.std
+    return Replacement(max(_std([*headings, *measured], dof=shown + 6), heading_std), _std(tilts, dof=3 + vertical))
 
 
 def _std(errors: Sequence[tuple[Floats, Floats]], dof: float) -> float:

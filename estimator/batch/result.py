@@ -1,5 +1,6 @@
 """The outcome of a calibration: estimate, covariance, residuals, verdict and the reason for it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, radians
 
@@ -122,7 +123,7 @@ def judge(
     else:
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
-        reason = f"three turns closed to {worst:.2f}°{_library(k)}"
+        reason = f"three turns closed to {worst:.2f}°{_unchecked(capture.turns)}{_library(k)}"
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
 
@@ -150,6 +151,18 @@ def unlikely(k: Floats, limit: float) -> tuple[tuple[int, ...], str] | None:
         f"no turn of 360° if the gyro is what its maker says: {turned}. Turn it once around, to where it began. "
         f"Repeat axis {_axes(odd)}"
     )
+
+
+def _unchecked(turns: Sequence[TurnCapture]) -> str:
+    """What the result rests on because nothing measured it: the angle of turns that gravity does not check."""
+    unchecked = [turn for turn in turns if not turn.checked_by_gravity]
+    if not unchecked:
+        return ""
+    if any(turn.before.accel is None for turn in unchecked):
+        return "; right if each turn was exactly 360°"
+    names = ", ".join(AXES[turn.axis] for turn in unchecked)
+    exactly = f"; right if the turn about {names}, which was vertical, was exactly 360°"
+    return f"{exactly}: with the device on its side gravity checks it"
 
 
 def _library(k: Floats) -> str:

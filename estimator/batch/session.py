@@ -1,7 +1,8 @@
 """A calibration session as it happens: samples and windows in; what was recognised, and in the end a Result, out."""
 
-from dataclasses import dataclass, replace
-from math import inf, radians
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import degrees, inf
 
 import numpy as np
 
@@ -24,8 +25,6 @@ STALE_S = 600.0
 LIVE_EVERY, LIVE_MOVEMENTS = 2, 16
 #: seconds of stillness that somebody probably meant for a rest
 PAUSE_S = 0.8
-#: rad/s: a rest whose mean is so uncertain because it wandered is none
-SHAKEN = radians(0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +36,10 @@ class RestFound:
 
 @dataclass(frozen=True, slots=True)
 class TurnFound:
-    """A full turn about an axis; beside it those about others are gone, too old or at another bias, or missing as yet."""
+    """A full turn about an axis. dropped: turns about other axes that no longer count, and why; missing: axes without a turn."""
 
     turn: TurnCapture
-    gone: tuple[int, ...] = ()
+    dropped: Mapping[int, str] = field(default_factory=dict)
     missing: tuple[int, ...] = ()
 
 
@@ -99,6 +98,8 @@ class CalibrationSession:
         #: whether there was a rest
         self.rested = self._moved_about = False
         self._too_small: set[int] = set()
+        #: turns that were taken and no longer count, by axis, and why
+        self._dropped: dict[int, str] = {}
         self.last_reason = ""
 
     @property
@@ -143,7 +144,7 @@ class CalibrationSession:
         """Forget the turns that are too old at a device time, s; their axes."""
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
         for axis in old:
-            del self.turns[axis]
+            self._drop(axis, _too_old(now - self.turns[axis].samples.time[-1]))
         return old
 
     def done(self) -> tuple[int, ...]:
@@ -171,7 +172,8 @@ class CalibrationSession:
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
-        names = ", ".join(AXES[axis] for axis in missing)
+        dropped = [f"the turn about {AXES[axis]} no longer counts, {self._dropped[axis]}" for axis in missing if axis in self._dropped]
+        names = ", ".join(AXES[axis] for axis in missing if axis not in self._dropped)
         if (largest := self._history.largest) > ABSURD:
             because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
         elif not self.rested:
@@ -183,7 +185,8 @@ class CalibrationSession:
             because = ": it turned by 6° about each axis; the readings are probably rad/s, given as degrees per second"
         else:
             because = f" (last movement: {self.last_reason})" if self.last_reason else ""
-        return nothing(self.method, Verdict.REPEAT, f"no full turn about {names} was seen{because}", missing)
+        unseen = [f"no full turn about {names} was seen{because}"] if names else []
+        return nothing(self.method, Verdict.REPEAT, "; ".join([*dropped, *unseen]), missing)
 
     def _explained(self, found: TurnCapture | NoTurn, pause_s: float) -> TurnCapture | NoTurn:
         if not isinstance(found, NoTurn):
@@ -211,16 +214,19 @@ class CalibrationSession:
         return [Ignored(no_turn)]
 
     def _turned(self, turn: TurnCapture) -> list[Progress]:
-        before = self.done()
         self.turns[turn.axis] = turn
+        self._dropped.pop(turn.axis, None)
         newest = turn.samples.time[-1]
-        self.turns = {
-            axis: t
-            for axis, t in self.turns.items()
-            if newest - t.samples.time[-1] < STALE_S and same_bias(t.before, turn.before, self._turn_knobs)
-        }
-        gone = tuple(axis for axis in before if axis not in self.turns)
-        progress: list[Progress] = [TurnFound(turn, gone, self.missing())]
+        dropped: dict[int, str] = {}
+        for axis, earlier in self.turns.items():
+            if (age := newest - earlier.samples.time[-1]) >= STALE_S:
+                dropped[axis] = _too_old(age)
+            elif not same_bias(earlier.before, turn.before, self._turn_knobs):
+                by = degrees(float(np.max(np.abs(turn.before.bias - earlier.before.bias))))
+                dropped[axis] = f"the bias has moved by {by:.1f} °/s since: let the device warm up and lie still, then turn it again"
+        for axis, why in dropped.items():
+            self._drop(axis, why)
+        progress: list[Progress] = [TurnFound(turn, dropped, self.missing())]
         if not self.missing() and not self._whole:
             result = self._checked(self._capture())
             self.turns = {axis: t for axis, t in self.turns.items() if axis not in result.repeat}
@@ -232,10 +238,6 @@ class CalibrationSession:
         if self._by_movements and not capture.movements:
             return self._without_movements()
         result = self._run(capture)
-        shaken = max((float(rest.wander.max()) for rest in capture.rests), default=0.0)
-        if result.verdict is Verdict.ACCEPTED and shaken > SHAKEN:
-            reason = "in a rest the reading wandered: put the device on something that does not move, and turn it again"
-            return replace(result, verdict=Verdict.REPEAT, reason=reason, repeat=(0, 1, 2))
         if self._by_movements:
             return result  # these know of axes by themselves
         movements = [(movement.before, movement.samples) for movement in capture.movements]
@@ -260,7 +262,13 @@ class CalibrationSession:
     def _without_movements(self) -> Result:
         because = f" (last movement: {self.last_reason})" if self.last_reason else ""
         reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
+        if size := self._stages.not_gravity:
+            reason = f"the accelerometer reads {size:.1f} m/s² at rest, and gravity is 9.8 m/s²: check its unit and its range"
         return nothing(self.method, Verdict.REFUSED, reason, (0, 1, 2))
+
+    def _drop(self, axis: int, why: str) -> None:
+        del self.turns[axis]
+        self._dropped[axis] = why
 
     def _capture(self, latest: int = 0) -> Capture:
         turns = tuple(self.turns[axis] for axis in sorted(self.turns))
@@ -271,3 +279,7 @@ class CalibrationSession:
         last = max(afters, key=lambda rest: rest.start)
         rests = (*(rest for rest in self._rests if first.start <= rest.start < last.start), last)
         return Capture(first, turns, rests, movements)
+
+
+def _too_old(age_s: float) -> str:
+    return f"it was made {age_s / 60:.0f} minutes ago: make all three within {STALE_S / 60:.0f} minutes"

@@ -63,6 +63,8 @@ class Stages:
         self._settled = False
         self._pause_s = 0.0
         self._before: Rest | None = None
+        #: m/s² that an accelerometer measured in the latest rest, if that is not gravity; else 0
+        self.not_gravity = 0.0
 
     def window(self, window: Window) -> Settled | None:
         """Take the next window."""
@@ -100,7 +102,9 @@ class Stages:
             return None
         still = without_creep(still, self.knobs, goes_on=goes_on)
         accel = None if still.accel is None else still.accel.mean(axis=0)
-        if accel is not None and not LEAST_GRAVITY < np.linalg.norm(accel) < MOST_GRAVITY:
+        size = 0.0 if accel is None else float(np.linalg.norm(accel))
+        self.not_gravity = 0.0 if accel is None or LEAST_GRAVITY < size < MOST_GRAVITY else max(size, 0.01)
+        if self.not_gravity:
             accel = None  # dead, saturated or in other units: no witness of what is up
         accel_std = None if still.accel is None or accel is None else still.accel.std(axis=0, ddof=1)
         std = still.gyro.std(axis=0, ddof=1)
@@ -129,7 +133,7 @@ def without_creep(still: Samples, knobs: StageKnobs, *, goes_on: bool = False) -
     calm = slice(count // 2, None) if goes_on else slice(count // 4, count - count // 4)
     noise = np.maximum(np.median(pieces.std(axis=1, ddof=1), axis=0), least_step(still.gyro) / 2) / np.sqrt(size)
     near = (np.abs(means - np.median(means[calm], axis=0)) < knobs.creep + _CREEP * noise).all(axis=1)
-    most = min(int(knobs.creep_s / knobs.piece_s), count // 2)
+    most = min(int(knobs.creep_s / knobs.piece_s), (count - 2) // 2)
     creeping = np.flatnonzero(~near)
     begin = max((i + 1 for i in creeping.tolist() if i < most), default=0)
     end = count if goes_on else min((i for i in creeping.tolist() if i >= max(count - most, begin)), default=count)

@@ -23,15 +23,22 @@ _FULL = 2 * pi
 _IGNORED = "movement ignored"
 #: what is wrong with a turn, and not with a movement between two poses
 _OF_TURNS = ("short", "long", "back_and_forth", "askew", "tilted", "rate", "slow", "old", "open")
+#: what is said of a device that was only stood on its side
+_OF_STANDING = ("short", "vertical")
 #: sides of a device
 SIDES = 6
 
 
 class Guide:
-    """One device, for as long as somebody looks: calibrated by `method`, and judged still by the estimator's own knobs."""
+    """One device, for as long as somebody looks: calibrated by `method`, and judged still by the estimator's own knobs.
 
-    def __init__(self, method: str = DEFAULT, stillness: StillnessKnobs | None = None) -> None:
-        self.hand, self.method = Hand(stillness), method
+    horizontal: each turn must be about a horizontal axis; the device is stood on its side for the one that is upright.
+    """
+
+    def __init__(
+        self, method: str = DEFAULT, stillness: StillnessKnobs | None = None, *, horizontal: bool = False
+    ) -> None:
+        self.hand, self.method, self._horizontal = Hand(stillness), method, horizontal
         self._sides: tuple[int, ...] = ()
         self._status: Status | None = None
         self._boot = 0
@@ -107,6 +114,8 @@ class Guide:
         done = status.axes_done
         needed = self._order(done)
         wrong = reasons.said(status.reason)
+        if self._horizontal and not hand.moved:
+            wrong = tuple(words for words in wrong if words.key not in _OF_STANDING)
         if status.state is State.AWAITING_STILL:
             return Told(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
@@ -116,10 +125,10 @@ class Guide:
         if hand.moved and self._judging(status):
             return self._turning(status, done, needed)
         axis = needed[0] if needed else 0
-        key = f"{'again' if wrong else 'turn'}_{self._way(axis)}"
-        return Told(
-            Step.TURN, self._way(axis), Words(key, {"axis": AXES[axis]}), 0.0, 0.0, axis, done, needed, wrong,
-        )  # fmt: skip
+        way = self._way(axis)
+        words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
+        picture = Picture.POSE if way is Picture.SIDE else way
+        return Told(Step.TURN, picture, words, 0.0, 0.0, axis, done, needed, wrong)
 
     def _between_poses(self, status: Status) -> Told:
         """A rest on each side, movements between them; the estimator says when they show the whole matrix."""
@@ -162,15 +171,14 @@ class Guide:
         return () if status is None else (status.axes_done, status.reason, status.events.get(_IGNORED, 0))
 
     def _order(self, done: tuple[int, ...]) -> tuple[int, ...]:
-        """Axes that are still needed; the one that stands upright first: that turn is the easiest."""
-        return tuple(
-            sorted((axis for axis in range(3) if axis not in done), key=lambda axis: (axis != self._upright, axis))
-        )
+        """Axes that are still needed; the one that stands upright first, that turn is the easiest, or last if it may not be."""
+        needed = (axis for axis in range(3) if axis not in done)
+        return tuple(sorted(needed, key=lambda axis: ((axis == self._upright) == self._horizontal, axis)))
 
     def _way(self, axis: int) -> Picture:
         """How it is turned about an axis."""
         if axis == self._upright:
-            return Picture.FLAT
+            return Picture.SIDE if self._horizontal and self.hand.upright is not None else Picture.FLAT
         return Picture.ALONG if axis == min({0, 1, 2} - {self._upright}) else Picture.ACROSS
 
     @property

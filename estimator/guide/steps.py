@@ -24,12 +24,16 @@ class Step(StrEnum):
 
 
 class Picture(StrEnum):
-    """What is drawn. The way to turn is named by the table: its top, along its edge, or over its edge."""
+    """What is drawn. The way to turn is named by the table: its top, along its edge, or over its edge.
+
+    SIDE: it is to be stood on its side first.
+    """
 
     EDGE = "edge"
     FLAT = "flat"
     ALONG = "along"
     ACROSS = "across"
+    SIDE = "side"
     POSE = "pose"
     WELL = "well"
     NOTHING = "nothing"

@@ -57,7 +57,7 @@ def bound(sessions: PaperSessions, noise_std: float, replacement_std: float) -> 
         known.reading, known.dt, var, known.rest, np.full((s, r, 3), noise_std**2 / m), known.rest_common_var,
         known.shared, known.walk, known.end, known.end_cov,
     )  # fmt: skip
-    _, F, S = linearise(known, np.tile(np.concatenate([gyro.bias, gyro.k]), (s, 1)))
+    _, F, S, _ = linearise(known, np.tile(np.concatenate([gyro.bias, gyro.k]), (s, 1)))
     information = F.swapaxes(-1, -2) @ np.linalg.solve(S, F)
     return np.asarray(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
 

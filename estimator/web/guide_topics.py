@@ -61,4 +61,4 @@ class GuideTopic:
 
 def _guide(sources: Sources, device: str) -> Guide:
     knobs = sources.treatment.of(device)
-    return Guide(knobs.method, knobs.stillness)
+    return Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns)

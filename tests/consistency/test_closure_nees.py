@@ -12,6 +12,7 @@ from estimator.batch import closure
 from estimator.batch.capture import Capture, Samples
 from estimator.batch.closure import ClosureKnobs
 from estimator.batch.methods import METHODS
+from estimator.batch.replacement import Replacement
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession
 from estimator.stillness import Stillness
@@ -20,7 +21,7 @@ from estimator.study.paper_runs import Scenario, compute
 
 Floats = NDArray[np.float64]
 N = 80
-EXACT = ClosureKnobs(replacement_std=1e-9, rate_random_walk=0.0, misalignment_std=0.0)
+EXACT = ClosureKnobs(Replacement(1e-9), misalignment_std=0.0, rate_random_walk=0.0)
 DRIFT = ImuSpec(rrw_dps_per_sqrt_s=2e-3)
 
 
@@ -65,38 +66,28 @@ def test_a_device_put_back_exactly(wobble_deg: float) -> None:
     assert of_k == pytest.approx(1.0, abs=band(3))
 
 
-def test_a_hand_that_misses_and_a_bias_that_moves() -> None:
-    together, of_k = nees(ClosureKnobs(), wobble_deg=2.0, replacement_deg=0.2, spec=DRIFT)
-    assert together == pytest.approx(1.0, abs=band(6))
-    assert of_k == pytest.approx(1.0, abs=band(3))
+@pytest.mark.parametrize("accel", [False, True])
+@pytest.mark.parametrize("missed_deg", [0.0, 0.2, 1.0])
+def test_however_well_the_hand_puts_it_back(missed_deg: float, accel: bool) -> None:
+    """Nothing is told of the hand: what it misses by is estimated. make bench has the table, over more sessions."""
+    _, of_k = nees(ClosureKnobs(), accel=accel, wobble_deg=1.0, tilt_deg=3.0, replacement_deg=missed_deg, noise_dps=0.07)
+    assert 0.2 < of_k < 1.6
 
 
-def test_a_hand_worse_than_told() -> None:
-    """Two and a half times the miss that is assumed: the residuals show it, and it is believed."""
-    together, of_k = nees(ClosureKnobs(), replacement_deg=0.5, spec=DRIFT)
-    assert together < 1.8
-    assert of_k < 2.5
-    _, trusting = nees(replace(ClosureKnobs(), honest_p=0.0), replacement_deg=0.5, spec=DRIFT)
+def test_a_hand_that_is_told_better_than_it_is() -> None:
+    told = ClosureKnobs(Replacement(np.radians(0.2)))
+    _, trusting = nees(told, replacement_deg=0.5, spec=DRIFT)
     assert trusting > 4.0
 
 
 def test_crooked_axes_and_tilted_turns() -> None:
-    crooked = replace(DRIFT, misalignment_deg=1.0)
-    together, of_k = nees(ClosureKnobs(), wobble_deg=3.0, tilt_deg=3.0, replacement_deg=0.2, spec=crooked)
-    assert together == pytest.approx(1.0, abs=band(6))
-    assert of_k == pytest.approx(1.0, abs=band(3))
-    _, blind = nees(
-        replace(ClosureKnobs(), misalignment_std=0.0), wobble_deg=3.0, tilt_deg=3.0, replacement_deg=0.2, spec=crooked
-    )
-    assert blind > 1.5
-
-
-def test_with_an_accelerometer_it_is_never_too_sure() -> None:
-    """The simulator's accelerometer errs less in one pose than is assumed of real ones."""
-    spec = replace(DRIFT, accel_bias=0.05)
-    together, of_k = nees(ClosureKnobs(), accel=True, wobble_deg=2.0, replacement_deg=0.3, spec=spec)
-    assert together < 1 + band(6)
-    assert 0.2 < of_k < 1 + band(3)
+    """The axes' own share of the tilts is estimated, not told; told that there is none, the calibration is far too sure."""
+    crooked = replace(DRIFT, misalignment_deg=3.0)
+    hand = {"wobble_deg": 1.0, "tilt_deg": 3.0, "replacement_deg": 0.1, "spec": crooked}
+    _, of_k = nees(ClosureKnobs(), **hand)
+    _, blind = nees(ClosureKnobs(misalignment_std=0.0), **hand)
+    assert of_k < 4.0
+    assert blind > 5 * of_k
 
 
 @pytest.mark.parametrize(

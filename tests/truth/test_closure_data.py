@@ -13,6 +13,7 @@ from estimator import offline
 from estimator.batch import closure
 from estimator.batch.capture import Capture, Rest, Samples, TurnCapture
 from estimator.batch.closure import ClosureKnobs
+from estimator.batch.replacement import Replacement
 from estimator.gyro import least_step
 
 pytestmark = pytest.mark.data
@@ -21,7 +22,7 @@ SIMULATED = [
     f"noise{noise}_wobble{wobble}_{seed}" for noise in ("0.03", "0.15") for wobble in (0, 3) for seed in range(100, 104)
 ]
 #: those sessions' hand puts the device back exactly, and their bias stays
-EXACT = ClosureKnobs(replacement_std=1e-9, rate_random_walk=0.0, misalignment_std=0.0)
+EXACT = ClosureKnobs(Replacement(1e-9), misalignment_std=0.0, rate_random_walk=0.0)
 
 
 def cut(time: Floats, gyro: Floats, bounds: NDArray[np.int64]) -> Capture:

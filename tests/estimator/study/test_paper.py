@@ -10,6 +10,7 @@ from bridge.sim.paper import PaperPlan, PaperSessions, draw_gyro, simulate
 from estimator.batch import closure, turn360
 from estimator.batch.capture import Capture, Rest, Samples, TurnCapture
 from estimator.batch.closure import ClosureKnobs
+from estimator.batch.replacement import Replacement
 from estimator.cli import build
 from estimator.gyro import least_step
 from estimator.study import many
@@ -47,7 +48,7 @@ def test_algorithm_1_on_many_is_algorithm_1_on_each(sessions: PaperSessions) -> 
 def test_closure_on_many_is_closure_on_each(sessions: PaperSessions) -> None:
     std = np.radians(0.2)
     together = many.closure(many.evidence(sessions, std))
-    knobs = ClosureKnobs(replacement_std=std, rate_random_walk=0.0, misalignment_std=0.0, honest_p=0.0)
+    knobs = ClosureKnobs(Replacement(std), misalignment_std=0.0, rate_random_walk=0.0, honest_p=0.0)
     for s in range(len(together.theta)):
         alone = closure.estimate(capture(sessions, s), knobs)
         np.testing.assert_allclose(together.theta[s], [*alone.bias, *alone.k], atol=1e-9)

@@ -1,0 +1,53 @@
+"""Readings that were cut off at the end of the gyro's range, whether the range is known or not.
+
+Known: readings at 99 % of it. A reading beyond it shows that the device is set to another range, which is then unknown.
+Unknown: the largest reading of a movement comes up again and again, where a hand's fastest moment is passed once. The peak of
+any smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.batch.capture import Samples
+from estimator.gyro import least_step
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class ClippingKnobs:
+    """When readings count as cut off."""
+
+    #: rad/s, full scale of a reading; infinite: not known
+    gyro_range: float = inf
+    #: part of the range from which on a reading is at its end, and beyond which the range is another one
+    near: float = 0.99
+    beyond: float = 1.02
+    #: so many samples at the largest reading are needed, and so many times those in the five steps below it
+    samples: int = 5
+    times: float = 2.0
+
+
+def clipped(samples: Samples, knobs: ClippingKnobs) -> Flags:
+    """(n,) which samples of one movement were cut off, as the bridge says, by the range, or as the readings show."""
+    size = np.abs(samples.gyro)
+    largest = float(size.max(initial=0.0))
+    known = samples.clipped
+    if largest <= knobs.beyond * knobs.gyro_range < inf:
+        known = known | (size >= knobs.near * knobs.gyro_range).any(axis=1)
+    return known if known.any() else _repeated(samples.gyro, knobs)
+
+
+def _repeated(gyro: Floats, knobs: ClippingKnobs) -> Flags:
+    """(n,) the samples at the largest reading of readings (n, 3), if it is repeated as only the end of a range is."""
+    at, axis = np.unravel_index(int(np.argmax(np.abs(gyro))), gyro.shape)
+    reading = np.copysign(1.0, gyro[at, axis]) * gyro[:, axis]
+    step = float(least_step(gyro)[axis])
+    below = (reading.max() - reading) / step
+    at_the_end, just_below = below < 0.5, (below >= 0.5) & (below < 5.5)
+    enough = np.count_nonzero(at_the_end) >= max(knobs.samples, knobs.times * np.count_nonzero(just_below) + 1)
+    return at_the_end if enough else np.zeros(len(gyro), bool)
