@@ -80,7 +80,10 @@ class Heard:
 
     def __init__(self, client: Client, device: str, knobs: SessionKnobs) -> None:
         self._client, self._device, self._known = client, device, Known(client.ward)
-        self.guide, self.story = Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns), self._known.story(device) or Story(0)
+        self.guide, self.story = (
+            Guide(knobs.method, knobs.stillness, horizontal=knobs.horizontal_turns),
+            self._known.story(device) or Story(0),
+        )
         self._samples, self._statuses = client.raw(device), client.follow(device)
         self._made, self._infos = client.follow_calibrations(device), client.follow_infos()
         self._watches = [client.watch_alive(what, alive.__setitem__) for what, alive in self._known.alive.items()]

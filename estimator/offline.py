@@ -25,7 +25,6 @@ from estimator.block import UNFIT
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
 from estimator.device_knobs import knobs_of
-from estimator.gyro import AXES
 from estimator.noise_model import GENERIC, load_model
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
@@ -75,10 +74,7 @@ def calibrate(
             if isinstance(progress, Ignored):
                 passed_over.append(f"{window.end_time:.1f} s: {progress.no_turn.reason}")
             elif isinstance(progress, TurnFound):
-                passed_over += [
-                    f"{window.end_time:.1f} s: the turn about {AXES[axis]} no longer counts, {why}"
-                    for axis, why in progress.dropped.items()
-                ]
+                passed_over += [f"{window.end_time:.1f} s: {why}" for why in progress.dropped.values()]
             elif isinstance(progress, Finished):
                 last = progress.result
                 if not last.repeat:

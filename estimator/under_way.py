@@ -63,7 +63,7 @@ class UnderWay:
         match progress:
             case TurnFound(turn, dropped, missing):
                 what = f"turn about {AXES[turn.axis]} taken"
-                what += "".join(f"; the turn about {AXES[axis]} no longer counts, {why}" for axis, why in dropped.items())
+                what = "; ".join([what, *dropped.values()])
             case Expired(axes):
                 what = f"the turn about {_names(axes)} is too old"
             case Ignored(no_turn):

@@ -43,7 +43,9 @@ class Samples:
 
     def between(self, start: float, end: float) -> "Samples":
         """The samples with start <= time <= end."""
-        return self.part(slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right"))))
+        return self.part(
+            slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, end, side="right")))
+        )
 
     def part(self, part: slice) -> "Samples":
         """Some of them, in a row."""
@@ -98,7 +100,9 @@ class TurnCapture:
     def checked_by_gravity(self) -> bool:
         """Whether gravity, measured before and after, shows if the turn was a full one: its axis was not near the vertical."""
         up = self.before.accel
-        return up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
+        return (
+            up is not None and self.after.accel is not None and abs(float(up[self.axis])) < _STEEP * np.linalg.norm(up)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

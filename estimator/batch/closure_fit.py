@@ -117,7 +117,7 @@ def _found(
         b=theta[:, :3],
         k=theta[:, 3:],
         covariance=np.asarray(covariance),
-        gain=-covariance @ explained[..., :6].swapaxes(-1, -2),
+        gain=np.asarray(-covariance @ explained[..., :6].swapaxes(-1, -2)),
         turn_b=theta[:, None, :3] + way,
         f=f_turn - (A[:, r:] @ way[..., None])[..., 0],
         f_turn=f_turn,

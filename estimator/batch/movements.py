@@ -47,7 +47,11 @@ class Movements:
 
     def _whole(self, movement: Movement) -> bool:
         time = movement.samples.time
-        if clipped(movement.samples, self._knobs.clipping).any() or movement.after.start - movement.before.end > LONGEST_S or len(time) < 3:
+        if (
+            clipped(movement.samples, self._knobs.clipping).any()
+            or movement.after.start - movement.before.end > LONGEST_S
+            or len(time) < 3
+        ):
             return False
         steps = np.diff(time)
         way = np.linalg.norm(movement.samples.gyro[1:] - movement.before.bias, axis=1) @ steps

@@ -86,7 +86,9 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         reason = _rests(movement, knobs) or _tilt(movement, knobs)
     turn = TurnCapture(axis, samples, movement.before, movement.after)
     if reason is None and knobs.horizontal and movement.before.accel is not None and not turn.checked_by_gravity:
-        reason = f"a turn about the vertical, which gravity does not check: stand the device so that {AXES[axis]} is level first"
+        reason = (
+            f"gravity does not check a turn about the vertical: stand the device so that {AXES[axis]} is level first"
+        )
     return turn if reason is None else NoTurn(reason, attempt=angle > low / 2)
 
 

@@ -63,7 +63,10 @@ def estimate(ends: Sequence[End], residual: Floats, known: Floats) -> Replacemen
     # A turn about the vertical has its heading, any other has a tilt, taken up by its scale factor.
     vertical = float(sum(up[axis, axis] ** 2 for axis in range(3)))
     planes = [scipy.linalg.null_space(u[None]).T for u in up]
-    tilts = [(B @ r, B @ V @ B.T + end.tilt_var * np.eye(2)) for B, r, V, end in zip(planes, residual, known, ends, strict=True)]
+    tilts = [
+        (B @ r, B @ V @ B.T + end.tilt_var * np.eye(2))
+        for B, r, V, end in zip(planes, residual, known, ends, strict=True)
+    ]
     headings = [(np.array([u @ r]), np.array([[u @ V @ u]])) for u, r, V in zip(up, residual, known, strict=True)]
     measured = [(B @ end.tilt, end.tilt_var * np.eye(2)) for B, end in zip(planes, ends, strict=True)]
     # A hand misses a heading as it misses a tilt, or worse, for a table's top is flat. Where all turns were about the vertical
@@ -74,7 +77,7 @@ def estimate(ends: Sequence[End], residual: Floats, known: Floats) -> Replacemen
 
 
 def _std(errors: Sequence[tuple[Floats, Floats]], dof: float) -> float:
-    """The standard deviation s with sum of x' (V + s² I)^-1 x = dof - 2 over errors x and their known covariances V; 0 at least."""
+    """The s >= 0 under which the sum of x' (V + s² I)^-1 x is dof - 2; errors: pairs of x and its known covariance V."""
 
     def excess(s: float) -> float:
         return sum(float(x @ np.linalg.solve(V + s**2 * np.eye(len(x)), x)) for x, V in errors) - (dof - 2)

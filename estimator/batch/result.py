@@ -123,7 +123,8 @@ def judge(
     else:
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
-        reason = f"three turns closed to {worst:.2f}°{_unchecked(capture.turns)}{_library(k)}"
+        said = (f"three turns closed to {worst:.2f}°", _unchecked(capture.turns), _library(k))
+        reason = "; ".join(filter(None, said))
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
 
@@ -159,17 +160,16 @@ def _unchecked(turns: Sequence[TurnCapture]) -> str:
     if not unchecked:
         return ""
     if any(turn.before.accel is None for turn in unchecked):
-        return "; right if each turn was exactly 360°"
+        return "right if each turn was exactly 360°"
     names = ", ".join(AXES[turn.axis] for turn in unchecked)
-    exactly = f"; right if the turn about {names}, which was vertical, was exactly 360°"
-    return f"{exactly}: with the device on its side gravity checks it"
+    return f"right if the vertical turn about {names} was exactly 360°: made with the device on its side, gravity checks it"
 
 
 def _library(k: Floats) -> str:
     """What common libraries get wrong: the LSM9DS1's sensitivity is not its range over 32768."""
     for factor in (1.147, 1.170):
         if np.all(np.abs(k / factor - 1) < 0.01):
-            return f"; all scale factors near {factor}: the LSM9DS1's sensitivity is read as its range over 32768"
+            return f"all scale factors near {factor}: the LSM9DS1's sensitivity is read as its range over 32768"
     return ""
 
 

@@ -144,7 +144,7 @@ class CalibrationSession:
         """Forget the turns that are too old at a device time, s; their axes."""
         old = tuple(axis for axis in self.done() if now - self.turns[axis].samples.time[-1] >= STALE_S)
         for axis in old:
-            self._drop(axis, _too_old(now - self.turns[axis].samples.time[-1]))
+            self._drop(axis, _too_old(axis, now - self.turns[axis].samples.time[-1]))
         return old
 
     def done(self) -> tuple[int, ...]:
@@ -172,7 +172,7 @@ class CalibrationSession:
         if self._by_movements:
             return self._checked(self._capture()) if self.movements else self._without_movements()
         missing = self.missing()
-        dropped = [f"the turn about {AXES[axis]} no longer counts, {self._dropped[axis]}" for axis in missing if axis in self._dropped]
+        dropped = [self._dropped[axis] for axis in missing if axis in self._dropped]
         names = ", ".join(AXES[axis] for axis in missing if axis not in self._dropped)
         if (largest := self._history.largest) > ABSURD:
             because = f": readings of {largest:.0f} rad/s are probably degrees per second, given as rad/s"
@@ -220,10 +220,13 @@ class CalibrationSession:
         dropped: dict[int, str] = {}
         for axis, earlier in self.turns.items():
             if (age := newest - earlier.samples.time[-1]) >= STALE_S:
-                dropped[axis] = _too_old(age)
+                dropped[axis] = _too_old(axis, age)
             elif not same_bias(earlier.before, turn.before, self._turn_knobs):
                 by = degrees(float(np.max(np.abs(turn.before.bias - earlier.before.bias))))
-                dropped[axis] = f"the bias has moved by {by:.1f} °/s since: let the device warm up and lie still, then turn it again"
+                dropped[axis] = (
+                    f"the turn about {AXES[axis]} no longer counts: the bias has moved by {by:.1f} °/s since. "
+                    "Let the device warm up and lie still, then turn it again"
+                )
         for axis, why in dropped.items():
             self._drop(axis, why)
         progress: list[Progress] = [TurnFound(turn, dropped, self.missing())]
@@ -263,7 +266,7 @@ class CalibrationSession:
         because = f" (last movement: {self.last_reason})" if self.last_reason else ""
         reason = f"no movement between two rests whose gravity an accelerometer measured{because}"
         if size := self._stages.not_gravity:
-            reason = f"the accelerometer reads {size:.1f} m/s² at rest, and gravity is 9.8 m/s²: check its unit and its range"
+            reason = f"the accelerometer reads {size:.1f} m/s² at rest, not gravity's 9.8: check its unit and its range"
         return nothing(self.method, Verdict.REFUSED, reason, (0, 1, 2))
 
     def _drop(self, axis: int, why: str) -> None:
@@ -281,5 +284,8 @@ class CalibrationSession:
         return Capture(first, turns, rests, movements)
 
 
-def _too_old(age_s: float) -> str:
-    return f"it was made {age_s / 60:.0f} minutes ago: make all three within {STALE_S / 60:.0f} minutes"
+def _too_old(axis: int, age_s: float) -> str:
+    return (
+        f"the turn about {AXES[axis]} no longer counts: it was made {age_s / 60:.0f} minutes ago. "
+        f"Make all three within {STALE_S / 60:.0f} minutes"
+    )

@@ -28,7 +28,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
     "rate": (r"the sample rate is (?:probably )?off by a factor of two", ()),
     "slow": (rf"a turn that took {_N} s", ("seconds",)),
     "askew": (rf"not about one axis of the device: {_N} % about ([xyz])", ("percent", "axis")),
-    "vertical": (r"a turn about the vertical, which gravity does not check: stand the device so that ([xyz])", ("axis",)),
+    "vertical": (r"gravity does not check a turn about the vertical: stand the device so that ([xyz])", ("axis",)),
     "restless": (rf"the rests before and after read {_N} °/s apart", ("rate",)),
     "tilted": (rf"ended tilted {_N}°", ("angle",)),
     "paused": (rf"a pause of {_N} s in it was too short to be a rest", ("seconds",)),
@@ -37,6 +37,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
     "open": (rf"the turn did not end where it began: .*Repeat axis {_AXES}", ("axes",)),
     "loose": (rf"the turns leave the scale uncertain\. Repeat axis {_AXES}", ("axes",)),
     "outside": (r"scale factor (.+) outside", ("values",)),
+    "accelerometer": (rf"the accelerometer reads {_N} m/s² at rest", ("reading",)),
     "foreign": (r"the gyro's axes are not the accelerometer's", ()),
     "cancelled": (r"calibration cancelled by (.+?);", ("who",)),
     "moved": (rf"the turns about {_AXES} were taken by an estimator that does not have it now", ("axes",)),
@@ -45,7 +46,8 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
 #: what it says when nothing is wrong: the steps themselves tell that
 _USUAL = re.compile(
     r"still: now turn it|turn about [xyz] taken(?!; the turn)|hold the device still|a nudge, not a turn|warming up|never seen"
-    r"|calibrated|three turns closed|recalibration asked|the device was restarted|bias of this boot"
+    r"|calibrated|three turns closed|right if |all scale factors near|recalibration asked|the device was restarted"
+    r"|bias of this boot"
 )
 _PATTERNS = {key: (re.compile(pattern), names) for key, (pattern, names) in _SAID.items()}
 

@@ -63,7 +63,7 @@ def turn(rng: np.random.Generator, shape: str, case: Case) -> Floats:
     duration = slowest / peak
     pieces = []
     for part in share:
-        at = (np.arange(max(int(duration * RATE_HZ * part / share.max()), 12)) + 0.5)
+        at = np.arange(max(int(duration * RATE_HZ * part / share.max()), 12)) + 0.5
         at /= len(at)
         rate = SHAPES[shape](at)
         waves = sum(rng.normal(0, 0.01) * np.sin(2 * np.pi * f * at + rng.uniform(0, 6)) for f in range(1, 5))
@@ -105,12 +105,16 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench.clipping", description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=40, help="sessions of each case and shape")
-    parser.add_argument("--why", action="store_true", help="print the reasons of good sessions refused, cut ones accepted")
+    parser.add_argument(
+        "--why", action="store_true", help="print the reasons of good sessions refused, cut ones accepted"
+    )
     given = parser.parse_args()
     jobs = [(c, s, seed) for c in range(len(CASES)) for s in SHAPES for seed in range(given.runs)]
     accepted, wrong, of, console = Counter[int](), Counter[int](), Counter[int](), Console()
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        each = track(pool.imap(tried, jobs, chunksize=8), "calibrating", total=len(jobs), console=console, transient=True)
+        each = track(
+            pool.imap(tried, jobs, chunksize=8), "calibrating", total=len(jobs), console=console, transient=True
+        )
         for number, shape, is_accepted, is_wrong, reason in each:
             of[number] += 1
             accepted[number] += is_accepted
@@ -121,7 +125,12 @@ def main() -> None:
     for heading in ("turns", "range °/s", "noise °/s", "range told", "sessions", "refused", "accepted, wrong"):
         table.add_column(heading, justify="left" if heading == "turns" else "right")
     for number, case in enumerate(CASES):
-        row = ("cut off" if case.cut else "good", f"{case.range_dps:g}", f"{case.noise_dps:g}", "yes" if case.told else "no")
+        row = (
+            "cut off" if case.cut else "good",
+            f"{case.range_dps:g}",
+            f"{case.noise_dps:g}",
+            "yes" if case.told else "no",
+        )
         table.add_row(*row, *map(str, (of[number], of[number] - accepted[number], wrong[number])))
     console.print(table)
 

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from bridge.recording import Recording
 from bridge.sim.imperfection import Imperfection, ImuSpec, draw
-from bridge.sim.motion import Motion, Piece, Spin, Still, Turn
+from bridge.sim.motion import Motion, Piece, Spin, Turn
 from bridge.sim.script import SessionPlan, flat, session
 from bridge.wire.messages import Verdict
 from estimator import offline
@@ -151,12 +151,14 @@ def main(argv: list[str] | None = None, show: Callable[[Table], None] | None = N
         for accel in (False, True)
         for seed in range(given.runs)
     ]
-    found = defaultdict(list)
+    found: dict[tuple[str, bool], list[tuple[Verdict, Floats, Floats, str]]] = defaultdict(list)
     console = Console()
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        each = track(pool.imap(tried, jobs, chunksize=8), "calibrating", total=len(jobs), console=console, transient=True)
-        for name, accel, *rest in each:
-            found[name, accel].append(rest)
+        each = track(
+            pool.imap(tried, jobs, chunksize=8), "calibrating", total=len(jobs), console=console, transient=True
+        )
+        for name, accel, verdict, error, covariance, reason in each:
+            found[name, accel].append((verdict, error, covariance, reason))
     table = Table(box=None, pad_edge=False)
     for heading in ("session", "accel", "accepted", "wrong", "NEES k", "beyond 2 std, %", "k rms, %", "std told, %"):
         table.add_column(heading, justify="left" if heading == "session" else "right")

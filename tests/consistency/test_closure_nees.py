@@ -70,7 +70,9 @@ def test_a_device_put_back_exactly(wobble_deg: float) -> None:
 @pytest.mark.parametrize("missed_deg", [0.0, 0.2, 1.0])
 def test_however_well_the_hand_puts_it_back(missed_deg: float, accel: bool) -> None:
     """Nothing is told of the hand: what it misses by is estimated. make bench has the table, over more sessions."""
-    _, of_k = nees(ClosureKnobs(), accel=accel, wobble_deg=1.0, tilt_deg=3.0, replacement_deg=missed_deg, noise_dps=0.07)
+    _, of_k = nees(
+        ClosureKnobs(), accel=accel, wobble_deg=1.0, tilt_deg=3.0, replacement_deg=missed_deg, noise_dps=0.07
+    )
     assert 0.2 < of_k < 1.6
 
 
@@ -83,9 +85,10 @@ def test_a_hand_that_is_told_better_than_it_is() -> None:
 def test_crooked_axes_and_tilted_turns() -> None:
     """The axes' own share of the tilts is estimated, not told; told that there is none, the calibration is far too sure."""
     crooked = replace(DRIFT, misalignment_deg=3.0)
-    hand = {"wobble_deg": 1.0, "tilt_deg": 3.0, "replacement_deg": 0.1, "spec": crooked}
-    _, of_k = nees(ClosureKnobs(), **hand)
-    _, blind = nees(ClosureKnobs(misalignment_std=0.0), **hand)
+    of_k, blind = (
+        nees(knobs, wobble_deg=1.0, tilt_deg=3.0, replacement_deg=0.1, spec=crooked)[1]
+        for knobs in (ClosureKnobs(), ClosureKnobs(misalignment_std=0.0))
+    )
     assert of_k < 4.0
     assert blind > 5 * of_k
 

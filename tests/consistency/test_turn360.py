@@ -55,6 +55,13 @@ NEVER = tuple(protocols.BAD)[:5]
 def test_no_bad_protocol_is_accepted_wrong(kind: str, method: str) -> None:
     for seed in range(40 if kind in NEVER else 16):
         trial = protocols.BAD[kind](seed)
-        result, _ = offline.calibrate(trial.recording, method)
+        result, _ = offline.calibrate(trial.recording, method, knobs=trial.knobs)
         assert not protocols.is_wrong(result, trial.k), (seed, result.reason, result.scale, trial.k)
         assert kind not in NEVER or result.verdict is not Verdict.ACCEPTED, (seed, result.reason)
+
+
+@pytest.mark.parametrize("kind", protocols.UNDETECTABLE)
+def test_what_nothing_shows_is_said(kind: str) -> None:
+    for seed in range(8):
+        result, _ = offline.calibrate(protocols.UNDETECTABLE[kind](seed).recording)
+        assert result.verdict is not Verdict.ACCEPTED or "was exactly 360°" in result.reason

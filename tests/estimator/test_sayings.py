@@ -68,7 +68,6 @@ PIECES = {
     "nothing to do until it is heard",
     "the gyro's axes are not the accelerometer's: 1",
     " of what the gyro reports",
-    "three turns closed to 1°1",
     "no movement between two rests whose gravity an accelerometer measured1",
     "no full turn about 1 was seen1",
     " (last movement: 1)",
@@ -187,10 +186,10 @@ def test_what_would_take_for_ever_is_left_as_it_is_and_the_rest_is_said(endless:
 WHOLE = """\
 bed-1 is warming: it will be calibrated anyway
 bed-1 is lost: nothing to do until it is heard
-turn about z taken; the turn about x, y is too old, or the bias has moved since; still needed: x, y
+turn about z taken; the turn about x no longer counts: the bias has moved by 0.3 °/s since. Let the device warm up and lie still, then turn it again; still needed: x, y
 the turn about x, y is too old; still needed: x, y, z
 the gyro's axes are not the accelerometer's: x is y, y is −x of what the gyro reports
-calibrated: three turns closed to 0.10°; all scale factors near 1.147: the LSM9DS1's sensitivity is read as its range over 32768
+calibrated: three turns closed to 0.10°; right if each turn was exactly 360°; all scale factors near 1.147: the LSM9DS1's sensitivity is read as its range over 32768
 no movement between two rests whose gravity an accelerometer measured (last movement: a nudge, not a turn)
 no turn of 360° if the gyro is what its maker says: y 440°, z 330°. Turn it once around, to where it began. Repeat axis y, z
 no full turn about x, y, z was seen: 4.0 samples a second do not show whether it is still: set it to 50 or more, 4 never do

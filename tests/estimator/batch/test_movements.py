@@ -18,7 +18,8 @@ def rest(start: float, end: float, bias: float = 0.0) -> Rest:
 def movement(start: float, seconds: float = 2.0, *, bias: float = 0.0) -> Movement:
     """From a rest of 3 s that ends at `start` to one that has just settled."""
     time = np.arange(start - 0.4, start + seconds + 0.4, 0.01)
-    samples = Samples(time, np.zeros((len(time), 3)), np.tile(UP, (len(time), 1)), np.zeros(len(time), bool))
+    turned = 0.5 * np.sin(np.pi * np.clip((time - start) / seconds, 0, 1))[:, None] * np.array([1.0, 0.0, 0.0])
+    samples = Samples(time, turned, np.tile(UP, (len(time), 1)), np.zeros(len(time), bool))
     return Movement(rest(start - 3, start, bias), rest(start + seconds, start + seconds + 2, bias), samples)
 
 
@@ -54,7 +55,7 @@ def test_what_cannot_be_integrated_is_not_kept() -> None:
         replace(whole, after=replace(whole.after, accel=None)),
         replace(whole, after=replace(whole.after, bias=np.full(3, 0.02))),
         movement(5.0, LONGEST_S + 1),
-        replace(whole, samples=replace(s, gyro=np.full((n, 3), 2.0))),
+        replace(whole, samples=replace(s, gyro=20 * s.gyro)),
     ]
     kept = Movements(TurnKnobs())
     assert [kept.add(m, full_turn=False) for m in broken] == [False] * len(broken)

@@ -24,7 +24,7 @@ OFFLINE = "no movement between two rests"
         ),
         ("turned faster than the gyro's range for 12 samples: turn more slowly; still needed: x", ["fast"]),
         (
-            "turn about x taken; the turn about y, z is too old, or the bias has moved since; still needed: y, z",
+            "turn about x taken; the turn about y no longer counts: it was made 11 minutes ago. Make all three within 10 minutes",
             ["old"],
         ),
         ("the turn about y, z is too old; still needed: x, y, z", ["old"]),
