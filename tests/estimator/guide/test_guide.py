@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.enrolled import Enrolment
+from bridge.sim.motion import Piece, Turn
 from bridge.sim.script import SessionPlan, TurnPlan, session
 from bridge.wire.messages import State, Verdict
 from bridge.wire.refusal import Tally
@@ -246,3 +247,41 @@ def test_late_and_repeated_readings_change_nothing() -> None:
     plain, doubled = (follow(Guide(), DeviceSession(NAME), some) for some in (sent, twice))
     assert [one.step for one in doubled[1::2]] == [one.step for one in plain]
     assert [one.angle for one in doubled[1::2]] == [one.angle for one in plain]
+
+
+def stood_on_its_side(last_deg: float) -> tuple[list[Piece], SessionPlan]:
+    """Turns about the two level axes, the device stood on its side, and a turn about the axis that was upright."""
+    plan = SessionPlan(3.4, (TurnPlan(0), TurnPlan(1)), (4.0, 5.0))
+    onto_its_side = Turn(1.5, np.array([1.0, 0.0, 0.0]), np.pi / 2, np.array([[0.0, 1.5, 1.0]]))
+    last = session(np.random.default_rng(6), SessionPlan(3.4, (TurnPlan(2, last_deg),), (4.0, 5.0)))
+    return [onto_its_side, *last], plan
+
+
+def test_where_turns_must_be_level_it_is_stood_on_its_side_for_the_third() -> None:
+    after, plan = stood_on_its_side(360.0)
+    knobs = SessionKnobs(horizontal_turns=True)
+    device = DeviceSession(NAME, knobs)
+    told = follow(Guide(horizontal=True), device, batches(calibration(seed=4, plan=plan, after=after)))
+    asked = [one for one in told if one.step is Step.TURN]
+    assert (asked[0].axis, asked[0].needed) == (0, (0, 1, 2)), "the upright axis comes last"
+    assert any(one.head.key == "turn_side" and one.picture is Picture.POSE and one.axis == 2 for one in asked)
+    assert keys(told) == set(), "standing it on its side is no turn that went wrong"
+    assert told[-1].step is Step.DONE
+    assert device.calibration is not None
+    assert "was exactly 360°" not in device.calibration.reason
+
+
+def test_a_level_turn_of_a_wrong_angle_is_measured_by_gravity() -> None:
+    after, plan = stood_on_its_side(357.0)
+    of = calibration(seed=4, plan=plan, after=after)
+    device = DeviceSession(NAME, SessionKnobs(horizontal_turns=True))
+    follow(Guide(horizontal=True), device, batches(of))
+    assert device.calibration is not None
+    np.testing.assert_allclose(np.diag(device.calibration.matrix), of.truth.k, atol=1e-3)
+
+
+def test_a_turn_about_the_vertical_is_refused_where_turns_must_be_level() -> None:
+    device = DeviceSession(NAME, SessionKnobs(horizontal_turns=True))
+    told = follow(Guide(horizontal=True), device, batches(turned(TurnPlan(2), TurnPlan(0), TurnPlan(1))))
+    assert "vertical" in keys(told)
+    assert device.calibration is None
