@@ -47,10 +47,11 @@ proto: setup-dev
 study: setup
 	$(BIN)/truerate study paper
 
-# Measurements, with no verdict: the time of a calibration, recovery times of a ward, damaged frames, subscribers,
+# Measurements, with no verdict: the time of a calibration, how honest those on a machine are, recovery times of a ward, damaged frames, subscribers,
 # what a recorder costs and loses.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.machines --runs 10
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder

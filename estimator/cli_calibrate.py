@@ -34,8 +34,8 @@ methods:
   accel_aided  the classical form of it for at least nine poses, accelerometer first (Tedaldi et al. 2014).
   turntable    constant known rates, both ways, about each axis in turn, 1.5 s or more each: bias, scale, misalignment
                against the fixture. Say the rates.
-  servomotor   one known rate about a vertical axis, both ways, in three mountings or more, at rest for 1.5 s before each
-               spin: bias and scale. Needs an accelerometer. Say the rate.
+  servomotor   one known rate, both ways, in three mountings or more whose axis differs, at rest for 1.5 s before each
+               spin: bias and scale. Say the rate.
 examples:
   truerate calibrate --live chest --config configs/ward.toml   says what to do with the device, step by step
   truerate calibrate session.npz

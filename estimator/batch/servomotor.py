@@ -1,28 +1,30 @@
-"""Calibration with one servo whose axis is vertical: gravity, measured at rest, and rate, measured at speed, agree.
+"""Calibration with one servo that turns at a known rate about an axis that stands still, in several mountings.
 
 Source: the method of the paper's own group, its "[servomotor]": Y. Li, L. Wang, Z. Wang, X. Li, S. W. Su, arXiv 2405.03393
-and 2410.19571: the dot product of measured gravity and rotation rate is constant in a fixed frame, so that the scale
-factors follow from linear least squares. As far as the abstracts tell; the weights and the covariance are ours. Letters:
+and 2410.19571, with one change. There the servo's axis is vertical and its direction in the sensor is measured gravity u:
+u . K (m - b) = w. An accelerometer's offset of 90 mg turns u by 5° and more, and k comes out 1 to 3 % too large. But the
+gyro itself shows the axis: the rate has its direction. So |K (m - b)| = w, and no accelerometer is needed. Letters:
 
-    u_i   direction of gravity in the sensor at mounting i, at rest; the servo's axis, up to its sign
-    m_i   mean reading while it turned at the known rate w_i;  u_i . K (m_i - b) = w_i,  K = diag(k):  linear in k
-    b     mean reading at rest
+    m_i   mean reading while it turned at the known rate w;   g_i = K (m_i - b),  K = diag(k),  u_i = g_i / |g_i|
+    y_j   mean reading of rest j;   b  the bias in the last rest
+    f     residuals |g_i| - w and y_j - b;   F  their derivatives by (b, k);   C  their covariance: noise of the readings,
+          how the bias wandered, the servo's rate, and misalignment E, which is taken for zero: |g_i| = w (1 - u_i . E u_i)
 
-Mountings need not follow the sensor's axes: three that differ are enough. Misalignment is taken for zero, as in the source;
-what it may be widens the covariance.
+Gauss-Newton from the solution of the squares, which are linear in k². Mountings need not follow the sensor's axes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, radians
 
 import numpy as np
 
 from bridge.wire.messages import Verdict
+from bridge.wording import count
+from estimator.batch.bias_wander import WanderKnobs, wander_cov
 from estimator.batch.capture import Floats, Samples
-from estimator.batch.gravity import G
-from estimator.batch.plateaus import Plateau, plateaus, still
+from estimator.batch.least_squares import Solved, shown_size, solve
+from estimator.batch.plateaus import Plateau, plateaus, said_of_others, split
 from estimator.batch.result import Result, VerdictKnobs, nothing, unbelievable
-from estimator.batch.stages import LEAST_GRAVITY, MOST_GRAVITY
 from estimator.gyro import AXES, reading_std
 
 
@@ -30,79 +32,107 @@ from estimator.gyro import AXES, reading_std
 class ServoKnobs:
     """How good the servo is, and what the model leaves out."""
 
-    #: relative error of its rate
-    rate_share: float = 5e-4
-    #: rad, misalignment of the gyro's axes, taken for zero
+    #: relative error of each spin's mean rate, within a factor of ten; the spins show it, up to `worst_share`
+    rate_share: float = 2e-4
+    worst_share: float = 3e-3
+    #: rad, each off-diagonal element that takes the gyro's axes to orthogonal ones: taken for zero
     misalignment: float = 0.01
-    #: rad/s, by which the bias differs from rest to rest
-    bias_floor: float = radians(0.003)
 
 
-def by_servomotor(samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs | None = None) -> Result:
-    """Scale factors and bias from a recording on a servo with a vertical axis; its one rate in rad/s, used either way."""
-    knobs = knobs or ServoKnobs()
-    if samples.accel is None:
-        return _refused("no accelerometer: the servo's axis is seen as gravity's direction")
+@dataclass(frozen=True, slots=True, eq=False)
+class _Evidence:
+    """Mean readings of spins (s, 3) and rests (r, 3), rad/s, their variances, and (s + r, s + r) how the bias moved."""
+
+    spin: Floats
+    rest: Floats
+    spin_var: Floats
+    rest_var: Floats
+    moved: Floats
+    rate: float
+
+
+def by_servomotor(
+    samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs | None = None, wander: WanderKnobs | None = None
+) -> Result:
+    """Scale factors and bias from a recording on a servo; its one rate in rad/s, used either way.
+
+    wander: what is known of the device's bias, by default what the generic model says.
+    """
+    knobs, wander = knobs or ServoKnobs(), wander or WanderKnobs()
     if len(rates) != 1:
-        return _refused(f"a servo turns at one known rate; {len(rates)} were given")
-    found = plateaus(samples)
-    rests, spins = [p for p in found if still(p, rates)], [p for p in found if not still(p, rates)]
-    pairs = [(spin, rest) for spin in spins if (rest := _rest_before(spin, rests)) is not None]
-    u = np.array([rest.accel for _, rest in pairs]).reshape(-1, 3)
-    size = np.linalg.norm(u, axis=1)
-    if np.any((size < LEAST_GRAVITY) | (size > MOST_GRAVITY)):
-        far = size[np.argmax(np.abs(size - G))]
-        return _refused(f"{far:.1f} m/s² at rest is no gravity: the servo's axis is seen as its direction")
-    u /= size[:, None]
-    if len(pairs) < 3 or np.linalg.svd(u**2, compute_uv=False)[-1] < 0.1:
-        reason = f"{len(pairs)} stretches of constant rate after a rest: three mountings that differ are needed"
-        return nothing("servomotor", Verdict.REPEAT, f"{reason}, 1.5 s of each", (0, 1, 2))
-    b, b_cov = _bias(rests, knobs)
-    A = u * (np.array([spin.mean for spin, _ in pairs]) - b)
-    w = np.sign(A.sum(axis=1)) * rates[0]
-    noise = np.array([u_i**2 @ spin.var for u_i, (spin, _) in zip(u, pairs, strict=True)])
-    std = np.sqrt(noise + (knobs.rate_share * w) ** 2)
-    k, *_ = np.linalg.lstsq(A / std[:, None], w / std, rcond=None)
-    gain = np.linalg.pinv(A / std[:, None]) / std
-    missed = w - A @ k
-    # Each off-diagonal element of M, left out, adds its u_row u_column w to every equation.
+        reason = f"a servo turns at one known rate; {len(rates)} were given"
+        return nothing("servomotor", Verdict.REFUSED, reason)
+    rests, turned, others = split(plateaus(samples), rates)
+    if not rests:
+        return nothing("servomotor", Verdict.REPEAT, "no rest: 1.5 s of it before each spin are needed", (0, 1, 2))
+    rest, limits = np.median([p.mean for p in rests], axis=0), VerdictKnobs()
+    spins: list[Plateau] = []
+    for p in turned:
+        k = rates[0] / float(np.linalg.norm(p.mean - rest))
+        (spins if limits.k_min < k < limits.k_max else others).append(p)
+    but = said_of_others(others)
+    off = np.array([p.mean for p in spins]).reshape(-1, 3) - rest
+    axis = off / np.linalg.norm(off, axis=1)[:, None]
+    if len(spins) < 3 or np.linalg.svd(axis**2, compute_uv=False)[-1] < 0.1:
+        reason = f"{count(len(spins), 'stretch', 'stretches')} at the given rate{but}"
+        needed = "three mountings that differ are needed, 1.5 s of each, and of rest before it"
+        return nothing("servomotor", Verdict.REPEAT, f"{reason}: {needed}", (0, 1, 2))
+    used = [*spins, *rests]
+    evidence = _Evidence(
+        spin=np.array([p.mean for p in spins]),
+        rest=np.array([p.mean for p in rests]),
+        spin_var=np.array([p.var for p in spins]),
+        rest_var=np.array([p.var for p in rests]),
+        moved=wander_cov(used, len(used) - 1, rests, wander),
+        rate=rates[0],
+    )
+    share = shown_size(lambda share: _fit(evidence, share, knobs.misalignment)[1], knobs.rate_share, knobs.worst_share)
+    theta, fit = _fit(evidence, share, knobs.misalignment)
+    kept = f"diagonal from {count(len(spins), 'spin')} at the given rate, which the servo kept to {share:.2%}{but}"
+    return _judge(theta, fit, fit.misfit(slice(len(spins))), used, kept)
+
+
+def _fit(of: _Evidence, share: float, misalignment: float) -> tuple[Floats, Solved]:
+    """Bias and scale (6,), and the last step that led to them, with the servo's rate known to `share`."""
+    b = np.median(of.rest, axis=0)
+    square, *_ = np.linalg.lstsq((of.spin - b) ** 2, np.full(len(of.spin), of.rate**2), rcond=None)
+    theta = np.concatenate([b, np.sqrt(np.maximum(square, VerdictKnobs().k_min ** 2))])
+    for _ in range(10):
+        solved = solve(*_linearised(of, theta, share, misalignment))
+        theta = theta + solved.step
+        if solved.step_size < 1e-6:
+            break
+    return theta, solved
+
+
+def _linearised(of: _Evidence, theta: Floats, share: float, misalignment: float) -> tuple[Floats, Floats, Floats]:
+    """Residuals (n,), slopes F (n, 6) and C (n, n), n = s + 3 r: the spins first."""
+    b, k = theta[:3], theta[3:]
+    s, r = len(of.spin), len(of.rest)
+    g = k * (of.spin - b)
+    size = np.linalg.norm(g, axis=1)
+    u = g / size[:, None]
+    by_bias = np.vstack([u * k, np.tile(np.eye(3), (r, 1))])
+    stretch = np.concatenate([np.arange(s), np.repeat(s + np.arange(r), 3)])
+    var = np.vstack([of.spin_var, of.rest_var])[stretch]
+    F = np.zeros((s + 3 * r, 6))
+    F[:, :3] = -by_bias
+    F[:s, 3:] = u * (of.spin - b)
+    C = (by_bias @ by_bias.T) * of.moved[np.ix_(stretch, stretch)] + np.diag(np.sum(by_bias**2 * var, axis=1))
+    C[np.arange(s), np.arange(s)] += (share * of.rate) ** 2
     rows, columns = np.nonzero(1 - np.eye(3))
-    askew = knobs.misalignment * w[:, None] * u[:, rows] * u[:, columns]
-    left_out = gain @ askew
-    by_bias = gain @ (u * k)
-    var = std**2 + np.sum(askew**2, axis=1) + (u * k) ** 2 @ np.diag(b_cov)
-    misfit = float(np.sum(missed**2 / var)) / max(len(missed) - 3, 1)
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3] = b_cov
-    covariance[3:, :3] = by_bias @ b_cov
-    covariance[:3, 3:] = covariance[3:, :3].T
-    of_spins = (gain * std**2) @ gain.T + left_out @ left_out.T
-    covariance[3:, 3:] = max(misfit, 1.0) * of_spins + by_bias @ b_cov @ by_bias.T
-    return _judge(k, b, covariance, missed, misfit, [*spins, *rests])
+    askew = misalignment * of.rate * u[:, rows] * u[:, columns]
+    C[:s, :s] += askew @ askew.T
+    return np.concatenate([size - of.rate, (of.rest - b).ravel()]), F, C
 
 
-def _refused(reason: str) -> Result:
-    return nothing("servomotor", Verdict.REFUSED, reason)
-
-
-def _rest_before(spin: Plateau, rests: list[Plateau]) -> Plateau | None:
-    before = [rest for rest in rests if rest.end <= spin.start and spin.start - rest.end < 5.0]
-    return before[-1] if before else None
-
-
-def _bias(rests: list[Plateau], knobs: ServoKnobs) -> tuple[Floats, Floats]:
-    weight = 1 / (np.array([rest.var for rest in rests]) + knobs.bias_floor**2)
-    mean = (weight * [rest.mean for rest in rests]).sum(axis=0) / weight.sum(axis=0)
-    return mean, np.diag(1 / weight.sum(axis=0))
-
-
-def _judge(k: Floats, b: Floats, covariance: Floats, missed: Floats, misfit: float, used: list[Plateau]) -> Result:
-    bad, limits = unbelievable(k, VerdictKnobs()), VerdictKnobs()
+def _judge(theta: Floats, fit: Solved, misfit: float, used: Sequence[Plateau], reason: str) -> Result:
+    b, k, limits = theta[:3], theta[3:], VerdictKnobs()
+    covariance = misfit * fit.cov
+    bad = unbelievable(k, limits)
     loose = tuple(axis for axis in range(3) if not covariance[3 + axis, 3 + axis] ** 0.5 < limits.scale_std * k[axis])
-    rms = degrees(float(np.sqrt(np.mean(missed**2))))
     verdict = Verdict.ACCEPTED
     repeat: tuple[int, ...] = ()
-    reason = f"diagonal from {len(missed)} spins, whose known rate was met to {rms:.3f} °/s rms"
     if bad is not None:
         verdict, repeat, reason = Verdict.REFUSED, *bad
     elif misfit > 9.0:
@@ -113,5 +143,5 @@ def _judge(k: Floats, b: Floats, covariance: Floats, missed: Floats, misfit: flo
         names = ", ".join(AXES[axis] for axis in loose)
         reason = f"the mountings leave the scale of {names} uncertain: mount it with {names} upright too"
     noise_std = reading_std(np.median([p.std for p in used], axis=0))
-    time = float(np.mean([(p.start + p.end) / 2 for p in used]))
+    time = (used[-1].start + used[-1].end) / 2
     return Result("servomotor", verdict, reason, np.diag(k), b, covariance, noise_std, (), repeat, time)

@@ -19,17 +19,26 @@ def test_without_noise_any_three_mountings_give_the_truth() -> None:
     result, _ = offline.calibrate(of.recording(), "servomotor", rates=RATE)
     assert result.verdict is Verdict.ACCEPTED
     assert result.parameters == PARAMETERS
-    np.testing.assert_allclose(result.scale, of.truth.k, atol=2e-4)  # an accelerometer's bias of 0.1 m/s² tilts it
-    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-9)
+    np.testing.assert_allclose(result.scale, of.truth.k, atol=1e-8)
+    np.testing.assert_allclose(result.bias, of.bias[0], atol=1e-8)
 
 
-@pytest.mark.parametrize(("misalignment_deg", "low", "high"), [(0.0, 0.4, 1.6), (0.57, 0.2, 1.6)])
+def test_an_accelerometer_has_no_say_however_far_off_it_is() -> None:
+    of = on_a_servo(2)
+    result = by_servomotor(samples(of), RATE)
+    for accel in (None, of.accel + np.array([1.5, -0.4, -1.8]), np.zeros_like(of.accel)):
+        other = by_servomotor(replace(samples(of), accel=accel), RATE)
+        np.testing.assert_array_equal(other.covariance, result.covariance)
+        np.testing.assert_array_equal(other.scale, result.scale)
+
+
+@pytest.mark.parametrize(("misalignment_deg", "low", "high"), [(0.0, 0.3, 1.5), (0.57, 0.15, 1.5)])
 def test_its_covariance_is_what_repeating_shows(misalignment_deg: float, low: float, high: float) -> None:
+    """The knob is the standard deviation of what is drawn evenly within ± misalignment_deg, times 1.7."""
     scores = []
     for seed in range(15):
         of = on_a_servo(seed, misalignment_deg=misalignment_deg)
-        knobs = ServoKnobs(1e-4, 0.01 if misalignment_deg else 2e-5, 0.0)
-        result = by_servomotor(samples(of), RATE, knobs)
+        result = by_servomotor(samples(of), RATE, ServoKnobs(1e-5, 1e-4, 0.01 if misalignment_deg else 2e-5))
         error = np.concatenate([result.bias, result.scale]) - true_parameters(of)[:6]
         scores.append(error @ np.linalg.solve(result.covariance, error) / 6)
     assert low < np.mean(scores) < high
@@ -43,11 +52,19 @@ def test_mountings_that_do_not_differ_are_not_enough() -> None:
 
 
 def test_what_it_needs_is_said() -> None:
-    of = on_a_servo(3)
-    assert "accelerometer" in offline.calibrate(of.recording(accel=False), "servomotor", rates=RATE)[0].reason
-    assert "one known rate" in by_servomotor(samples(of), (0.5, 1.0)).reason
-    dead = replace(samples(of), accel=np.zeros_like(of.accel))
-    assert "0.0 m/s² at rest is no gravity" in by_servomotor(dead, RATE).reason
+    of = samples(on_a_servo(3))
+    assert "one known rate" in by_servomotor(of, (0.5, 1.0)).reason
+    nothing = by_servomotor(of.between(0.0, 1.0), RATE)
+    assert (nothing.verdict, nothing.repeat) == (Verdict.REPEAT, (0, 1, 2))
+    assert "no rest" in nothing.reason
+
+
+def test_another_rate_is_left_out_and_said() -> None:
+    of = samples(turned(np.eye(3), (*SERVO_DPS, 6.0), 5, ImuSpec()))
+    result = by_servomotor(of, RATE)
+    assert result.verdict is Verdict.ACCEPTED
+    assert "6 spins" in result.reason
+    assert "6 others at neither rest nor a rate that was given" in result.reason
 
 
 def test_a_wrong_rate_is_refused() -> None:
