@@ -19,7 +19,7 @@ from math import radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch import gravity, result
+from estimator.batch import gravity, result, variances
 from estimator.batch.capture import Floats, Movement, Rest, Samples
 from estimator.batch.gravity import AccelKnobs, G
 from estimator.batch.path import Path, integrate
@@ -109,10 +109,12 @@ class Problem:
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
-        self._bias_var, mean, self._local = _biases(data, knobs)
+        self.biases = biases(data, knobs)
+        #: (3,) how far from assumed the variances of accelerometer, paths and headings are
+        self.factors = np.ones(3)
         #: how many residuals come from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
-        self.prior_mean = np.concatenate([mean, np.ones(3), np.zeros(6 + gravity.N)])
+        self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + gravity.N)])
         off = np.full(6, knobs.misalignment)
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
@@ -136,39 +138,62 @@ class Problem:
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
-        r, J, C = self._gravity(theta)
-        lower = np.asarray(np.linalg.cholesky(C)) if factor is None else factor
+        r, J, noise, parts = self._gravity(theta)
+        lower = np.asarray(np.linalg.cholesky(self._covariance(noise, parts))) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
-        rest_r, rest_J = self._rest_rows(theta)
-        priors = np.flatnonzero(np.isfinite(self._prior_std))
-        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
-        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
-        r = np.concatenate([both[:, 0], rest_r, prior_r])
-        return r, np.vstack([both[:, 1:], rest_J, prior_J]), lower
+        r, J = self._known(theta)
+        return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
+
+    def learn(self, theta: Floats) -> None:
+        """From here on believe each kind of error as large as the residuals near theta show it."""
+        r, J, noise, parts = self._gravity(theta)
+        known_r, known_J = self._known(theta)
+        known = known_J.T @ known_J, known_J.T @ known_r
+        self.factors = variances.factors(variances.Linear(r, J, noise, parts, *known))
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
         """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
-        r, _, C = self._gravity(theta)
+        r, _, noise, parts = self._gravity(theta)
+        C = self._covariance(noise, parts)
         m = len(self.data.links)
         e = r[: 2 * m].reshape(m, 2)
         blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
         ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
         return np.linalg.norm(e, axis=1), ratio
 
-    def _rest_rows(self, theta: Floats) -> tuple[Floats, Floats]:
-        std = np.sqrt(self._bias_var)
-        r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
-        J = np.zeros((r.size, len(theta)))
-        J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
-        return r.ravel(), J
+    def accel_var(self) -> Floats:
+        """(n, 3) variances of the mean accelerations at the rests."""
+        noise = np.array([_noise_var(rest) for rest in self.data.rests])
+        return np.asarray(noise + self.factors[0] * self.knobs.accel_floor**2)
 
-    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Rows: two for each movement, one for each rest, one for each full turn."""
+    def path_cov(self, path: Path) -> Floats:
+        """(3, 3) covariance of a path's end."""
+        return np.asarray(path.noise + self.factors[1] * self._path_var(path) * np.eye(3))
+
+    def _covariance(self, noise: Floats, parts: Floats) -> Floats:
+        return np.asarray(noise + np.tensordot(self.factors, parts, axes=1))
+
+    def _known(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""
+        std = np.sqrt(self.biases.var)
+        rest_r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
+        rest_J = np.zeros((rest_r.size, len(theta)))
+        rest_J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
+        priors = np.flatnonzero(np.isfinite(self._prior_std))
+        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
+        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
+        return np.concatenate([rest_r.ravel(), prior_r]), np.vstack([rest_J, prior_J])
+
+    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Residuals, slopes, covariance of the measured noise, and (3, …) those of the assumed errors.
+
+        Rows: two for each movement, one for each rest, one for each full turn.
+        """
         data, knobs, M = self.data, self.knobs, matrix_of(theta)
         m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
         r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
         by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
-        noise = np.zeros((3 * m, 3 * m))
+        noise, floors = np.zeros((3 * m, 3 * m)), np.zeros(3 * m)
         g, slope, shape = zip(*(gravity.measured(_accel(rest), theta[12:]) for rest in data.rests), strict=True)
         size = [float(np.linalg.norm(g_i)) for g_i in g]
         u = [g_i / s for g_i, s in zip(g, size, strict=True)]
@@ -177,7 +202,7 @@ class Problem:
             row, own = 2 * m + i, slice(3 * i, 3 * i + 3)
             r[row], J[row, 12:], by_accel[row, own] = size[i] - G, u[i] @ slope[i], u[i] @ shape[i]
         for j, (a, b) in enumerate(data.links):
-            path = integrate(data.samples[j], M, theta[:3] + self._local[j], self._noise_std)
+            path = integrate(data.samples[j], M, theta[:3] + self.biases.local[j], self._noise_std)
             rows, own = slice(2 * j, 2 * j + 2), slice(3 * j, 3 * j + 3)
             arrived = path.end @ u[b]
             plane = _tangents(u[a])
@@ -190,19 +215,20 @@ class Problem:
             by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
             by_accel[rows, 3 * b : 3 * b + 3] = plane @ by_b @ shape[b]
             by_path[rows, own] = plane
-            noise[own, own] = self._path_cov(path)
+            noise[own, own], floors[own] = path.noise, self._path_var(path)
             if data.turns[j]:
                 row = 2 * m + n + int(np.searchsorted(turned, j))
                 r[row] = u[a] @ rotation.log(path.end)
                 J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, ROW, COLUMN], u[a] @ path.by_bias
                 by_path[row, own] = u[a]
-        accel_var = np.full(3 * n, knobs.accel_floor**2)
-        C = (by_accel * accel_var) @ by_accel.T + by_path @ noise @ by_path.T
-        heading = np.arange(2 * m + n, len(r))
-        C[heading, heading] += knobs.heading_std**2
-        return r, J, C
+        accel_noise = np.concatenate([_noise_var(rest) for rest in data.rests])
+        C = (by_accel * accel_noise) @ by_accel.T + by_path @ noise @ by_path.T
+        heading = np.zeros(len(r))
+        heading[2 * m + n :] = knobs.heading_std**2
+        accel = knobs.accel_floor**2 * by_accel @ by_accel.T
+        return r, J, C, np.array([accel, (by_path * floors) @ by_path.T, np.diag(heading)])
 
-    def _path_cov(self, path: Path) -> Floats:
+    def _path_var(self, path: Path) -> float:
         knobs = self.knobs
         floors = (
             knobs.path_floor,
@@ -210,30 +236,52 @@ class Problem:
             knobs.coning_share * path.coning,
             knobs.bias_floor * path.seconds,
         )
-        return path.noise + float(np.sum(np.square(floors))) * np.eye(3)
+        return float(np.sum(np.square(floors)))
 
 
-def _biases(data: Transitions, knobs: TransitionKnobs) -> tuple[Floats, Floats, Floats]:
-    """Variance (n, 3) of each rest's reading as the session's bias, that bias (3,), and (m, 3) how far off each movement was.
+@dataclass(frozen=True, slots=True, eq=False)
+class Biases:
+    """The bias of a session and of its movements, from its rests.
 
-    Rests that scatter more than their noise show a bias that moved.
+    mean (3,): the session's; var (n, 3): of each rest's reading as the mean; noise (n, 3): of that the part of the reading's
+    own. local (m, 3): how far from the mean each movement's was. by_reading (m + 1, n, 3): what each movement's bias, and in
+    the last row the mean, are made of.
     """
+
+    mean: Floats
+    var: Floats
+    noise: Floats
+    local: Floats
+    by_reading: Floats
+
+
+def biases(data: Transitions, knobs: TransitionKnobs) -> Biases:
+    """Rests that scatter more than their noise show a bias that moved: then movements have that of the rests around them."""
     reading = np.array([rest.bias for rest in data.rests])
-    own_var = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
-    weight = 1 / own_var
+    noise = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
+    weight = 1 / noise
     mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
     scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
     moved_var = np.maximum(scatter, 0.0) / weight.sum(axis=0)
-    var = own_var + moved_var
-    mean = (reading / var).sum(axis=0) / (1 / var).sum(axis=0)
-    off = moved_var / var * (reading - mean)
-    return var, mean, np.array([(off[a] + off[b]) / 2 for a, b in data.links])
+    var = noise + moved_var
+    of_mean = (1 / var) / (1 / var).sum(axis=0)
+    # (n, n, 3) what each rest's bias is made of: its own reading as far as the bias moved, and else the mean.
+    own = np.eye(len(reading))[:, :, None]
+    of_rest = of_mean + (moved_var / var)[:, None] * (own - of_mean)
+    by_reading = np.array([*((of_rest[a] + of_rest[b]) / 2 for a, b in data.links), of_mean])
+    found = np.einsum("mnk,nk->mk", by_reading, reading)
+    return Biases(found[-1], var, noise, found[:-1] - found[-1], by_reading)
 
 
 def _accel(rest: Rest) -> Floats:
     if rest.accel is None:
         raise ValueError("a rest without acceleration: transitions need an accelerometer")
     return rest.accel
+
+
+def _noise_var(rest: Rest) -> Floats:
+    """(3,) variance of a rest's mean acceleration by white noise."""
+    return np.zeros(3) if rest.accel_std is None else rest.accel_std**2 / rest.n
 
 
 def _tangents(u: Floats) -> Floats:

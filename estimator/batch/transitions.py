@@ -70,8 +70,12 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
     condition = _condition(J[:rows])
-    J[:rows] /= max(misfit, 1.0) ** 0.5
-    angles, ratio = problem.misses(theta)
+    _, ratio = problem.misses(theta)
+    problem.learn(theta)
+    theta = problem.solve(theta)
+    problem.learn(theta)
+    J = problem.whitened(theta)[1]
+    angles, _ = problem.misses(theta)
     return Fit(theta, np.asarray(np.linalg.inv(J.T @ J)), misfit, condition, angles, ratio)
 
 
