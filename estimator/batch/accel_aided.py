@@ -69,19 +69,19 @@ def by_accel_aided(capture: Capture) -> Result:
         return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
     M = _matrix(found.x)
     paths = [integrate(samples, M, b_m, noise_std) for samples, _, _, b_m in steps]
-    problem.learn(problem.solve(np.concatenate([off.mean, found.x, np.zeros(gravity.N)])))
+    factors = problem.factors(problem.solve(np.concatenate([off.mean, found.x, np.zeros(gravity.N)])))
     gain = np.linalg.solve(J.T @ J, J.T)
     by_accel = gain @ _by_poses(data.links, paths, u) @ _by_accel(accel, x)
     by_path = gain @ scipy.linalg.block_diag(
         *(_turned(p.end @ u[b]) for p, (_, b) in zip(paths, data.links, strict=True))
     )
-    of_path = scipy.linalg.block_diag(*map(problem.path_cov, paths))
+    of_path = scipy.linalg.block_diag(*(problem.path_cov(path, factors) for path in paths))
     by_rests = np.vstack([_by_rests(p.by_bias, w) for p, w in zip(paths, off.by_reading[:-1], strict=True)])
     # Of bias and M, by what the readings of the rests are off; beside it the bias itself has moved.
     of_rests = np.vstack([_by_rests(np.eye(3), off.by_reading[-1]), -by_path @ by_rests])
     covariance = (of_rests * off.noise.ravel()) @ of_rests.T
     covariance[:3, :3] += np.diag(np.sum(off.by_reading[-1] ** 2 * (off.var - off.noise), axis=0))
-    covariance[3:, 3:] += (by_accel * problem.accel_var().ravel()) @ by_accel.T + by_path @ of_path @ by_path.T
+    covariance[3:, 3:] += (by_accel * problem.accel_var(factors).ravel()) @ by_accel.T + by_path @ of_path @ by_path.T
     return _judge(capture, movements, M, off.mean, covariance, r)
 
 

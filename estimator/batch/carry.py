@@ -110,8 +110,6 @@ class Problem:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
         self.biases = biases(data, knobs)
-        #: (3,) how far from assumed the variances of accelerometer, paths and headings are
-        self.factors = np.ones(3)
         #: how many residuals come from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
         self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + gravity.N)])
@@ -139,39 +137,45 @@ class Problem:
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
         r, J, noise, parts = self._gravity(theta)
-        lower = np.asarray(np.linalg.cholesky(self._covariance(noise, parts))) if factor is None else factor
+        lower = np.asarray(np.linalg.cholesky(noise + parts.sum(axis=0))) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
         r, J = self._known(theta)
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
-    def learn(self, theta: Floats) -> None:
-        """From here on believe each kind of error as large as the residuals near theta show it."""
+    def factors(self, theta: Floats) -> Floats:
+        """(3,) by how much the variances of accelerometer, paths and headings differ from those assumed, by the residuals."""
         r, J, noise, parts = self._gravity(theta)
         known_r, known_J = self._known(theta)
-        known = known_J.T @ known_J, known_J.T @ known_r
-        self.factors = variances.factors(variances.Linear(r, J, noise, parts, *known))
+        return variances.factors(variances.Linear(r, J, noise, parts, known_J.T @ known_J, known_J.T @ known_r))
+
+    def spread(self, theta: Floats, factors: Floats) -> Floats:
+        """Covariance of theta, found with the weights assumed, where variances differ from those by factors (3,)."""
+        _, J, noise, parts = self._gravity(theta)
+        C = noise + np.tensordot(factors, parts, axes=1)
+        weighted = np.linalg.solve(noise + parts.sum(axis=0), J)
+        known = self._known(theta)[1]
+        information = known.T @ known
+        inverse = np.linalg.inv(J.T @ weighted + information)
+        return np.asarray(inverse @ (weighted.T @ C @ weighted + information) @ inverse)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
         """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
         r, _, noise, parts = self._gravity(theta)
-        C = self._covariance(noise, parts)
+        C = noise + parts.sum(axis=0)
         m = len(self.data.links)
         e = r[: 2 * m].reshape(m, 2)
         blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
         ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
         return np.linalg.norm(e, axis=1), ratio
 
-    def accel_var(self) -> Floats:
+    def accel_var(self, factors: Floats) -> Floats:
         """(n, 3) variances of the mean accelerations at the rests."""
         noise = np.array([_noise_var(rest) for rest in self.data.rests])
-        return np.asarray(noise + self.factors[0] * self.knobs.accel_floor**2)
+        return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
-    def path_cov(self, path: Path) -> Floats:
+    def path_cov(self, path: Path, factors: Floats) -> Floats:
         """(3, 3) covariance of a path's end."""
-        return np.asarray(path.noise + self.factors[1] * self._path_var(path) * np.eye(3))
-
-    def _covariance(self, noise: Floats, parts: Floats) -> Floats:
-        return np.asarray(noise + np.tensordot(self.factors, parts, axes=1))
+        return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
 
     def _known(self, theta: Floats) -> tuple[Floats, Floats]:
         """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""

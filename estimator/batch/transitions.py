@@ -30,9 +30,9 @@ CONDITION = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), widened by the misfit where that is above 1.
+    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), by errors as large as the residuals show them.
 
-    misfit: chi-square of gravity and heading over degrees of freedom. condition: of what the data say of M. angles (m,):
+    misfit: chi-square of gravity and heading over degrees of freedom, by errors as large as assumed. condition: of what the data say of M. angles (m,):
     rad by which each movement missed; ratio (m,): the same in standard deviations; left_out: movements that contradicted.
     unknown: off-diagonal elements that the poses did not determine, the worst first, with their standard deviations.
     """
@@ -70,13 +70,8 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
     condition = _condition(J[:rows])
-    _, ratio = problem.misses(theta)
-    problem.learn(theta)
-    theta = problem.solve(theta)
-    problem.learn(theta)
-    J = problem.whitened(theta)[1]
-    angles, _ = problem.misses(theta)
-    return Fit(theta, np.asarray(np.linalg.inv(J.T @ J)), misfit, condition, angles, ratio)
+    angles, ratio = problem.misses(theta)
+    return Fit(theta, problem.spread(theta, problem.factors(theta)), misfit, condition, angles, ratio)
 
 
 def _way(samples: Samples, bias: Floats) -> float:
