@@ -80,7 +80,7 @@ def by_accel_aided(capture: Capture) -> Result:
     # Of bias and M, by what the readings of the rests are off; beside it the bias itself has moved.
     of_rests = np.vstack([_by_rests(np.eye(3), off.by_reading[-1]), -by_path @ by_rests])
     covariance = (of_rests * off.noise.ravel()) @ of_rests.T
-    covariance[:3, :3] += np.diag(np.sum(off.by_reading[-1] ** 2 * (off.var - off.noise), axis=0))
+    covariance[:3, :3] += np.diag(off.mean_moved)
     covariance[3:, 3:] += (by_accel * problem.accel_var(factors).ravel()) @ by_accel.T + by_path @ of_path @ by_path.T
     return _judge(capture, movements, M, off.mean, covariance, r)
 

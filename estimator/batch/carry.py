@@ -156,7 +156,9 @@ class Problem:
         known = self._known(theta)[1]
         information = known.T @ known
         inverse = np.linalg.inv(J.T @ weighted + information)
-        return np.asarray(inverse @ (weighted.T @ C @ weighted + information) @ inverse)
+        covariance = inverse @ (weighted.T @ C @ weighted + information) @ inverse
+        covariance[:3, :3] += np.diag(self.biases.mean_moved)
+        return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
         """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
@@ -179,8 +181,8 @@ class Problem:
 
     def _known(self, theta: Floats) -> tuple[Floats, Floats]:
         """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""
-        std = np.sqrt(self.biases.var)
-        rest_r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
+        std = np.sqrt(self.biases.noise)
+        rest_r = (np.array([rest.bias for rest in self.data.rests]) - self.biases.at_rest - theta[:3]) / std
         rest_J = np.zeros((rest_r.size, len(theta)))
         rest_J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
         priors = np.flatnonzero(np.isfinite(self._prior_std))
@@ -247,16 +249,22 @@ class Problem:
 class Biases:
     """The bias of a session and of its movements, from its rests.
 
-    mean (3,): the session's; var (n, 3): of each rest's reading as the mean; noise (n, 3): of that the part of the reading's
-    own. local (m, 3): how far from the mean each movement's was. by_reading (m + 1, n, 3): what each movement's bias, and in
-    the last row the mean, are made of.
+    mean (3,): the session's. noise (n, 3): variance of each rest's reading; moved (3,): of the bias about its mean. at_rest
+    (n, 3) and local (m, 3): how far from the mean it was in each rest and movement. by_reading (m + 1, n, 3): what each
+    movement's bias, and in the last row the mean, are made of.
     """
 
     mean: Floats
-    var: Floats
     noise: Floats
+    moved: Floats
+    at_rest: Floats
     local: Floats
     by_reading: Floats
+
+    @property
+    def mean_moved(self) -> Floats:
+        """(3,) variance of the mean by how the bias moved."""
+        return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
 
 
 def biases(data: Transitions, knobs: TransitionKnobs) -> Biases:
@@ -266,15 +274,16 @@ def biases(data: Transitions, knobs: TransitionKnobs) -> Biases:
     weight = 1 / noise
     mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
     scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
-    moved_var = np.maximum(scatter, 0.0) / weight.sum(axis=0)
-    var = noise + moved_var
+    moved = np.maximum(scatter, 0.0) / weight.sum(axis=0)
+    var = noise + moved
     of_mean = (1 / var) / (1 / var).sum(axis=0)
     # (n, n, 3) what each rest's bias is made of: its own reading as far as the bias moved, and else the mean.
     own = np.eye(len(reading))[:, :, None]
-    of_rest = of_mean + (moved_var / var)[:, None] * (own - of_mean)
+    of_rest = of_mean + (moved / var)[:, None] * (own - of_mean)
     by_reading = np.array([*((of_rest[a] + of_rest[b]) / 2 for a, b in data.links), of_mean])
     found = np.einsum("mnk,nk->mk", by_reading, reading)
-    return Biases(found[-1], var, noise, found[:-1] - found[-1], by_reading)
+    at_rest = np.einsum("mnk,nk->mk", of_rest, reading) - found[-1]
+    return Biases(found[-1], noise, moved, at_rest, found[:-1] - found[-1], by_reading)
 
 
 def _accel(rest: Rest) -> Floats:

@@ -32,9 +32,10 @@ CONDITION = 100.0
 class Fit:
     """theta (21,) of carry.PARAMETERS and its covariance (21, 21), by errors as large as the residuals show them.
 
-    misfit: chi-square of gravity and heading over degrees of freedom, by errors as large as assumed. condition: of what the data say of M. angles (m,):
-    rad by which each movement missed; ratio (m,): the same in standard deviations; left_out: movements that contradicted.
-    unknown: off-diagonal elements that the poses did not determine, the worst first, with their standard deviations.
+    misfit: chi-square of gravity and heading over degrees of freedom, by errors as large as assumed. condition: of what the
+    data say of M. angles (m,): rad by which each movement missed; ratio (m,): the same in standard deviations; left_out:
+    movements that contradicted. unknown: off-diagonal elements that the poses did not determine, the worst first, with their
+    standard deviations.
     """
 
     theta: Floats
