@@ -110,6 +110,8 @@ class Problem:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
         self.biases = biases(data, knobs)
+        #: variance of unit weight: of gravity and heading, over that assumed
+        self.unit = 1.0
         #: how many residuals come from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
         self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + gravity.N)])
@@ -137,7 +139,7 @@ class Problem:
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
         r, J, noise, parts = self._gravity(theta)
-        lower = np.asarray(np.linalg.cholesky(noise + parts.sum(axis=0))) if factor is None else factor
+        lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
         r, J = self._known(theta)
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
@@ -152,7 +154,7 @@ class Problem:
         """Covariance of theta, found with the weights assumed, where variances differ from those by factors (3,)."""
         _, J, noise, parts = self._gravity(theta)
         C = noise + np.tensordot(factors, parts, axes=1)
-        weighted = np.linalg.solve(noise + parts.sum(axis=0), J)
+        weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)
         known = self._known(theta)[1]
         information = known.T @ known
         inverse = np.linalg.inv(J.T @ weighted + information)

@@ -24,6 +24,8 @@ from estimator.gyro import AXES, reading_std
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
 MISFIT = 4.0
+#: of the variance of unit weight: movements that agree better than this by chance weigh no more
+LEAST_UNIT = 1e-4
 #: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
 CONDITION = 100.0
 
@@ -71,7 +73,11 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
     condition = _condition(J[:rows])
-    angles, ratio = problem.misses(theta)
+    _, ratio = problem.misses(theta)
+    # Against what is believed beforehand the movements weigh as much as they agree.
+    problem.unit = max(misfit, LEAST_UNIT)
+    theta = problem.solve(theta)
+    angles, _ = problem.misses(theta)
     return Fit(theta, problem.spread(theta, problem.factors(theta)), misfit, condition, angles, ratio)
 
 

@@ -62,6 +62,7 @@ def test_a_slow_general_solver_agrees(session: tuple[Stream, Transitions]) -> No
     _, data = session
     found = transitions.fit(data)
     problem = Problem(data, TransitionKnobs())
+    problem.unit = max(found.misfit, transitions.LEAST_UNIT)
     factor = problem.whitened(found.theta)[2]
     start = found.theta + 1e-3 * np.random.default_rng(0).normal(size=len(PARAMETERS))
     slow = least_squares(lambda theta: problem.whitened(theta, factor)[0], start, x_scale=1e-2, xtol=1e-12, ftol=1e-12)
