@@ -22,6 +22,7 @@ from estimator import rotation
 from estimator.batch import gravity, result, variances
 from estimator.batch.capture import Floats, Movement, Rest, Samples
 from estimator.batch.gravity import AccelKnobs, G
+from estimator.batch.movement_bias import biases
 from estimator.batch.path import Path, integrate
 from estimator.gyro import AXES, reading_std
 
@@ -109,7 +110,7 @@ class Problem:
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
-        self.biases = biases(data, knobs)
+        self.biases = biases(data.rests, data.links, knobs.bias_floor)
         #: variance of unit weight: of gravity and heading, over that assumed
         self.unit = 1.0
         #: how many residuals come from gravity and heading
@@ -245,47 +246,6 @@ class Problem:
             knobs.bias_floor * path.seconds,
         )
         return float(np.sum(np.square(floors)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Biases:
-    """The bias of a session and of its movements, from its rests.
-
-    mean (3,): the session's. noise (n, 3): variance of each rest's reading; moved (3,): of the bias about its mean. at_rest
-    (n, 3) and local (m, 3): how far from the mean it was in each rest and movement. by_reading (m + 1, n, 3): what each
-    movement's bias, and in the last row the mean, are made of.
-    """
-
-    mean: Floats
-    noise: Floats
-    moved: Floats
-    at_rest: Floats
-    local: Floats
-    by_reading: Floats
-
-    @property
-    def mean_moved(self) -> Floats:
-        """(3,) variance of the mean by how the bias moved."""
-        return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
-
-
-def biases(data: Transitions, knobs: TransitionKnobs) -> Biases:
-    """Rests that scatter more than their noise show a bias that moved: then movements have that of the rests around them."""
-    reading = np.array([rest.bias for rest in data.rests])
-    noise = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
-    weight = 1 / noise
-    mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
-    scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
-    moved = np.maximum(scatter, 0.0) / weight.sum(axis=0)
-    var = noise + moved
-    of_mean = (1 / var) / (1 / var).sum(axis=0)
-    # (n, n, 3) what each rest's bias is made of: its own reading as far as the bias moved, and else the mean.
-    own = np.eye(len(reading))[:, :, None]
-    of_rest = of_mean + (moved / var)[:, None] * (own - of_mean)
-    by_reading = np.array([*((of_rest[a] + of_rest[b]) / 2 for a, b in data.links), of_mean])
-    found = np.einsum("mnk,nk->mk", by_reading, reading)
-    at_rest = np.einsum("mnk,nk->mk", of_rest, reading) - found[-1]
-    return Biases(found[-1], noise, moved, at_rest, found[:-1] - found[-1], by_reading)
 
 
 def _accel(rest: Rest) -> Floats:
