@@ -51,6 +51,7 @@ study: setup
 # what a recorder costs and loses.
 bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
+	$(BIN)/python -m tests.bench.gravity_methods
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder

@@ -8,9 +8,9 @@ equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
     M       matrix of the gyro (9): u_after, integrated through M (m - b), must be u_before
 
 Unlike `transitions` it solves the second step as if the first had left no error, gives every movement the same weight, and
-knows nothing of full turns. Two things are not classical. A movement has the bias of the rests around it, where rests show that
-the bias moved. The covariance takes errors of readings, paths and biases, as large as `transitions` finds them, through both
-steps into M: an error of one pose is in two movements, and what it does to T and a0 is in all.
+knows nothing of full turns. Two things are not classical. Where the rests show that the bias moved, each movement has the bias
+of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M; their sizes are
+those that `transitions` estimates. An error of one pose is in two movements, and through T and a0 in all of them.
 """
 
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ def by_accel_aided(capture: Capture) -> Result:
     )
     of_path = scipy.linalg.block_diag(*(problem.path_cov(path, factors) for path in paths))
     by_rests = np.vstack([_by_rests(p.by_bias, w) for p, w in zip(paths, off.by_reading[:-1], strict=True)])
-    # Of bias and M, by what the readings of the rests are off; beside it the bias itself has moved.
+    # Slopes of bias and M by the gyro readings at rest.
     of_rests = np.vstack([_by_rests(np.eye(3), off.by_reading[-1]), -by_path @ by_rests])
     covariance = (of_rests * off.noise.ravel()) @ of_rests.T
     covariance[:3, :3] += np.diag(off.mean_moved)
@@ -86,7 +86,7 @@ def by_accel_aided(capture: Capture) -> Result:
 
 
 def _by_rests(by_bias: Floats, weight: Floats) -> Floats:
-    """(3, 3n) what n readings do that make up a bias with weights (n, 3), by what the bias does (3, 3)."""
+    """Slopes (3, 3n) by n readings whose mean with weights (n, 3) is the bias; by_bias (3, 3): slopes by the bias."""
     return np.asarray(np.einsum("ik,nk->ink", by_bias, weight).reshape(3, -1))
 
 
@@ -96,7 +96,7 @@ def _turned(arrived: Floats) -> Floats:
 
 
 def _by_poses(links: Sequence[tuple[int, int]], paths: Sequence[Path], u: Floats) -> Floats:
-    """(3m, 3n) residuals of m movements by the unit directions u (n, 3)."""
+    """Slopes (3m, 3n) of the residuals of m movements by the unit directions u (n, 3)."""
     by_u = np.zeros((len(links), 3, *u.shape))
     for k, ((a, b), path) in enumerate(zip(links, paths, strict=True)):
         by_u[k, :, a], by_u[k, :, b] = -np.eye(3), path.end
@@ -127,7 +127,7 @@ def _corrected(accel: Floats, x: Floats) -> Floats:
 
 
 def _by_accel(accel: Floats, x: Floats) -> Floats:
-    """(3n, 3n) what errors of the readings do to all unit directions, through T and a0."""
+    """Slopes (3n, 3n) of all unit directions by the readings (n, 3), directly and through T and a0."""
     T, g, n = _upper(x), _corrected(accel, x), len(accel)
     size = np.linalg.norm(g, axis=1)
     u = g / size[:, None]

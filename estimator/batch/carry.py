@@ -111,7 +111,7 @@ class Problem:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
         self.biases = biases(data.rests, data.links, knobs.bias_floor)
-        #: variance of unit weight: of gravity and heading, over that assumed
+        #: variance of unit weight: scales the assumed covariance of gravity and heading residuals
         self.unit = 1.0
         #: how many residuals come from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
@@ -146,13 +146,13 @@ class Problem:
         return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
 
     def factors(self, theta: Floats) -> Floats:
-        """(3,) by how much the variances of accelerometer, paths and headings differ from those assumed, by the residuals."""
+        """Estimates the variances of accelerometer, path and heading errors (3,), relative to those assumed."""
         r, J, noise, parts = self._gravity(theta)
         known_r, known_J = self._known(theta)
         return variances.factors(variances.Linear(r, J, noise, parts, known_J.T @ known_J, known_J.T @ known_r))
 
     def spread(self, theta: Floats, factors: Floats) -> Floats:
-        """Covariance of theta, found with the weights assumed, where variances differ from those by factors (3,)."""
+        """Covariance of theta where the error variances are factors (3,) times those assumed in its weights."""
         _, J, noise, parts = self._gravity(theta)
         C = noise + np.tensordot(factors, parts, axes=1)
         weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)

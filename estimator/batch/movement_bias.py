@@ -12,9 +12,9 @@ from estimator.batch.capture import Floats, Rest
 class Biases:
     """The bias of a session and of its movements, from its rests.
 
-    mean (3,): the session's. noise (n, 3): variance of each rest's reading; moved (3,): of the bias about its mean. at_rest
-    (n, 3) and local (m, 3): how far from the mean it was in each rest and movement. by_reading (m + 1, n, 3): what each
-    movement's bias, and in the last row the mean, are made of.
+    mean (3,): of the session. noise (n, 3): variance of each rest's reading. moved (3,): variance of the bias about its mean.
+    at_rest (n, 3), local (m, 3): the bias in each rest and each movement, less the mean. by_reading (m + 1, n, 3): weights
+    of the rests' readings in the bias of each movement and, in the last row, in the mean.
     """
 
     mean: Floats
@@ -26,14 +26,15 @@ class Biases:
 
     @property
     def mean_moved(self) -> Floats:
-        """(3,) variance of the mean by how the bias moved."""
+        """Variance (3,) of the mean because the bias moved."""
         return np.asarray(self.moved * np.sum(self.by_reading[-1] ** 2, axis=0))
 
 
 def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float) -> Biases:
-    """Of movements between rests, `links` by their numbers; floor: rad/s by which a rest's reading errs beyond its noise.
+    """Estimates the bias of each movement; links (m, 2) are the numbers of the rests before and after it.
 
-    Rests that scatter more than their noise show a bias that moved: then movements have that of the rests around them.
+    Where the rests scatter by more than their noise, the bias of a movement is mostly the mean of its two rests, else that of
+    all rests. floor: rad/s, standard deviation of what a rest's reading errs by beyond its noise.
     """
     reading = np.array([rest.bias for rest in rests])
     noise = np.array([np.diag(rest.bias_cov) for rest in rests]) + floor**2
@@ -43,7 +44,7 @@ def biases(rests: Sequence[Rest], links: Sequence[tuple[int, int]], floor: float
     moved = np.maximum(scatter, 0.0) / weight.sum(axis=0)
     var = noise + moved
     of_mean = (1 / var) / (1 / var).sum(axis=0)
-    # (n, n, 3) what each rest's bias is made of: its own reading as far as the bias moved, and else the mean.
+    # (n, n, 3) weights of all readings in the bias at each rest
     own = np.eye(len(reading))[:, :, None]
     of_rest = of_mean + (moved / var)[:, None] * (own - of_mean)
     by_reading = np.array([*((of_rest[a] + of_rest[b]) / 2 for a, b in links), of_mean])

@@ -24,7 +24,7 @@ from estimator.gyro import AXES, reading_std
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
 MISFIT = 4.0
-#: of the variance of unit weight: movements that agree better than this by chance weigh no more
+#: lower limit of the variance of unit weight: few movements may agree by chance
 LEAST_UNIT = 1e-4
 #: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
 CONDITION = 100.0
@@ -32,9 +32,9 @@ CONDITION = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), by errors as large as the residuals show them.
+    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), from error sizes estimated by the residuals.
 
-    misfit: chi-square of gravity and heading over degrees of freedom, by errors as large as assumed. condition: of what the
+    misfit: chi-square of gravity and heading over degrees of freedom, for the error sizes assumed. condition: of what the
     data say of M. angles (m,): rad by which each movement missed; ratio (m,): the same in standard deviations; left_out:
     movements that contradicted. unknown: off-diagonal elements that the poses did not determine, the worst first, with their
     standard deviations.
@@ -74,7 +74,7 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
     condition = _condition(J[:rows])
     _, ratio = problem.misses(theta)
-    # Against what is believed beforehand the movements weigh as much as they agree.
+    # Residuals smaller than assumed give the movements more weight against the priors.
     problem.unit = max(misfit, LEAST_UNIT)
     theta = problem.solve(theta)
     angles, _ = problem.misses(theta)

@@ -1,8 +1,9 @@
-"""Variance components: how large each kind of error is in a session, by its own residuals.
+"""Variance components: estimates the size of each kind of error in a session from the session's own residuals.
 
-Residuals r have the covariance C = C0 + sum of s_i² C_i: C0 is measured noise, C_i is assumed of the kind of error i.
-Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320, in log s_i, with a prior
-so weak that it counts only where the residuals say little; then the mean of s_i² over what is likely, as Student has it.
+The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for error
+kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are
+log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior mean of s_i², which
+is larger than the most likely value where few residuals determine it, as in Student's distribution.
 """
 
 from dataclasses import dataclass
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-#: standard deviation of log s of accelerometer, paths and headings; its mean is such that the mean of s² is 1
+#: prior standard deviation of log s for accelerometer, paths and headings; the prior mean makes the mean of s² 1
 _PRIOR_STD = np.array([1.5, 1.5, 0.7])
 _PRIOR_MEAN = -(_PRIOR_STD**2)
 _STEPS = 30
-#: log s over which the mean is taken, about the most likely
+#: grid of log s around the most likely value, over which the mean is taken
 _AROUND = np.linspace(-4.0, 3.0, 29)
 
 
@@ -24,7 +25,7 @@ _AROUND = np.linspace(-4.0, 3.0, 29)
 class Linear:
     """A linear model: r (n,) residuals, J (n, p) their slopes by the parameters, C0 `noise` (n, n), C_i `parts` (c, n, n).
 
-    What else is known of the parameters: information (p, p), and gradient (p,) of half its squared residuals.
+    information (p, p) and gradient (p,): J'J and J'r of further residuals of variance 1, such as priors.
     """
 
     r: Floats
@@ -46,7 +47,7 @@ class Linear:
         return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
 
     def likeliest(self) -> Floats:
-        """(c,) log s of the greatest posterior."""
+        """The most likely log s (c,)."""
         log_s = _PRIOR_MEAN.copy()
         prior = np.diag(1 / _PRIOR_STD**2)
         for _ in range(_STEPS):
@@ -66,7 +67,7 @@ class Linear:
 
 
 def factors(model: Linear) -> Floats:
-    """(c,) the mean of s_i²: 1 where the residuals say nothing of it."""
+    """Posterior means of s_i² (c,); about 1 where the residuals say nothing about error kind i."""
     best = model.likeliest()
     found = np.empty(len(best))
     for i in range(len(best)):

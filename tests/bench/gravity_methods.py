@@ -1,8 +1,8 @@
-"""How honest the deviations of `transitions` and `accel_aided` are, over simulated sessions good and spoilt.
+"""Measures how honest the deviations of `transitions` and `accel_aided` are in simulated sessions.
 
-NEES per degree of freedom, 1 when deviations are exactly right, of the scale k (3) and of the whole matrix (9) where all
-of it was estimated, in accepted sessions. Wrong: accepted, and off in k by more than 1 % and 4 standard deviations, or in
-any element of the matrix. Two simulators that share no code: the bench's own (pose_simulator), and the bridge's (bridge).
+NEES per degree of freedom is 1 when deviations are right. The table shows it for the scale k (3) and for the matrix (9), over
+accepted sessions. Wrong: accepted, and any element is off by more than 0.01 and more than 4 standard deviations. Two
+simulators that share no code with the estimator: pose_simulator beside this file, and the bridge's ("bridge").
 `python -m tests.bench.gravity_methods [--runs N] [--only WORDS]`.
 """
 
@@ -34,7 +34,7 @@ _RATE_HZ = 104.0
 
 
 def sides(rng: np.random.Generator, full_turns: int = 1) -> list[Move]:
-    """The procedure of `truerate calibrate --help`: six sides, quarter and half turns about every axis, full turns."""
+    """The procedure that `truerate calibrate --help` recommends: six sides, quarter, half and full turns about every axis."""
     moves: list[Move] = []
 
     def turn(axis: int, quarters: int) -> None:
@@ -55,7 +55,7 @@ def sides(rng: np.random.Generator, full_turns: int = 1) -> list[Move]:
 
 
 def anyhow(rng: np.random.Generator, movements: int = 14) -> list[Move]:
-    """Poses anyhow: turns of 60 to 170 degrees about any axis."""
+    """Random poses: turns of 60 to 170 degrees about any axis."""
     moves = []
     for _ in range(movements):
         axis = rng.normal(size=3)
@@ -72,7 +72,7 @@ def three_turns(rng: np.random.Generator) -> list[Move]:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A method, what is done with the device, and what is wrong with it; bridge: simulated by the bridge, in poses anyhow."""
+    """A method, a procedure, and errors of device and hand. bridge: simulate 15 random poses by the bridge's simulator."""
 
     plan: Plan = sides
     device: Device = field(default_factory=Device)
