@@ -62,8 +62,8 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--model",
         metavar="NAME",
-        help="kind of device, of configs/devices or a file: a full turn by which it were further off than such a device may be"
-        " is asked for again",
+        help="kind of device, of configs/devices or a file: its range, its noise, and how far its scale may be off; a full turn"
+        " that would make it further off is asked for again",
     )
     verb.add_argument(
         "--json", action="store_true", help="one JSON object: matrix, bias_rad_s, covariance, verdict, turns …"
@@ -89,7 +89,7 @@ def _calibrate(given: argparse.Namespace) -> int:
         return live(given)
     if given.file is None:
         raise ConfigError("which recording? a file is needed, or --live DEVICE for one of a ward that runs")
-    from estimator.batch.methods import BY_MOVEMENTS, BY_RATES  # noqa: PLC0415
+    from estimator.batch.methods import BY_RATES  # noqa: PLC0415
     from estimator.batch.names import BY_HAND, DEFAULT  # noqa: PLC0415
     from estimator.calibration_file import of_result  # noqa: PLC0415
     from estimator.device_knobs import knobs_of  # noqa: PLC0415
@@ -102,10 +102,6 @@ def _calibrate(given: argparse.Namespace) -> int:
     if bool(given.rates_dps) != (method in BY_RATES):
         raise ConfigError(
             f"{method} {'needs' if method in BY_RATES else 'takes no'} --rates-dps, the machine's known rates"
-        )
-    if given.model and method in {*BY_RATES, *BY_MOVEMENTS}:
-        raise ConfigError(
-            f"{method} takes no --model: only full turns are held against what a kind of device may be off"
         )
     check_range(given)
     knobs = knobs_of(load_model(given.model)) if given.model else None

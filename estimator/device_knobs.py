@@ -5,6 +5,7 @@ from dataclasses import replace
 from math import log, pi, sqrt
 from typing import TYPE_CHECKING
 
+from estimator.batch.bias_wander import WanderKnobs
 from estimator.noise_model import GENERIC, NoiseModel, load_model
 from estimator.session_knobs import SessionKnobs
 
@@ -37,6 +38,7 @@ def knobs_of(model: NoiseModel, knobs: SessionKnobs | None = None) -> SessionKno
     return replace(
         knobs,
         gyro_range=model.gyro_range,
+        wander=WanderKnobs(bias_instability=instability, rate_random_walk=float(model.rrw.max())),
         scale_limit=max(_TOLERANCES * model.scale_tolerance, _BY_HAND),
         prior=replace(knobs.prior, bias_std=model.turn_on_bias, scale_std=model.scale_tolerance, noise_std=noise),
         stillness=replace(knobs.stillness, noise_guess=noise),

@@ -17,6 +17,7 @@ from bridge.wire.refusal import Tally
 from bridge.wording import count
 from estimator import smoothed
 from estimator.batch.capture import Samples
+from estimator.batch.clipping import at_range
 from estimator.batch.methods import BY_MOVEMENTS, BY_RATES
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
@@ -60,10 +61,11 @@ def calibrate(
     """
     knobs = knobs or SessionKnobs()
     samples = Samples(recording.time_s, recording.gyro, recording.accel, _flags(recording, gyro_range) & UNFIT != 0)
-    if method in BY_RATES:
-        return BY_RATES[method](samples, rates), []
-    windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
     turns = turn_knobs(knobs, gyro_range)
+    if method in BY_RATES:
+        samples = replace(samples, clipped=at_range(samples, turns.clipping))
+        return BY_RATES[method](samples, rates, knobs.wander), []
+    windows = list(Stillness(knobs.stillness).feed(samples.time, samples.gyro, samples.accel, samples.clipped))
     session = CalibrationSession(method, None, None, turns, scale_limit=knobs.scale_limit, whole=method in BY_MOVEMENTS)
     if windows:
         session.add(Samples.of(windows))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from math import inf
 
+from estimator.batch.bias_wander import WanderKnobs
 from estimator.batch.names import DEFAULT
 from estimator.gyro import PriorKnobs
 from estimator.stillness import StillnessKnobs
@@ -23,5 +24,7 @@ class SessionKnobs:
     #: farther from 1, and from the other axes', no scale factor of such a device is (relative): the turn was no full one
     scale_limit: float = inf
     prior: PriorKnobs = field(default_factory=PriorKnobs)
+    #: how the bias wanders on a turntable or a servo
+    wander: WanderKnobs = field(default_factory=WanderKnobs)
     stillness: StillnessKnobs = field(default_factory=StillnessKnobs)
     track: TrackKnobs = field(default_factory=TrackKnobs)

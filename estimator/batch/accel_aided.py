@@ -4,13 +4,13 @@ Source: D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement met
 equipments", ICRA 2014, after Fong, Ong, Nee 2008. Letters:
 
     T, a0   upper triangular (6) and offset (3) of the accelerometer: |T (a - a0)| = G at every rest
-    b       bias of the gyro: mean of the rests
+    b       bias of the gyro in each movement
     M       matrix of the gyro (9): u_after, integrated through M (m - b), must be u_before
 
 Unlike `transitions` it solves the second step as if the first had left no error, gives every movement the same weight, and
-knows nothing of full turns. Its covariance is not the classical one, of the second step's residuals as if each had an error of
-its own: all that either step leaves over is taken for an error of the accelerometer's readings a, one a pose, and goes from
-there through both into M. A pose is of two movements, and what it does to T and a0 is of all.
+knows nothing of full turns. Two things are not classical. Where the rests show that the bias moved, each movement has the bias
+of the rests around it. The covariance propagates errors of readings, paths and biases through both steps to M; their sizes are
+those that `transitions` estimates. An error of one pose is in two movements, and through T and a0 in all of them.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,9 @@ import scipy
 from bridge.wire.messages import Verdict
 from bridge.wording import count
 from estimator import rotation
-from estimator.batch.capture import Capture, Floats, Movement, Rest
-from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW, collect
+from estimator.batch import gravity
+from estimator.batch.capture import Capture, Floats, Movement
+from estimator.batch.carry import COLUMN, MATRIX_PARAMETERS, ROW, Problem, TransitionKnobs, collect
 from estimator.batch.gravity import G
 from estimator.batch.path import Path, integrate
 from estimator.batch.result import Result, VerdictKnobs, nothing, turn_report, unbelievable
@@ -45,14 +46,16 @@ def by_accel_aided(capture: Capture) -> Result:
         reason = f"{count(differ, 'different pose')}; {FEWEST_POSES} are needed for the accelerometer's own errors"
         return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
     x, u = _accelerometer(accel)
-    b, b_cov = _bias(data.rests)
-    steps = [(samples, u[i], u[j]) for samples, (i, j) in zip(data.samples, data.links, strict=True)]
+    problem = Problem(data, TransitionKnobs())
+    off = problem.biases
+    b = off.mean + off.local
+    steps = [(samples, u[i], u[j], b_m) for samples, (i, j), b_m in zip(data.samples, data.links, b, strict=True)]
     noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
 
     def residuals(x: Floats) -> tuple[Floats, Floats]:
         r, J = [], []
-        for samples, before, after in steps:
-            path = integrate(samples, _matrix(x), b, noise_std)
+        for samples, before, after, b_m in steps:
+            path = integrate(samples, _matrix(x), b_m, noise_std)
             arrived = path.end @ after
             r.append(arrived - before)
             J.append(_turned(arrived) @ path.by_matrix[:, ROW, COLUMN])
@@ -65,17 +68,26 @@ def by_accel_aided(capture: Capture) -> Result:
         reason = "the poses do not determine the matrix: rest it on all its sides, turning between about every axis"
         return nothing("accel_aided", Verdict.REPEAT, reason, (0, 1, 2))
     M = _matrix(found.x)
-    paths = [integrate(samples, M, b, noise_std) for samples in data.samples]
+    paths = [integrate(samples, M, b_m, noise_std) for samples, _, _, b_m in steps]
+    factors = problem.factors(problem.solve(np.concatenate([off.mean, found.x, np.zeros(gravity.N)])))
     gain = np.linalg.solve(J.T @ J, J.T)
-    by_bias = -gain @ np.vstack(
-        [_turned(p.end @ u[j]) @ p.by_bias for p, (_, j) in zip(paths, data.links, strict=True)]
+    by_accel = gain @ _by_poses(data.links, paths, u) @ _by_accel(accel, x)
+    by_path = gain @ scipy.linalg.block_diag(
+        *(_turned(p.end @ u[b]) for p, (_, b) in zip(paths, data.links, strict=True))
     )
-    covariance = np.zeros((12, 12))
-    covariance[:3, :3] = b_cov
-    covariance[3:, :3] = by_bias @ b_cov
-    covariance[:3, 3:] = covariance[3:, :3].T
-    covariance[3:, 3:] = _of_poses(_errors(accel, x), data.links, paths, u, r, J) + by_bias @ b_cov @ by_bias.T
-    return _judge(capture, movements, M, b, covariance, r)
+    of_path = scipy.linalg.block_diag(*(problem.path_cov(path, factors) for path in paths))
+    by_rests = np.vstack([_by_rests(p.by_bias, w) for p, w in zip(paths, off.by_reading[:-1], strict=True)])
+    # Slopes of bias and M by the gyro readings at rest.
+    of_rests = np.vstack([_by_rests(np.eye(3), off.by_reading[-1]), -by_path @ by_rests])
+    covariance = (of_rests * off.noise.ravel()) @ of_rests.T
+    covariance[:3, :3] += np.diag(off.mean_moved)
+    covariance[3:, 3:] += (by_accel * problem.accel_var(factors).ravel()) @ by_accel.T + by_path @ of_path @ by_path.T
+    return _judge(capture, movements, M, off.mean, covariance, r)
+
+
+def _by_rests(by_bias: Floats, weight: Floats) -> Floats:
+    """Slopes (3, 3n) by n readings whose mean with weights (n, 3) is the bias; by_bias (3, 3): slopes by the bias."""
+    return np.asarray(np.einsum("ik,nk->ink", by_bias, weight).reshape(3, -1))
 
 
 def _turned(arrived: Floats) -> Floats:
@@ -83,30 +95,12 @@ def _turned(arrived: Floats) -> Floats:
     return np.asarray(-np.cross(arrived, np.eye(3)).T)
 
 
-def _of_poses(
-    errors: tuple[Floats, float, int],
-    links: Sequence[tuple[int, int]],
-    paths: Sequence[Path],
-    u: Floats,
-    r: Floats,
-    J: Floats,
-) -> Floats:
-    """(9, 9) covariance of M by what both steps leave over, as errors of the poses' readings, and by the gyro's noise."""
-    u_by_accel, left, freedom = errors
-    by_u, noise = np.zeros((len(links), 3, *u.shape)), []
-    for k, ((i, j), path) in enumerate(zip(links, paths, strict=True)):
-        by_u[k, :, i], by_u[k, :, j] = -np.eye(3), path.end
-        turned = _turned(path.end @ u[j])
-        noise.append(turned @ path.noise @ turned.T)
-    by_accel = by_u.reshape(len(r), -1) @ u_by_accel
-    gain = np.linalg.solve(J.T @ J, J.T)
-    taken = gain @ by_accel
-    variance = (float(r @ r) + left) / (float(np.sum((by_accel - J @ taken) ** 2)) + freedom)
-    # Three residuals a movement, of which gravity determines two; few leave the variance itself unsure, as Student's has it.
-    freedom = max(3, freedom + 2 * len(links) - 9)
-    return np.asarray(
-        variance * freedom / (freedom - 2) * taken @ taken.T + gain @ scipy.linalg.block_diag(*noise) @ gain.T
-    )
+def _by_poses(links: Sequence[tuple[int, int]], paths: Sequence[Path], u: Floats) -> Floats:
+    """Slopes (3m, 3n) of the residuals of m movements by the unit directions u (n, 3)."""
+    by_u = np.zeros((len(links), 3, *u.shape))
+    for k, ((a, b), path) in enumerate(zip(links, paths, strict=True)):
+        by_u[k, :, a], by_u[k, :, b] = -np.eye(3), path.end
+    return by_u.reshape(3 * len(links), -1)
 
 
 def gravity_of(accel: Floats) -> Floats:
@@ -132,8 +126,8 @@ def _corrected(accel: Floats, x: Floats) -> Floats:
     return np.asarray((accel - x[6:]) @ _upper(x).T)
 
 
-def _errors(accel: Floats, x: Floats) -> tuple[Floats, float, int]:
-    """What errors of the readings do to all unit directions, (3n, 3n); the sum of squares the fit left over, its freedom."""
+def _by_accel(accel: Floats, x: Floats) -> Floats:
+    """Slopes (3n, 3n) of all unit directions by the readings (n, 3), directly and through T and a0."""
     T, g, n = _upper(x), _corrected(accel, x), len(accel)
     size = np.linalg.norm(g, axis=1)
     u = g / size[:, None]
@@ -146,8 +140,7 @@ def _errors(accel: Floats, x: Floats) -> tuple[Floats, float, int]:
     g_by_accel = np.einsum("nik,kmj->nimj", by_x, moved)
     g_by_accel[np.arange(n), :, np.arange(n)] += T
     across = (np.eye(3) - u[:, :, None] * u[:, None]) / size[:, None, None]
-    by_accel = np.einsum("nki,nimj->nkmj", across, g_by_accel).reshape(3 * n, 3 * n)
-    return by_accel, float(np.sum((size - G) ** 2)), n - 9
+    return np.asarray(np.einsum("nki,nimj->nkmj", across, g_by_accel).reshape(3 * n, 3 * n))
 
 
 def _that_differ(accel: Floats) -> int:
@@ -163,12 +156,6 @@ def _matrix(x: Floats) -> Floats:
     M = np.empty((3, 3))
     M[ROW, COLUMN] = x
     return M
-
-
-def _bias(rests: Sequence[Rest]) -> tuple[Floats, Floats]:
-    reading = np.array([rest.bias for rest in rests])
-    # Their scatter, noise and wander together, is all that is known of the mean.
-    return reading.mean(axis=0), np.diag(reading.var(axis=0, ddof=1) / len(reading))
 
 
 def _judge(

@@ -19,9 +19,10 @@ from math import radians
 import numpy as np
 
 from estimator import rotation
-from estimator.batch import gravity, result
+from estimator.batch import gravity, result, variances
 from estimator.batch.capture import Floats, Movement, Rest, Samples
 from estimator.batch.gravity import AccelKnobs, G
+from estimator.batch.movement_bias import biases
 from estimator.batch.path import Path, integrate
 from estimator.gyro import AXES, reading_std
 
@@ -109,10 +110,12 @@ class Problem:
     def __init__(self, data: Transitions, knobs: TransitionKnobs) -> None:
         self.data, self.knobs = data, knobs
         self._noise_std = np.median([reading_std(rest.std) for rest in data.rests], axis=0)
-        self._bias_var, mean, self._local = _biases(data, knobs)
+        self.biases = biases(data.rests, data.links, knobs.bias_floor)
+        #: variance of unit weight: scales the assumed covariance of gravity and heading residuals
+        self.unit = 1.0
         #: how many residuals come from gravity and heading
         self.rows = 2 * len(data.links) + len(data.rests) + sum(data.turns)
-        self.prior_mean = np.concatenate([mean, np.ones(3), np.zeros(6 + gravity.N)])
+        self.prior_mean = np.concatenate([self.biases.mean, np.ones(3), np.zeros(6 + gravity.N)])
         off = np.full(6, knobs.misalignment)
         self._prior_std = np.concatenate([np.full(3, np.inf), np.full(3, knobs.scale), off, knobs.accel.std()])
 
@@ -136,39 +139,70 @@ class Problem:
 
     def whitened(self, theta: Floats, factor: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Residuals and slopes in standard deviations; `factor` is C's Cholesky factor, of this theta unless given."""
-        r, J, C = self._gravity(theta)
-        lower = np.asarray(np.linalg.cholesky(C)) if factor is None else factor
+        r, J, noise, parts = self._gravity(theta)
+        lower = np.asarray(np.linalg.cholesky(self.unit * (noise + parts.sum(axis=0)))) if factor is None else factor
         both = np.linalg.solve(lower, np.column_stack([r, J]))
-        rest_r, rest_J = self._rest_rows(theta)
-        priors = np.flatnonzero(np.isfinite(self._prior_std))
-        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
-        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
-        r = np.concatenate([both[:, 0], rest_r, prior_r])
-        return r, np.vstack([both[:, 1:], rest_J, prior_J]), lower
+        r, J = self._known(theta)
+        return np.concatenate([both[:, 0], r]), np.vstack([both[:, 1:], J]), lower
+
+    def factors(self, theta: Floats) -> Floats:
+        """Estimates the variances of accelerometer, path and heading errors (3,), relative to those assumed."""
+        r, J, noise, parts = self._gravity(theta)
+        known_r, known_J = self._known(theta)
+        return variances.factors(variances.Linear(r, J, noise, parts, known_J.T @ known_J, known_J.T @ known_r))
+
+    def spread(self, theta: Floats, factors: Floats) -> Floats:
+        """Covariance of theta where the error variances are factors (3,) times those assumed in its weights."""
+        _, J, noise, parts = self._gravity(theta)
+        C = noise + np.tensordot(factors, parts, axes=1)
+        weighted = np.linalg.solve(self.unit * (noise + parts.sum(axis=0)), J)
+        known = self._known(theta)[1]
+        information = known.T @ known
+        inverse = np.linalg.inv(J.T @ weighted + information)
+        covariance = inverse @ (weighted.T @ C @ weighted + information) @ inverse
+        covariance[:3, :3] += np.diag(self.biases.mean_moved)
+        return np.asarray(covariance)
 
     def misses(self, theta: Floats) -> tuple[Floats, Floats]:
         """Angle (m,) by which each movement missed, and that angle in its standard deviations."""
-        r, _, C = self._gravity(theta)
+        r, _, noise, parts = self._gravity(theta)
+        C = noise + parts.sum(axis=0)
         m = len(self.data.links)
         e = r[: 2 * m].reshape(m, 2)
         blocks = np.array([C[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(m)])
         ratio = np.sqrt(np.einsum("ji,jik,jk->j", e, np.linalg.inv(blocks), e))
         return np.linalg.norm(e, axis=1), ratio
 
-    def _rest_rows(self, theta: Floats) -> tuple[Floats, Floats]:
-        std = np.sqrt(self._bias_var)
-        r = (np.array([rest.bias for rest in self.data.rests]) - theta[:3]) / std
-        J = np.zeros((r.size, len(theta)))
-        J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
-        return r.ravel(), J
+    def accel_var(self, factors: Floats) -> Floats:
+        """(n, 3) variances of the mean accelerations at the rests."""
+        noise = np.array([_noise_var(rest) for rest in self.data.rests])
+        return np.asarray(noise + factors[0] * self.knobs.accel_floor**2)
 
-    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Rows: two for each movement, one for each rest, one for each full turn."""
+    def path_cov(self, path: Path, factors: Floats) -> Floats:
+        """(3, 3) covariance of a path's end."""
+        return np.asarray(path.noise + factors[1] * self._path_var(path) * np.eye(3))
+
+    def _known(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Rows of variance 1: the bias at each rest, then what is believed before anything is seen."""
+        std = np.sqrt(self.biases.noise)
+        rest_r = (np.array([rest.bias for rest in self.data.rests]) - self.biases.at_rest - theta[:3]) / std
+        rest_J = np.zeros((rest_r.size, len(theta)))
+        rest_J[:, :3] = np.vstack([np.diag(-1 / row) for row in std])
+        priors = np.flatnonzero(np.isfinite(self._prior_std))
+        prior_r = (theta - self.prior_mean)[priors] / self._prior_std[priors]
+        prior_J = (np.eye(len(theta)) / self._prior_std[:, None])[priors]
+        return np.concatenate([rest_r.ravel(), prior_r]), np.vstack([rest_J, prior_J])
+
+    def _gravity(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Residuals, slopes, covariance of the measured noise, and (3, …) those of the assumed errors.
+
+        Rows: two for each movement, one for each rest, one for each full turn.
+        """
         data, knobs, M = self.data, self.knobs, matrix_of(theta)
         m, n, turned = len(data.links), len(data.rests), np.flatnonzero(data.turns)
         r, J = np.zeros(2 * m + n + len(turned)), np.zeros((2 * m + n + len(turned), len(theta)))
         by_accel, by_path = np.zeros((len(r), 3 * n)), np.zeros((len(r), 3 * m))
-        noise = np.zeros((3 * m, 3 * m))
+        noise, floors = np.zeros((3 * m, 3 * m)), np.zeros(3 * m)
         g, slope, shape = zip(*(gravity.measured(_accel(rest), theta[12:]) for rest in data.rests), strict=True)
         size = [float(np.linalg.norm(g_i)) for g_i in g]
         u = [g_i / s for g_i, s in zip(g, size, strict=True)]
@@ -177,7 +211,7 @@ class Problem:
             row, own = 2 * m + i, slice(3 * i, 3 * i + 3)
             r[row], J[row, 12:], by_accel[row, own] = size[i] - G, u[i] @ slope[i], u[i] @ shape[i]
         for j, (a, b) in enumerate(data.links):
-            path = integrate(data.samples[j], M, theta[:3] + self._local[j], self._noise_std)
+            path = integrate(data.samples[j], M, theta[:3] + self.biases.local[j], self._noise_std)
             rows, own = slice(2 * j, 2 * j + 2), slice(3 * j, 3 * j + 3)
             arrived = path.end @ u[b]
             plane = _tangents(u[a])
@@ -190,19 +224,20 @@ class Problem:
             by_accel[rows, 3 * a : 3 * a + 3] = plane @ by_a @ shape[a]
             by_accel[rows, 3 * b : 3 * b + 3] = plane @ by_b @ shape[b]
             by_path[rows, own] = plane
-            noise[own, own] = self._path_cov(path)
+            noise[own, own], floors[own] = path.noise, self._path_var(path)
             if data.turns[j]:
                 row = 2 * m + n + int(np.searchsorted(turned, j))
                 r[row] = u[a] @ rotation.log(path.end)
                 J[row, 3:12], J[row, :3] = u[a] @ path.by_matrix[:, ROW, COLUMN], u[a] @ path.by_bias
                 by_path[row, own] = u[a]
-        accel_var = np.full(3 * n, knobs.accel_floor**2)
-        C = (by_accel * accel_var) @ by_accel.T + by_path @ noise @ by_path.T
-        heading = np.arange(2 * m + n, len(r))
-        C[heading, heading] += knobs.heading_std**2
-        return r, J, C
+        accel_noise = np.concatenate([_noise_var(rest) for rest in data.rests])
+        C = (by_accel * accel_noise) @ by_accel.T + by_path @ noise @ by_path.T
+        heading = np.zeros(len(r))
+        heading[2 * m + n :] = knobs.heading_std**2
+        accel = knobs.accel_floor**2 * by_accel @ by_accel.T
+        return r, J, C, np.array([accel, (by_path * floors) @ by_path.T, np.diag(heading)])
 
-    def _path_cov(self, path: Path) -> Floats:
+    def _path_var(self, path: Path) -> float:
         knobs = self.knobs
         floors = (
             knobs.path_floor,
@@ -210,30 +245,18 @@ class Problem:
             knobs.coning_share * path.coning,
             knobs.bias_floor * path.seconds,
         )
-        return path.noise + float(np.sum(np.square(floors))) * np.eye(3)
-
-
-def _biases(data: Transitions, knobs: TransitionKnobs) -> tuple[Floats, Floats, Floats]:
-    """Variance (n, 3) of each rest's reading as the session's bias, that bias (3,), and (m, 3) how far off each movement was.
-
-    Rests that scatter more than their noise show a bias that moved.
-    """
-    reading = np.array([rest.bias for rest in data.rests])
-    own_var = np.array([np.diag(rest.bias_cov) for rest in data.rests]) + knobs.bias_floor**2
-    weight = 1 / own_var
-    mean = (weight * reading).sum(axis=0) / weight.sum(axis=0)
-    scatter = (weight * (reading - mean) ** 2).sum(axis=0) - (len(reading) - 1)
-    moved_var = np.maximum(scatter, 0.0) / weight.sum(axis=0)
-    var = own_var + moved_var
-    mean = (reading / var).sum(axis=0) / (1 / var).sum(axis=0)
-    off = moved_var / var * (reading - mean)
-    return var, mean, np.array([(off[a] + off[b]) / 2 for a, b in data.links])
+        return float(np.sum(np.square(floors)))
 
 
 def _accel(rest: Rest) -> Floats:
     if rest.accel is None:
         raise ValueError("a rest without acceleration: transitions need an accelerometer")
     return rest.accel
+
+
+def _noise_var(rest: Rest) -> Floats:
+    """(3,) variance of a rest's mean acceleration by white noise."""
+    return np.zeros(3) if rest.accel_std is None else rest.accel_std**2 / rest.n
 
 
 def _tangents(u: Floats) -> Floats:

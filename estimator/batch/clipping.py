@@ -34,12 +34,16 @@ class ClippingKnobs:
 
 def clipped(samples: Samples, knobs: ClippingKnobs) -> Flags:
     """(n,) which samples of one movement were cut off, as the bridge says, by the range, or as the readings show."""
-    size = np.abs(samples.gyro)
-    largest = float(size.max(initial=0.0))
-    known = samples.clipped
-    if largest <= knobs.beyond * knobs.gyro_range < inf:
-        known = known | (size >= knobs.near * knobs.gyro_range).any(axis=1)
+    known = at_range(samples, knobs)
     return known if known.any() else _repeated(samples.gyro, knobs)
+
+
+def at_range(samples: Samples, knobs: ClippingKnobs) -> Flags:
+    """(n,) which samples were cut off, as the bridge says or by the range."""
+    size = np.abs(samples.gyro)
+    if not float(size.max(initial=0.0)) <= knobs.beyond * knobs.gyro_range < inf:
+        return samples.clipped
+    return np.asarray(samples.clipped | (size >= knobs.near * knobs.gyro_range).any(axis=1))
 
 
 def _repeated(gyro: Floats, knobs: ClippingKnobs) -> Flags:

@@ -7,6 +7,7 @@ import numpy as np
 
 from bridge.wire.messages import Verdict
 from estimator.batch import accel_aided, closure, servomotor, transitions, turn360, turntable
+from estimator.batch.bias_wander import WanderKnobs
 from estimator.batch.capture import Capture, Samples
 from estimator.batch.names import BY_HAND
 from estimator.batch.result import Result, VerdictKnobs, judge, nothing
@@ -50,7 +51,7 @@ METHODS: dict[str, Method] = dict(
 #: methods that need no full turns, and how many movements they need at least before a full matrix is thinkable
 BY_MOVEMENTS: dict[str, int] = {"transitions": transitions.FEWEST, "accel_aided": accel_aided.FEWEST_POSES - 1}
 #: methods for recordings on a machine that turns at known rates (rad/s)
-BY_RATES: dict[str, Callable[[Samples, tuple[float, ...]], Result]] = {
+BY_RATES: dict[str, Callable[[Samples, tuple[float, ...], WanderKnobs], Result]] = {
     "turntable": turntable.by_turntable,
     "servomotor": servomotor.by_servomotor,
 }

@@ -52,7 +52,7 @@ class _Evidence:
 
 
 def by_servomotor(
-    samples: Samples, rates: tuple[float, ...], knobs: ServoKnobs | None = None, wander: WanderKnobs | None = None
+    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: ServoKnobs | None = None
 ) -> Result:
     """Scale factors and bias from a recording on a servo; its one rate in rad/s, used either way.
 

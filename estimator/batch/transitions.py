@@ -24,17 +24,20 @@ from estimator.gyro import AXES, reading_std
 FEWEST = 6
 #: chi-square over degrees of freedom beyond which movements contradict each other
 MISFIT = 4.0
+#: lower limit of the variance of unit weight: few movements may agree by chance
+LEAST_UNIT = 1e-4
 #: of what the data alone say of the matrix: above it a prior, and not the poses, makes the elements certain
 CONDITION = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), widened by the misfit where that is above 1.
+    """theta (21,) of carry.PARAMETERS and its covariance (21, 21), from error sizes estimated by the residuals.
 
-    misfit: chi-square of gravity and heading over degrees of freedom. condition: of what the data say of M. angles (m,):
-    rad by which each movement missed; ratio (m,): the same in standard deviations; left_out: movements that contradicted.
-    unknown: off-diagonal elements that the poses did not determine, the worst first, with their standard deviations.
+    misfit: chi-square of gravity and heading over degrees of freedom, for the error sizes assumed. condition: of what the
+    data say of M. angles (m,): rad by which each movement missed; ratio (m,): the same in standard deviations; left_out:
+    movements that contradicted. unknown: off-diagonal elements that the poses did not determine, the worst first, with their
+    standard deviations.
     """
 
     theta: Floats
@@ -70,9 +73,12 @@ def fit(data: Transitions, knobs: TransitionKnobs | None = None) -> Fit:
     leverage = np.einsum("ij,ji->i", J, np.linalg.pinv(J))
     misfit = float(r[:rows] @ r[:rows]) / max(rows - float(leverage[:rows].sum()), 1.0)
     condition = _condition(J[:rows])
-    J[:rows] /= max(misfit, 1.0) ** 0.5
-    angles, ratio = problem.misses(theta)
-    return Fit(theta, np.asarray(np.linalg.inv(J.T @ J)), misfit, condition, angles, ratio)
+    _, ratio = problem.misses(theta)
+    # Residuals smaller than assumed give the movements more weight against the priors.
+    problem.unit = max(misfit, LEAST_UNIT)
+    theta = problem.solve(theta)
+    angles, _ = problem.misses(theta)
+    return Fit(theta, problem.spread(theta, problem.factors(theta)), misfit, condition, angles, ratio)
 
 
 def _way(samples: Samples, bias: Floats) -> float:

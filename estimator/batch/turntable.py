@@ -42,7 +42,7 @@ class TurntableKnobs:
 
 
 def by_turntable(
-    samples: Samples, rates: tuple[float, ...], knobs: TurntableKnobs | None = None, wander: WanderKnobs | None = None
+    samples: Samples, rates: tuple[float, ...], wander: WanderKnobs | None = None, knobs: TurntableKnobs | None = None
 ) -> Result:
     """Full matrix and bias from a recording on a turntable; rates in rad/s, each used in both directions.
 

@@ -23,8 +23,8 @@ _FULL = 2 * pi
 _IGNORED = "movement ignored"
 #: what is wrong with a turn, and not with a movement between two poses
 _OF_TURNS = ("short", "long", "back_and_forth", "askew", "tilted", "rate", "slow", "old", "open")
-#: what is said of a device that was only stood on its side
-_OF_STANDING = ("short", "vertical")
+#: degrees: a shorter movement only stands a device on its side
+_QUARTER = 120.0
 #: sides of a device
 SIDES = 6
 
@@ -114,8 +114,8 @@ class Guide:
         done = status.axes_done
         needed = self._order(done)
         wrong = reasons.said(status.reason)
-        if self._horizontal and not hand.moved:
-            wrong = tuple(words for words in wrong if words.key not in _OF_STANDING)
+        if self._horizontal:
+            wrong = tuple(words for words in wrong if not self._is_standing_up(words))
         if status.state is State.AWAITING_STILL:
             return Told(
                 Step.PLACE, Picture.EDGE, Words("place"), hand.rested, done=done, needed=needed, wrong=wrong,
@@ -129,6 +129,12 @@ class Guide:
         words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
         picture = Picture.POSE if way is Picture.SIDE else way
         return Told(Step.TURN, picture, words, 0.0, 0.0, axis, done, needed, wrong)
+
+    def _is_standing_up(self, words: Words) -> bool:
+        """Whether a movement that was no turn only stood the device on its side, or the device has been stood so since."""
+        if words.key == "short":
+            return float(words.values["angle"]) < _QUARTER
+        return words.key == "vertical" and self._way(AXES.index(words.values["axis"])) is not Picture.SIDE
 
     def _between_poses(self, status: Status) -> Told:
         """A rest on each side, movements between them; the estimator says when they show the whole matrix."""

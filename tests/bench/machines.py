@@ -18,6 +18,7 @@ from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import machine
 from bridge.wire.messages import Verdict
 from estimator.batch.capture import Samples
+from estimator.batch.bias_wander import WanderKnobs
 from estimator.batch.methods import BY_RATES
 from estimator.batch.result import Result
 from tests.bench.machine_witness import Plan, Read, Unit, recorded
@@ -218,7 +219,7 @@ def calibrated(case: Case, seed: int) -> Found:
     """One recording, calibrated."""
     read = case.read(seed)
     samples = Samples(read.time, read.gyro, read.accel, np.zeros(len(read.time), bool))
-    return judged(BY_RATES[case.method](samples, tuple(np.radians(case.rates))), read.k)
+    return judged(BY_RATES[case.method](samples, tuple(np.radians(case.rates)), WanderKnobs()), read.k)
 
 
 def judged(result: Result, k: Floats) -> Found:

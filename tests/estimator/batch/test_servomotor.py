@@ -38,7 +38,7 @@ def test_its_covariance_is_what_repeating_shows(misalignment_deg: float, low: fl
     scores = []
     for seed in range(15):
         of = on_a_servo(seed, misalignment_deg=misalignment_deg)
-        result = by_servomotor(samples(of), RATE, ServoKnobs(1e-5, 1e-4, 0.01 if misalignment_deg else 2e-5))
+        result = by_servomotor(samples(of), RATE, knobs=ServoKnobs(1e-5, 1e-4, 0.01 if misalignment_deg else 2e-5))
         error = np.concatenate([result.bias, result.scale]) - true_parameters(of)[:6]
         scores.append(error @ np.linalg.solve(result.covariance, error) / 6)
     assert low < np.mean(scores) < high

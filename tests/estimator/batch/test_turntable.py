@@ -35,7 +35,7 @@ def test_its_covariance_is_what_repeating_shows() -> None:
     scores: list[float] = []
     for seed in range(15):
         of = on_a_turntable(seed)
-        result = by_turntable(samples(of), RATES, TurntableKnobs(1e-9, 1e-8, square=1e-9))
+        result = by_turntable(samples(of), RATES, knobs=TurntableKnobs(1e-9, 1e-8, square=1e-9))
         M = result.matrix
         found = np.concatenate([result.bias, np.diag(M), M[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]]])
         error = found - true_parameters(of)

@@ -1,0 +1,78 @@
+"""Variance components: estimates the size of each kind of error in a session from the session's own residuals.
+
+The residuals r have the covariance C = C0 + sum of s_i² C_i. C0 is measured noise; C_i is the covariance assumed for error
+kind i. Source: restricted likelihood by Fisher scoring, D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320. The unknowns are
+log s_i, with a weak prior that matters only where the residuals say little. The result is the posterior mean of s_i², which
+is larger than the most likely value where few residuals determine it, as in Student's distribution.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: prior standard deviation of log s for accelerometer, paths and headings; the prior mean makes the mean of s² 1
+_PRIOR_STD = np.array([1.5, 1.5, 0.7])
+_PRIOR_MEAN = -(_PRIOR_STD**2)
+_STEPS = 30
+#: grid of log s around the most likely value, over which the mean is taken
+_AROUND = np.linspace(-4.0, 3.0, 29)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linear:
+    """A linear model: r (n,) residuals, J (n, p) their slopes by the parameters, C0 `noise` (n, n), C_i `parts` (c, n, n).
+
+    information (p, p) and gradient (p,): J'J and J'r of further residuals of variance 1, such as priors.
+    """
+
+    r: Floats
+    J: Floats
+    noise: Floats
+    parts: Floats
+    information: Floats
+    gradient: Floats
+
+    def log_posterior(self, log_s: Floats) -> float:
+        """Restricted log likelihood of log s (c,) and its prior, up to a constant."""
+        lower = np.linalg.cholesky(self.noise + np.tensordot(np.exp(2 * log_s), self.parts, axes=1))
+        white = np.linalg.solve(lower, np.column_stack([self.r, self.J]))
+        r, J = white[:, 0], white[:, 1:]
+        normal = np.linalg.cholesky(J.T @ J + self.information)
+        explained = np.linalg.solve(normal, J.T @ r + self.gradient)
+        fit = float(r @ r - explained @ explained) / 2
+        size = float(np.log(np.diag(lower)).sum() + np.log(np.diag(normal)).sum())
+        return -fit - size - float(np.sum(((log_s - _PRIOR_MEAN) / _PRIOR_STD) ** 2)) / 2
+
+    def likeliest(self) -> Floats:
+        """The most likely log s (c,)."""
+        log_s = _PRIOR_MEAN.copy()
+        prior = np.diag(1 / _PRIOR_STD**2)
+        for _ in range(_STEPS):
+            slopes = 2 * np.exp(2 * log_s)[:, None, None] * self.parts  # of C, by log s
+            W = np.linalg.inv(self.noise + slopes.sum(axis=0) / 2)
+            WJ = W @ self.J
+            cov = np.linalg.inv(self.J.T @ WJ + self.information)
+            left = W @ (self.r - self.J @ (cov @ (WJ.T @ self.r + self.gradient)))
+            PV = (W - WJ @ cov @ WJ.T) @ slopes
+            score = (left @ slopes @ left - np.trace(PV, axis1=1, axis2=2)) / 2 - prior @ (log_s - _PRIOR_MEAN)
+            fisher = np.einsum("aij,bji->ab", PV, PV) / 2 + prior
+            step = np.clip(np.linalg.solve(fisher, score), -1.0, 1.0)
+            log_s = log_s + step
+            if np.abs(step).max() < 0.02:
+                break
+        return log_s
+
+
+def factors(model: Linear) -> Floats:
+    """Posterior means of s_i² (c,); about 1 where the residuals say nothing about error kind i."""
+    best = model.likeliest()
+    found = np.empty(len(best))
+    for i in range(len(best)):
+        tried = best + _AROUND[:, None] * np.eye(len(best))[i]
+        log_p = np.array([model.log_posterior(log_s) for log_s in tried])
+        weight = np.exp(log_p - log_p.max())
+        found[i] = weight @ np.exp(2 * tried[:, i]) / weight.sum()
+    return found
