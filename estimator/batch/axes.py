@@ -32,9 +32,9 @@ MAPPINGS: Floats = np.array(
 _STEP_S = 0.04
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
-#: how much better than all others the axes as they are must fit, in natural logarithms over all movements. A right gyro leads
-#: by 0.1 and more even if its only turn about z was steady and vertical, by 4 and more otherwise; a wrong one does not lead.
-_LEAD = 0.05
+#: how much better another mapping must fit, in natural logarithms over all movements: beyond rounding. A right gyro leads by
+#: 0.1 and more if its only turn about z was vertical, by 4 and more otherwise. A perfectly steady vertical turn shows nothing.
+_LEAD = 0.01
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:
@@ -46,8 +46,8 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> s
     if not seen:
         return None
     score = sum((np.log(misfit(rest, samples, matrix) + _FLOOR) for rest, samples in seen), np.zeros(len(MAPPINGS)))
-    best = 1 + int(np.argmin(score[1:]))
-    if score[best] - score[0] > _LEAD:
+    best = int(np.argmin(score))
+    if score[0] - score[best] < _LEAD:
         return None
     return f"the gyro's axes are not the accelerometer's: {in_words(MAPPINGS[best])}"
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.script import machine
 from bridge.wire.messages import Verdict
-from estimator.batch.capture import Samples
 from estimator.batch.bias_wander import WanderKnobs
+from estimator.batch.capture import Samples
 from estimator.batch.methods import BY_RATES
 from estimator.batch.result import Result
 from tests.bench.machine_witness import Plan, Read, Unit, recorded
