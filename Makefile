@@ -53,6 +53,8 @@ bench: setup-dev
 	-$(BIN)/python -m tests.bench.calibration
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.machines --runs 10
 	$(BIN)/python -m tests.bench.gravity_methods
+	$(BIN)/python -m tests.bench.closure_honesty
+	$(BIN)/python -m tests.bench.clipping
 	$(BIN)/python -m tests.bench.recovery
 	$(BIN)/python -m tests.bench.frames
 	$(BIN)/python -m tests.bench.recorder

@@ -79,8 +79,6 @@ def test_calibrate_on_a_turntable(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["--method", "turnpike"], "turn360, "),
         (["--method", "turntable"], "needs --rates-dps"),
         (["--rates-dps", "30"], "takes no --rates-dps"),
-        (["--method", "turntable", "--rates-dps", "30", "--model", "mpu-6050"], "takes no --model"),
-        (["--method", "transitions", "--model", "mpu-6050"], "takes no --model"),
         (["--model", "mpu-6051"], "mpu-6050"),
     ],
 )
