@@ -1,0 +1,315 @@
+"""The paper's tables 2 and 3: its two sensors calibrated by its four methods and by closure, many times over.
+
+The device is simulated with the paper's turntable column for its truth, its bias wandering as its model says; so the errors
+of b hold what a bias wanders between two calibrations, as those in the paper do.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from msgspec import Struct
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from bridge.sim.motion import Piece
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.study.device import Device, Hand, PaperColumn, load_device, milli_g, record
+from estimator.study.sessions import AccelAided, Servomotor, Turntable
+from estimator.study.simulation import PARAMETERS
+from estimator.study.spread import Spread, holds, spread
+from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
+
+METHODS = ("turn360", "closure", "turntable", "accel_aided", "servomotor")
+WORDS = {
+    "turn360": "Algorithm 1",
+    "closure": "closure",
+    "turntable": "turntable",
+    "accel_aided": "accelerometer-aided",
+    "servomotor": "servomotor",
+}
+_TASK = 5
+
+
+class SensorsScenario(Scenario, frozen=True, kw_only=True):
+    """sensors: names in configs/study/sensors. The sessions of each method; the paper's limits of k and b by sensor."""
+
+    sensors: tuple[str, ...]
+    hand: Hand
+    turntable: Turntable
+    accel_aided: AccelAided
+    servomotor: Servomotor
+    paper_limit: dict[str, float]
+
+
+class Inputs(Struct, frozen=True):
+    """What the runs depend on."""
+
+    runs: int
+    seed: int
+    devices: dict[str, Device]
+    hand: Hand
+    turntable: Turntable
+    accel_aided: AccelAided
+    servomotor: Servomotor
+
+
+class Row(Struct, frozen=True):
+    """A parameter of a sensor by a method. value: what was found; error: from the truth; std: said of it, median.
+
+    paper: the paper's value, None where it has none; inside: whether that lies where 95 % of ours do.
+    """
+
+    sensor: str
+    method: str
+    parameter: str
+    truth: float
+    value: Spread
+    error: Spread
+    size_95: float
+    std: float
+    paper: float | None
+    inside: bool | None
+
+
+class Session(Struct, frozen=True):
+    """Of a sensor and a method: how many sessions, the share that was accepted, their time, and the paper's, s."""
+
+    sensor: str
+    method: str
+    sessions: int
+    accepted: float
+    time_s: float
+    paper_time_s: float | None
+
+
+class Sensors(Struct, frozen=True):
+    """All rows and sessions; machine: median computing time in ms of a method, which depends on the computer."""
+
+    labels: dict[str, str]
+    paper_limit: dict[str, float]
+    rows: list[Row]
+    sessions: list[Session]
+    machine: dict[str, float]
+
+    def of(self, sensor: str, method: str) -> list[Row]:
+        """The six parameters."""
+        return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
+
+    def worst_k(self, sensor: str, method: str) -> float:
+        """Within what 95 % of the errors of the worst axis are."""
+        return max(row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k"))
+
+
+def inputs(s: SensorsScenario) -> Inputs:
+    """With the sensors read."""
+    devices = {name: load_device(name) for name in s.sensors}
+    return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
+
+
+def jobs(of: Inputs) -> Sequence[Job]:
+    """(sensor, method, first run, last + 1), the longest first."""
+    methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
+    return [
+        (name, method, first, min(first + _TASK, of.runs))
+        for method in methods
+        for name in of.devices
+        for first in range(0, of.runs, _TASK)
+    ]
+
+
+def work(of: Inputs, job: Job) -> Arrays:
+    """Of n sessions: found (n, 6) and std (n, 6) in PARAMETERS, b in the paper's sign; accepted (n,); times (n,) s."""
+    name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
+    found, std, accepted, lasts, took = [], [], [], [], []
+    for number in range(first, last):
+        # The same device and hand for both methods by hand.
+        rng = generator(of.seed, name, "hand" if method in ("turn360", "closure") else method, number)
+        pieces, rates, accel, zero_g = _session(of, method, rng)
+        recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
+        recording = recorded.until(np.inf, accel=accel)
+        begun = perf_counter()
+        result, _ = offline.calibrate(recording, method, recording.gyro_range, tuple(np.radians(rates)))
+        took.append(perf_counter() - begun)
+        variance = np.diag(result.covariance)
+        found.append([*result.scale, *-np.degrees(result.bias)])
+        std.append([*np.sqrt(variance[3:6]), *np.degrees(np.sqrt(variance[:3]))])
+        accepted.append(result.verdict is Verdict.ACCEPTED)
+        lasts.append(recorded.ends_s[-1])
+    return {
+        "found": np.array(found),
+        "std": np.array(std),
+        "accepted": np.array(accepted),
+        "lasts": np.array(lasts),
+        "took": np.array(took),
+    }
+
+
+def _session(
+    of: Inputs, method: str, rng: np.random.Generator
+) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
+    """Pieces, known rates in °/s, whether the accelerometer is used, its offset in m/s² where not the device's."""
+    if method == "turntable":
+        return of.turntable.pieces(rng), of.turntable.rates_dps, False, None
+    if method == "servomotor":
+        servo = of.servomotor
+        return servo.pieces(rng), (servo.rate_dps,), True, milli_g(servo.accel_offset_mg)
+    if method == "accel_aided":
+        return of.accel_aided.pieces(rng), (), True, None
+    return of.hand.pieces(rng), (), False, None
+
+
+def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
+    """Spreads by sensor, method and parameter; a session without an estimate counts as not accepted and in no spread."""
+    rows, sessions, machine = [], [], {}
+    devices = inputs(scenario).devices
+    for method in METHODS:
+        took = []
+        for name, device in devices.items():
+            mine = [part for job, part in parts.items() if job[:2] == (name, method)]
+            found, std, accepted, lasts = (
+                np.concatenate([part[key] for part in mine]) for key in ("found", "std", "accepted", "lasts")
+            )
+            took += [part["took"] for part in mine]
+            column = device.paper.get(method)
+            time_s = float(np.median(lasts))
+            paper_s = column.time_s if column else None
+            sessions.append(Session(name, method, len(found), float(accepted.mean()), time_s, paper_s))
+            known = np.isfinite(std).all(axis=1)
+            truth = np.concatenate([device.k, device.b_dps])
+            if known.any():
+                rows += _rows(name, method, found[known], std[known], truth, column)
+        machine[method] = round(1e3 * float(np.median(np.concatenate(took))), 1)
+    labels = {name: device.label for name, device in devices.items()}
+    return Sensors(labels, scenario.paper_limit, rows, sessions, machine)
+
+
+def _rows(
+    name: str, method: str, found: np.ndarray, std: np.ndarray, truth: np.ndarray, column: PaperColumn | None
+) -> list[Row]:
+    paper = [None] * 6 if column is None else [*column.k, *column.b_dps]
+    rows = []
+    for i, parameter in enumerate(PARAMETERS):
+        value, error = spread(found[:, i]), spread(found[:, i] - truth[i])
+        size = float(np.quantile(np.abs(found[:, i] - truth[i]), 0.95))
+        theirs = paper[i]
+        inside = None if theirs is None else holds(value.band, theirs)
+        rows.append(
+            Row(name, method, parameter, float(truth[i]), value, error, size, float(np.median(std[:, i])), theirs, inside)
+        )
+    return rows
+
+
+def tables(found: Sensors) -> Sequence[RenderableType]:
+    """One table a sensor, and the times."""
+    shown: list[RenderableType] = []
+    for sensor, label in found.labels.items():
+        n = next(one.sessions for one in found.sessions if one.sensor == sensor)
+        names = {"method": 0, "of": 0, "median": 0, "95 % of sessions": 0, "std": 1, "paper": 0, "inside": 0}
+        table = Columns(
+            [Column(name, number=True, spare=spare) for name, spare in names.items()],
+            title=f"{label}: {n} simulated sessions by each method; b in °/s, the paper's sign",
+        )
+        for row in (row for row in found.rows if row.sensor == sensor):
+            digits = 4 if row.parameter.startswith("k") else 3
+            table.add(
+                WORDS[row.method],
+                row.parameter,
+                f"{row.value.median:.{digits}f}",
+                f"{row.value.band[0]:.{digits}f} … {row.value.band[1]:.{digits}f}",
+                f"{row.std:.{digits}f}",
+                "" if row.paper is None else f"{row.paper:.{digits}f}",
+                {True: "yes", False: "no", None: ""}[row.inside],
+            )
+        shown.append(table)
+    names = {"sensor": 0, "method": 0, "accepted": 0, "session s": 0, "paper s": 0, "compute ms": 1, "k within": 0}
+    table = Columns(
+        [Column(name, number=True, spare=spare) for name, spare in names.items()],
+        title="Sessions; k within: 95 % of the errors of the worst axis",
+    )
+    for one in found.sessions:
+        table.add(
+            found.labels[one.sensor],
+            WORDS[one.method],
+            f"{100 * one.accepted:.0f}%",
+            f"{one.time_s:.0f}",
+            "" if one.paper_time_s is None else f"{one.paper_time_s:.0f}",
+            f"{found.machine[one.method]:.0f}",
+            f"{found.worst_k(one.sensor, one.method):.4f}" if found.of(one.sensor, one.method) else "",
+        )
+    return *shown, table
+
+
+def draw(found: Sensors, folder: Path) -> Sequence[str]:
+    """Differences from the turntable's truth, a figure a sensor."""
+    from estimator.figures.sensors import sensor  # noqa: PLC0415 - matplotlib takes a second to load
+
+    for name in found.labels:
+        sensor(found, name, folder / name)
+    return tuple(found.labels)
+
+
+def findings(found: Sensors) -> Sequence[Finding]:
+    """Tables, limits, times."""
+    told = [_table(found, name) for name in found.labels]
+    return *told, _limits(found), _time(found)
+
+
+def _table(found: Sensors, name: str) -> Finding:
+    compared = [row for row in found.rows if row.sensor == name and row.paper is not None and row.method != "turntable"]
+    inside = [row for row in compared if row.inside]
+    proposed = [row for row in compared if row.method == "turn360" and row.parameter.startswith("k")]
+    theirs = max(abs((row.paper or 0.0) - row.truth) for row in proposed)
+    ours = found.worst_k(name, "turn360")
+    share = len(inside) / len(compared)
+    return Finding(
+        name,
+        f"{len(inside)} of {len(compared)} of the paper's values within 95 % of ours; k within {ours:.4f} (proposed)",
+        "agrees" if share > 0.9 else "agrees in part" if share > 0.3 else "differs",
+        f"the paper's k are off by up to {theirs:.4f}, {theirs / ours:.0f} times what such a hand and sensor explain",
+    )
+
+
+def _limits(found: Sensors) -> Finding:
+    said, k_kept, b_kept = [], True, True
+    for name, label in found.labels.items():
+        limit, k = found.paper_limit[name], found.worst_k(name, "turn360")
+        b = max(row.size_95 for row in found.of(name, "turn360") if row.parameter.startswith("b"))
+        k_kept, b_kept = k_kept and k < limit, b_kept and b < limit
+        said.append(f"{label}: k {k:.4f}, b {b:.3f} °/s")
+    return Finding(
+        "limits",
+        "; ".join(said) + " (95 %)",
+        "agrees" if k_kept and b_kept else "agrees in part" if k_kept else "differs",
+        "" if b_kept else "b differs by what a bias of the model wanders between two sessions",
+    )
+
+
+def _time(found: Sensors) -> Finding:
+    by = {(one.sensor, one.method): one for one in found.sessions}
+    hand = [by[name, "turn360"].time_s for name in found.labels]
+    aided = [by[name, "accel_aided"].time_s for name in found.labels]
+    rows = {method: max(found.worst_k(name, method) for name in found.labels) for method in ("turn360", "accel_aided")}
+    return Finding(
+        "time",
+        f"{max(hand):.0f} s, accelerometer-aided {max(aided):.0f} s; k within {rows['turn360']:.4f} and "
+        f"{rows['accel_aided']:.4f}",
+        "agrees" if max(hand) < 30 and rows["turn360"] < 2 * rows["accel_aided"] else "agrees in part",
+        f"computing takes {found.machine['turn360']:.0f} ms",
+    )
+
+
+STUDY = Study(
+    "sensors",
+    "the paper's two sensors by its four methods and closure (tables 2 and 3)",
+    SensorsScenario,
+    inputs,
+    jobs,
+    work,
+    results,
+    tables,
+    draw,
+    findings,
+)
