@@ -47,8 +47,8 @@ def errors(found: Errors, stem: Path) -> None:
         enlarged.set_xticks(range(3), [_SYMBOLS[name] for name in PARAMETERS[:3]])
         enlarged.ticklabel_format(axis="y", style="sci", scilimits=(-2, 2))
         whole.ticklabel_format(axis="y", style="sci", scilimits=(-2, 2))
-    handles = [Patch(color=colour, alpha=0.6, label=WORDS[m]) for m, colour in zip(METHODS, COLOURS, strict=False)]
-    handles += [
+    handles: list[Patch | Line2D] = [
+        *(Patch(color=colour, alpha=0.6, label=WORDS[m]) for m, colour in zip(METHODS, COLOURS, strict=False)),
         Line2D([], [], color=PAPER, linestyle="--", label="paper: most errors within"),
         Line2D([], [], color="black", linestyle=":", label="Cramér–Rao bound, ±1.96 standard deviations"),
     ]
@@ -61,7 +61,9 @@ def testset(found: Testset, stem: Path) -> None:
     noises = list(dict.fromkeys(row.noise_dps for row in found.rows))
     figure = Figure(figsize=(9.5, 3.4 * len(noises) + 0.9))
     runs = found.rows[0].error.n
-    figure.suptitle(f"Mean error $e_l$ of the rate on a test set, {runs:,} simulated sessions at each noise", fontsize=13)
+    figure.suptitle(
+        f"Mean error $e_l$ of the rate on a test set, {runs:,} simulated sessions at each noise", fontsize=13
+    )
     for noise, (before, after) in zip(noises, figure.subplots(len(noises), 2, squeeze=False), strict=True):
         raw = found.of(noise, BEFORE)
         _boxes(before, {i: row.error for i, row in enumerate(raw)}, "#8a8a8a", width=0.5)
@@ -73,8 +75,8 @@ def testset(found: Testset, stem: Path) -> None:
             level = found.paper_left * (sum(row.error.rms**2 for row in raw) / len(raw)) ** 0.5
             for sign in (-1, 1):
                 before.axhline(sign * level, color=PAPER, linestyle="--", linewidth=1.2)
-            high = after.get_ylim()[1]
-            words = f"paper: {100 * found.paper_left:g} % of before = ±{level:.2f} °/s,\n{level / high:.0f} times this panel's height"
+            high = max(map(abs, after.get_ylim()))
+            words = f"paper: {100 * found.paper_left:g} % of before = ±{level:.2f} °/s,\n{level / high:.0f} times the largest whisker"
             after.text(0.02, 0.98, words, color=PAPER, transform=after.transAxes, va="top", fontsize=9)
             after.set_ylim(-high * 1.35, high * 1.35)
         for axes in (before, after):

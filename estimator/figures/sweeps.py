@@ -1,6 +1,7 @@
 """What each cause does to the scale factor: a panel a cause, error over value."""
 
 from pathlib import Path
+from typing import Literal
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -9,7 +10,7 @@ from estimator.figures.style import COLOURS, save
 from estimator.study.analysis import Analysis
 from estimator.study.simulation import METHODS, WORDS
 
-_DASHES = {"mean": "-", "point": "--"}
+_DASHES: dict[str, Literal["-", "--"]] = {"mean": "-", "point": "--"}
 _MARKS = {"mean": "o", "point": "^"}
 
 
@@ -29,7 +30,9 @@ def analysis(found: Analysis, stem: Path) -> None:
         for how in factor.sampling:
             for method, colour in zip(METHODS, COLOURS, strict=False):
                 rows = found.of(factor.name, method, how)
-                axes.plot([r.value for r in rows], [r.k_rms for r in rows], _DASHES[how], marker=_MARKS[how], color=colour)
+                axes.plot(
+                    [r.value for r in rows], [r.k_rms for r in rows], _DASHES[how], marker=_MARKS[how], color=colour
+                )
         rows = found.of(factor.name, METHODS[0])
         axes.plot([r.value for r in rows], [r.k_bound for r in rows], color="black", linestyle=":", linewidth=2)
         axes.set(title=factor.name, xlabel=factor.label, yscale="log")
@@ -44,7 +47,9 @@ def analysis(found: Analysis, stem: Path) -> None:
         axes.set_visible(False)
     how_words = {"mean": "averages over a sample", "point": "samples a point"}
     handles = [
-        Line2D([], [], color=colour, linestyle=_DASHES[how], marker=_MARKS[how], label=f"{WORDS[m]}, sensor that {words}")
+        Line2D(
+            [], [], color=colour, linestyle=_DASHES[how], marker=_MARKS[how], label=f"{WORDS[m]}, sensor that {words}"
+        )
         for m, colour in zip(METHODS, COLOURS, strict=False)
         for how, words in how_words.items()
     ]

@@ -15,7 +15,7 @@ from rich.console import RenderableType
 from bridge.columns import Column, Columns
 from bridge.sim.paper import PaperPlan
 from estimator.study import simulation
-from estimator.study.simulation import METHODS, WORDS
+from estimator.study.simulation import METHODS
 from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
 
 Sampling = Literal["mean", "point"]
@@ -117,9 +117,7 @@ def work(of: AnalysisScenario, job: Job) -> Arrays:
     # The same sessions, as far as they can be, for each value of a factor: it alone makes the difference.
     return simulation.joined(
         [
-            simulation.run(
-                simulation.gyro_of(of.seed, number), plan, count, generator(of.seed, str(job[0]), number)
-            )
+            simulation.run(simulation.gyro_of(of.seed, number), plan, count, generator(of.seed, str(job[0]), number))
             for number, count in enumerate(counts)
             if count
         ]
@@ -224,7 +222,7 @@ def _of_rate(found: Analysis, fixed: str, wobbling: Factor) -> Finding:
         "discretization",
         "; ".join(said) + " (closure, sensor that samples points)",
         "agrees" if falls else "differs",
-        "a turn about a fixed axis shows none: its rate begins and ends at zero",
+        "a sensor that averages over each sample shows none about a fixed axis",
     )
 
 
@@ -246,7 +244,6 @@ def _of_hand(found: Analysis, names: dict[Key, str]) -> Finding:
 
 STUDY = Study(
     "analysis",
-    "what noise, sampling rate, hand and times do to the scale factor (the error analysis)",
     AnalysisScenario,
     lambda scenario: scenario,
     jobs,

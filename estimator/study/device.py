@@ -100,9 +100,7 @@ class Hand(Struct, frozen=True, forbid_unknown_fields=True):
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
         """The paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
         turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
-        plan = SessionPlan(
-            self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg
-        )
+        plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
         return session(rng, plan)
 
 
@@ -124,7 +122,9 @@ class Recorded:
         )  # fmt: skip
 
 
-def record(device: Device, pieces: Sequence[Piece], rng: np.random.Generator, *, zero_g: float | None = None) -> Recorded:
+def record(
+    device: Device, pieces: Sequence[Piece], rng: np.random.Generator, *, zero_g: float | None = None
+) -> Recorded:
     """One boot of the device, moved by the pieces; zero_g: ± m/s², its accelerometer's offset, where not the device's own."""
     ends_s = np.cumsum([piece.duration_s for piece in pieces])
     time_s = np.arange(1, int(ends_s[-1] * device.rate_hz) + 1) / device.rate_hz

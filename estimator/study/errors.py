@@ -74,9 +74,18 @@ def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
 
 def tables(found: Errors) -> Sequence[RenderableType]:
     """One row a parameter."""
-    headings = {"°/s": 0, "method": 0, "of": 0, "median": 0, "middle half": 3, "95 % within": 0, "rms": 1,
-                "bound": 2, "in band": 0}  # fmt: skip
-    title = f"Errors in {found.rows[0].error.n:,} simulated sessions at each noise (k; b in °/s)"
+    headings = {
+        "°/s": 0,
+        "method": 0,
+        "of": 0,
+        "median": 0,
+        "mean": 0,
+        "95 % within": 2,
+        "rms": 0,
+        "bound": 1,
+        "in band": 0,
+    }
+    title = f"Errors in {found.rows[0].error.n:,} simulated sessions at each noise (k; b in °/s); ±: 95 % interval"
     table = Columns([Column(name, number=True, spare=spare) for name, spare in headings.items()], title=title)
     for row in found.rows:
         e = row.error
@@ -84,8 +93,8 @@ def tables(found: Errors) -> Sequence[RenderableType]:
             f"{row.noise_dps:g}",
             WORDS[row.method],
             row.parameter,
-            f"{e.median:+.1e}",
-            f"±{(e.quartiles[1] - e.quartiles[0]) / 2:.1e}",
+            f"{e.median:+.1e} ± {(e.median_ci[1] - e.median_ci[0]) / 2:.0e}",
+            f"{e.mean:+.1e} ± {(e.mean_ci[1] - e.mean_ci[0]) / 2:.0e}",
             f"±{max(map(abs, e.band)):.1e}",
             f"{e.rms:.1e}",
             f"{row.bound:.1e}",
@@ -104,7 +113,7 @@ def draw(found: Errors, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Errors) -> Sequence[Finding]:
-    """Unbiased, and in the band?"""
+    """Whether the errors are unbiased, and in the band."""
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)
@@ -125,7 +134,6 @@ def findings(found: Errors) -> Sequence[Finding]:
 
 STUDY = Study(
     "errors",
-    "errors of bias and scale in simulated sessions, parameter by parameter (figure 7)",
     ErrorsScenario,
     simulation.inputs,
     simulation.jobs,

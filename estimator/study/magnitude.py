@@ -52,7 +52,7 @@ class Magnitude(Struct, frozen=True):
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """mean (6 turns, 4 rates) °/s; of the first run also time (n,), dps (4, n), begins (6,)."""
+    """Mean (6 turns, 4 rates) °/s; of the first run also time (n,), dps (4, n), begins (6,)."""
     found = check(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}
     steady = [_steady(found, spin) for spin in found.spins]
@@ -94,7 +94,10 @@ def tables(found: Magnitude) -> Sequence[RenderableType]:
     """Means of the magnitude by turn."""
     n = found.rows[0].mean.n
     table = Columns(
-        [Column(name, number=True) for name in ("sensor", "turn", "readings", "Algorithm 1", "closure", "paper's K, b")],
+        [
+            Column(name, number=True)
+            for name in ("sensor", "turn", "readings", "Algorithm 1", "closure", "paper's K, b")
+        ],
         title=f"Mean magnitude of {found.rate_dps:g} °/s, median of {n} sessions, °/s",
     )
     for sensor, label in found.labels.items():
@@ -114,7 +117,7 @@ def draw(found: Magnitude, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Magnitude) -> Sequence[Finding]:
-    """Is it closer after?"""
+    """Whether the magnitude is closer to the truth after."""
     said, closer = [], True
     for sensor, label in found.labels.items():
         before, after = (found.error(sensor, name) for name in ("raw", "turn360"))
@@ -127,7 +130,6 @@ def findings(found: Magnitude) -> Sequence[Finding]:
 
 STUDY = Study(
     "magnitude",
-    "magnitude of a known rate about x, y, z, before and after calibration (figure 9)",
     CheckScenario,
     inputs,
     jobs,

@@ -65,7 +65,7 @@ def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> 
 
 
 def work(of: Inputs, job: Job) -> Arrays:
-    """errors (3 axes, 4 rates, 2) largest and final, degrees; of the first run time_x (n,) and deg_x (5, n), and so on."""
+    """Errors (3 axes, 4 rates, 2) largest and final, degrees; of the first run time_x (n,) and deg_x (5, n), and so on."""
     found = check(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))
     errors, arrays = np.empty((3, len(WORDS), 2)), {}
@@ -106,7 +106,10 @@ def tables(found: Orientation) -> Sequence[RenderableType]:
     """Largest errors by axis."""
     n = found.rows[0].largest.n
     table = Columns(
-        [Column(name, number=True) for name in ("sensor", "axis", "readings", "Algorithm 1", "closure", "paper's K, b")],
+        [
+            Column(name, number=True)
+            for name in ("sensor", "axis", "readings", "Algorithm 1", "closure", "paper's K, b")
+        ],
         title=f"Largest error of the angle over ±360°, degrees, median of {n} sessions",
     )
     for sensor, label in found.labels.items():
@@ -125,7 +128,7 @@ def draw(found: Orientation, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Orientation) -> Sequence[Finding]:
-    """How far off before, and after?"""
+    """How far off the angle is, before and after."""
     before, after, good = [], [], True
     for sensor, label in found.labels.items():
         raw, ours = (found.largest(sensor, name).median for name in ("raw", "turn360"))
@@ -147,7 +150,6 @@ def findings(found: Orientation) -> Sequence[Finding]:
 
 STUDY = Study(
     "orientation",
-    "orientation over ±360° about x, y, z, before and after calibration (figures 2, 10)",
     CheckScenario,
     inputs,
     jobs,

@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from bridge.columns import Column, Columns
 from bridge.recording import Recording, load
 from estimator import offline
-from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study
+from estimator.study.study import Arrays, Job, Parts, Scenario, Study
 
 METHODS = ("turn360", "closure", "transitions", "accel_aided")
 WORDS = {
@@ -19,7 +19,7 @@ WORDS = {
     "turn360": "Algorithm 1",
     "closure": "closure",
     "transitions": "transitions",
-    "accel_aided": "accelerometer-aided",
+    "accel_aided": "accel-aided",
 }
 _AXES = ("x", "y", "z")
 
@@ -94,7 +94,7 @@ def results(of: RealScenario, parts: Parts) -> Real:
 def tables(found: Real) -> Sequence[RenderableType]:
     """A row a method."""
     table = Columns(
-        [Column("method"), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
+        [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
          *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],
         title=f"{found.recording}: scale factors, and by how much the turns do not close",
     )  # fmt: skip
@@ -117,7 +117,6 @@ def draw(found: Real, folder: Path) -> Sequence[str]:
 
 STUDY = Study(
     "real",
-    "a real session through every method that applies, beside imucal's numbers",
     RealScenario,
     lambda scenario: scenario,
     lambda _: [("session",)],

@@ -116,7 +116,7 @@ def _keep(folder: Path, job: Job, part: Arrays) -> None:
     path = _file(folder, job)
     unfinished = path.with_suffix(".part")
     with unfinished.open("wb") as file:
-        np.savez(file, **part)
+        np.savez(file, **part)  # type: ignore[arg-type] # no part is called allow_pickle
     unfinished.replace(path)
 
 

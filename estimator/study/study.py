@@ -12,9 +12,10 @@ from rich.console import RenderableType
 
 from bridge.shipped import file_of
 from bridge.toml_file import load
+from estimator.study.names import STUDIES
 
 S = TypeVar("S", bound="Scenario")
-I = TypeVar("I", bound=Struct)
+In = TypeVar("In", bound=Struct)
 R = TypeVar("R", bound=Struct)
 #: one piece of work, the same for everybody who is given it: numbers and words
 Job = tuple[str | int | float, ...]
@@ -54,7 +55,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Study(Generic[S, I, R]):
+class Study(Generic[S, In, R]):
     """Compute, then draw.
 
     name: of the verb and of configs/study/NAME.toml, which is read as `scenario`. inputs: all that a job depends on; parts of
@@ -64,15 +65,19 @@ class Study(Generic[S, I, R]):
     """
 
     name: str
-    does: str
     scenario: type[S]
-    inputs: Callable[[S], I]
-    jobs: Callable[[I], Sequence[Job]]
-    work: Callable[[I, Job], Arrays]
+    inputs: Callable[[S], In]
+    jobs: Callable[[In], Sequence[Job]]
+    work: Callable[[In, Job], Arrays]
     results: Callable[[S, Parts], R]
     tables: Callable[[R], Sequence[RenderableType]]
     draw: Callable[[R, Path], Sequence[str]]
     findings: Callable[[R], Sequence[Finding]]
+
+    @property
+    def does(self) -> str:
+        """In words."""
+        return STUDIES[self.name]
 
     def read(self, config: str = "") -> S:
         """The scenario of this study's own file, or of another one; raises ConfigError."""

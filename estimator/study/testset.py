@@ -89,7 +89,7 @@ def results(scenario: TestsetScenario, parts: Parts) -> Testset:
 def mean_errors(
     scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """e (n, 3) of the readings and (2, n, 3) of the rates corrected by parameters with `error` (2, n, 6), °/s."""
+    """E (n, 3) of the readings and (2, n, 3) of the rates corrected by parameters with `error` (2, n, 6), °/s."""
     gyro = simulation.gyro_of(scenario.seed, number)
     rate = scenario.test_rate_dps / np.sqrt(3)
     mean_noise = noise / np.sqrt(scenario.test_samples) * rng.standard_normal((error.shape[1], 3))
@@ -109,9 +109,7 @@ def tables(found: Testset) -> Sequence[RenderableType]:
     for row in found.rows:
         e = row.error
         half = f"{e.quartiles[0]:+.4f} … {e.quartiles[1]:+.4f}"
-        table.add(
-            f"{row.noise_dps:g}", names[row.stage], row.axis, f"{e.median:+.4f}", half, f"{e.rms:.4f}"
-        )
+        table.add(f"{row.noise_dps:g}", names[row.stage], row.axis, f"{e.median:+.4f}", half, f"{e.rms:.4f}")
     share = Columns(
         [Column(name, number=True) for name in ("°/s", "calibration", "rms", "median run", "97.5 % of runs")],
         title="What is left of the error",
@@ -132,7 +130,7 @@ def draw(found: Testset, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Testset) -> Sequence[Finding]:
-    """Down to 3 %, or less?"""
+    """Whether the error is down to 3 %, or less."""
     of = [one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps]
     if not of:
         return ()
@@ -149,7 +147,6 @@ def findings(found: Testset) -> Sequence[Finding]:
 
 STUDY = Study(
     "testset",
-    "mean error of the rate on a test set, before and after calibration (figure 8)",
     TestsetScenario,
     simulation.inputs,
     simulation.jobs,

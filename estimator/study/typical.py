@@ -135,7 +135,7 @@ def draw(found: Typical, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Typical) -> Sequence[Finding]:
-    """All stages found, and found right?"""
+    """Whether all stages are found, and found right."""
     pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
     off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
     # A hand starts and ends slowly: the first and last few tenths of a second of a turn are below the noise.
@@ -151,7 +151,6 @@ def findings(found: Typical) -> Sequence[Finding]:
 
 STUDY = Study(
     "typical",
-    "one simulated session with the stages that are found in it (figure 6)",
     TypicalScenario,
     lambda scenario: scenario,
     lambda _: [("session",)],

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimator.study.paper_runs import Scenario, compute
 from numpy.typing import NDArray
 
 from bridge.sim.imperfection import ImuSpec
@@ -16,7 +17,6 @@ from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession
 from estimator.stillness import Stillness
 from estimator.study.paper import tabulate
-from estimator.study.paper_runs import Scenario, compute
 
 Floats = NDArray[np.float64]
 N = 80

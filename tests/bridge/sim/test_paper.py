@@ -71,7 +71,10 @@ def test_points_are_the_rate_itself_and_means_its_mean() -> None:
     """Means over short intervals, taken at their middles, are points."""
     points, fine = (
         simulate(
-            draw_gyro(rng), PaperPlan(0.0, wobble_deg=3.0, rate_hz=rate_hz, sampling=sampling, turn_s=(4.0, 4.0)), 2, rng
+            draw_gyro(rng),
+            PaperPlan(0.0, wobble_deg=3.0, rate_hz=rate_hz, sampling=sampling, turn_s=(4.0, 4.0)),
+            2,
+            rng,
         )
         for rng, rate_hz, sampling in (
             (np.random.default_rng(7), 100.0, "point"),

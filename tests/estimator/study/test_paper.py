@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimator.study.paper_runs import TEST_RATE, Scenario, compute, remaining_error
 from rich.console import Console
 
 from bridge.config import ConfigError
@@ -14,7 +15,6 @@ from estimator.cli import build
 from estimator.gyro import least_step
 from estimator.study import many
 from estimator.study.paper import run
-from estimator.study.paper_runs import TEST_RATE, Scenario, compute, remaining_error
 
 
 @pytest.fixture(scope="module")
