@@ -76,7 +76,8 @@ def testset(found: Testset, stem: Path) -> None:
             for sign in (-1, 1):
                 before.axhline(sign * level, color=PAPER, linestyle="--", linewidth=1.2)
             high = max(map(abs, after.get_ylim()))
-            words = f"paper: {100 * found.paper_left:g} % of before = ±{level:.2f} °/s,\n{level / high:.0f} times the largest whisker"
+            words = f"paper: {100 * found.paper_left:g} % of before = ±{level:.2f} °/s,"
+            words += f"\n{level / high:.0f} times the largest whisker"
             after.text(0.02, 0.98, words, color=PAPER, transform=after.transAxes, va="top", fontsize=9)
             after.set_ylim(-high * 1.35, high * 1.35)
         for axes in (before, after):

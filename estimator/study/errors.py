@@ -117,7 +117,7 @@ def findings(found: Errors) -> Sequence[Finding]:
     rows = [row for row in found.rows if row.method == "algorithm1"]
     zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
     least = min(row.inside for row in rows)
-    odd = max(abs(row.error.median) / (row.error.quartiles[1] - row.error.quartiles[0]) for row in rows)
+    odd = max(abs(row.error.median) / row.error.rms for row in rows)
     ours = f"{zero} of {len(rows)} medians hold zero in their 95 % interval; {100 * least:.1f} % or more in the band"
     # Of twelve honest intervals of 95 %, ten or more hold the truth in 98 of 100 studies.
     unbiased = zero >= 0.8 * len(rows) or odd < 0.05

@@ -69,17 +69,11 @@ def test_the_axis_of_a_wobbling_turn_swings_as_far_as_asked() -> None:
 
 def test_points_are_the_rate_itself_and_means_its_mean() -> None:
     """Means over short intervals, taken at their middles, are points."""
+    point = PaperPlan(0.0, wobble_deg=3.0, rate_hz=100.0, sampling="point", turn_s=(4.0, 4.0))
+    mean = PaperPlan(0.0, wobble_deg=3.0, rate_hz=1000.0, turn_s=(4.0, 4.0))
     points, fine = (
-        simulate(
-            draw_gyro(rng),
-            PaperPlan(0.0, wobble_deg=3.0, rate_hz=rate_hz, sampling=sampling, turn_s=(4.0, 4.0)),
-            2,
-            rng,
-        )
-        for rng, rate_hz, sampling in (
-            (np.random.default_rng(7), 100.0, "point"),
-            (np.random.default_rng(7), 1000.0, "mean"),
-        )
+        simulate(draw_gyro(rng), plan, 2, rng)
+        for rng, plan in ((np.random.default_rng(7), point), (np.random.default_rng(7), mean))
     )
     between = (fine.rates[:, :, 9:-1:10] + fine.rates[:, :, 10::10]) / 2
     np.testing.assert_allclose(points.rates[:, :, :-1], between, atol=2e-3)
