@@ -20,6 +20,6 @@ def test_every_table_figure_and_claim_of_the_paper(tmp_path: Path) -> None:
         assert f"<td>{item.where}</td>" in page
         assert f"truerate study {item.study}<" in page
     assert not re.search(r'(src|href)="(?!data:|#)', page)
-    assert page.count("data:image/svg+xml") == 7
+    assert page.count("data:image/svg+xml") == 8
     assert not (tmp_path / ".parts").exists()
     assert {path.suffix for path in tmp_path.glob("*/*")} == {".json", ".svg", ".pdf", ".png"}
