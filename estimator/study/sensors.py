@@ -276,9 +276,14 @@ def _table(found: Sensors, name: str) -> Finding:
     theirs = max(abs((row.paper or 0.0) - row.truth) for row in proposed)
     ours = found.worst_k(name, "turn360")
     share = len(inside) / len(compared)
+    of = {
+        letter: f"{sum(row.parameter[0] == letter for row in inside)} of "
+        f"{sum(row.parameter[0] == letter for row in compared)}"
+        for letter in "bk"
+    }
     return Finding(
         name,
-        f"{len(inside)} of {len(compared)} of the paper's values within 95 % of ours; k within {ours:.4f} (proposed)",
+        f"{of['b']} of the paper's b and {of['k']} of its k are where 95 % of ours are; k within {ours:.4f} (proposed)",
         "agrees" if share > 0.9 else "agrees in part" if share > 0.3 else "differs",
         f"the paper's k are off by up to {theirs:.4f}, {theirs / ours:.0f} times what such a hand and sensor explain",
     )

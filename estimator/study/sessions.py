@@ -28,17 +28,18 @@ class Turntable(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Servomotor(Struct, frozen=True, forbid_unknown_fields=True):
-    """One turn of 360° at one rate about each axis. accel_offset_mg: of an accelerometer calibrated beforehand, ±."""
+    """One rate both ways about each axis. accel_offset_mg: of an accelerometer calibrated beforehand, ±."""
 
     rate_dps: float
     rest_s: float
+    spin_s: float
     fixture_deg: float
     accel_offset_mg: float
 
     def pieces(self, rng: np.random.Generator) -> list[Piece]:
         """Fixed with x, y and z up in turn."""
         mounts = askew(np.eye(3), self.fixture_deg, rng)
-        return machine(mounts, (self.rate_dps,), rest_s=self.rest_s, spin_s=turn_s(self.rate_dps))
+        return machine(mounts, (self.rate_dps, -self.rate_dps), rest_s=self.rest_s, spin_s=self.spin_s)
 
 
 class AccelAided(Struct, frozen=True, forbid_unknown_fields=True):
