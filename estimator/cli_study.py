@@ -34,9 +34,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
         verb.add_argument(
             "--config", default="", help="a scenario of your own, .toml (default: the one that comes with it)"
         )
-        verb.add_argument(
-            "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
-        )
+        if name not in ("typical", "real"):  # these are of one session
+            verb.add_argument(
+                "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
+            )
         if name == "real":
             verb.add_argument("--recording", type=Path, help="the session, .npz or .csv")
     does = "good and bad sessions at random: is a wrong one ever accepted, a good one refused?"
@@ -107,7 +108,7 @@ def _study_one(given: argparse.Namespace) -> None:
         given.study,
         given.out,
         config=given.config,
-        runs=given.runs,
+        runs=getattr(given, "runs", None),
         quick=given.quick,
         workers=given.workers,
         recording=getattr(given, "recording", None),

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from estimator.figures.style import AXES, COLOURS, PAPER, save
-from estimator.study.sensors import METHODS, WORDS, Sensors
+from estimator.study.sensors import Sensors
+from estimator.study.trials import METHODS, WORDS
 
 
 def sensor(found: Sensors, name: str, stem: Path) -> None:

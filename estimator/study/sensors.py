@@ -1,59 +1,22 @@
-"""The paper's tables 2 and 3: its two sensors calibrated by its four methods and by closure, many times over.
-
-The device is simulated with the paper's turntable column for its truth, its bias wandering as its model says; so the errors
-of b hold what a bias wanders between two calibrations, as those in the paper do.
-"""
+"""The paper's tables 2 and 3: its two sensors calibrated by its four methods and by closure, many times over."""
 
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
-from bridge.sim.motion import Piece
-from bridge.wire.messages import Verdict
-from estimator import offline
-from estimator.study.device import Device, Hand, PaperColumn, load_device, milli_g, record
-from estimator.study.sessions import AccelAided, Servomotor, Turntable
+from estimator.study.device import PaperColumn
 from estimator.study.simulation import PARAMETERS
 from estimator.study.spread import Spread, holds, spread
-from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
+from estimator.study.study import Finding, Parts, Study
+from estimator.study.trials import METHODS, WORDS, SensorsScenario, inputs, jobs, work
 
-METHODS = ("turn360", "closure", "turntable", "accel_aided", "servomotor")
-WORDS = {
-    "turn360": "Algorithm 1",
-    "closure": "closure",
-    "turntable": "turntable",
-    "accel_aided": "accel-aided",
-    "servomotor": "servomotor",
-}
-_TASK = 5
-
-
-class SensorsScenario(Scenario, frozen=True, kw_only=True):
-    """sensors: names in configs/study/sensors. The sessions of each method; the paper's limits of k and b by sensor."""
-
-    sensors: tuple[str, ...]
-    hand: Hand
-    turntable: Turntable
-    accel_aided: AccelAided
-    servomotor: Servomotor
-    paper_limit: dict[str, float]
-
-
-class Inputs(Struct, frozen=True):
-    """What the runs depend on."""
-
-    runs: int
-    seed: int
-    devices: dict[str, Device]
-    hand: Hand
-    turntable: Turntable
-    accel_aided: AccelAided
-    servomotor: Servomotor
+Floats = NDArray[np.float64]
 
 
 class Row(Struct, frozen=True):
@@ -99,66 +62,8 @@ class Sensors(Struct, frozen=True):
         return [row for row in self.rows if (row.sensor, row.method) == (sensor, method)]
 
     def worst_k(self, sensor: str, method: str) -> float:
-        """Within what 95 % of the errors of the worst axis are."""
-        return max(row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k"))
-
-
-def inputs(s: SensorsScenario) -> Inputs:
-    """With the sensors read."""
-    devices = {name: load_device(name) for name in s.sensors}
-    return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
-
-
-def jobs(of: Inputs) -> Sequence[Job]:
-    """(sensor, method, first run, last + 1), the longest first."""
-    methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
-    return [
-        (name, method, first, min(first + _TASK, of.runs))
-        for method in methods
-        for name in of.devices
-        for first in range(0, of.runs, _TASK)
-    ]
-
-
-def work(of: Inputs, job: Job) -> Arrays:
-    """Of n sessions: found (n, 6) and std (n, 6) in PARAMETERS, b in the paper's sign; accepted (n,); times (n,) s."""
-    name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
-    found, std, accepted, lasts, took = [], [], [], [], []
-    for number in range(first, last):
-        # The same device and hand for both methods by hand.
-        rng = generator(of.seed, name, "hand" if method in ("turn360", "closure") else method, number)
-        pieces, rates, accel, zero_g = _session(of, method, rng)
-        recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
-        recording = recorded.until(np.inf, accel=accel)
-        begun = perf_counter()
-        result, _ = offline.calibrate(recording, method, recording.gyro_range, tuple(np.radians(rates)))
-        took.append(perf_counter() - begun)
-        variance = np.diag(result.covariance)
-        found.append([*result.scale, *-np.degrees(result.bias)])
-        std.append([*np.sqrt(variance[3:6]), *np.degrees(np.sqrt(variance[:3]))])
-        accepted.append(result.verdict is Verdict.ACCEPTED)
-        lasts.append(recorded.ends_s[-1])
-    return {
-        "found": np.array(found),
-        "std": np.array(std),
-        "accepted": np.array(accepted),
-        "lasts": np.array(lasts),
-        "took": np.array(took),
-    }
-
-
-def _session(
-    of: Inputs, method: str, rng: np.random.Generator
-) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
-    """Pieces, known rates in °/s, whether the accelerometer is used, its offset in m/s² where not the device's."""
-    if method == "turntable":
-        return of.turntable.pieces(rng), of.turntable.rates_dps, False, None
-    if method == "servomotor":
-        servo = of.servomotor
-        return servo.pieces(rng), (servo.rate_dps,), True, milli_g(servo.accel_offset_mg)
-    if method == "accel_aided":
-        return of.accel_aided.pieces(rng), (), True, None
-    return of.hand.pieces(rng), (), False, None
+        """Within what 95 % of the errors of the worst axis are; infinite where no session gave an estimate."""
+        return max((row.size_95 for row in self.of(sensor, method) if row.parameter.startswith("k")), default=inf)
 
 
 def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
@@ -186,9 +91,7 @@ def results(scenario: SensorsScenario, parts: Parts) -> Sensors:
     return Sensors(labels, scenario.paper_limit, rows, sessions, machine)
 
 
-def _rows(
-    name: str, method: str, found: np.ndarray, std: np.ndarray, truth: np.ndarray, column: PaperColumn | None
-) -> list[Row]:
+def _rows(name: str, method: str, found: Floats, std: Floats, truth: Floats, column: PaperColumn | None) -> list[Row]:
     paper = [None] * 6 if column is None else [*column.k, *column.b_dps]
     rows = []
     for i, parameter in enumerate(PARAMETERS):
@@ -273,9 +176,9 @@ def _table(found: Sensors, name: str) -> Finding:
     compared = [row for row in found.rows if row.sensor == name and row.inside is not None]
     inside = [row for row in compared if row.inside]
     proposed = [row for row in compared if row.method == "turn360" and row.parameter.startswith("k")]
-    theirs = max(abs((row.paper or 0.0) - row.truth) for row in proposed)
+    theirs = max((abs((row.paper or 0.0) - row.truth) for row in proposed), default=inf)
     ours = found.worst_k(name, "turn360")
-    share = len(inside) / len(compared)
+    share = len(inside) / max(len(compared), 1)
     of = {
         letter: f"{sum(row.parameter[0] == letter for row in inside)} of "
         f"{sum(row.parameter[0] == letter for row in compared)}"
@@ -293,7 +196,7 @@ def _limits(found: Sensors) -> Finding:
     said, k_kept, b_kept = [], True, True
     for name, label in found.labels.items():
         limit, k = found.paper_limit[name], found.worst_k(name, "turn360")
-        b = max(row.size_95 for row in found.of(name, "turn360") if row.parameter.startswith("b"))
+        b = max((row.size_95 for row in found.of(name, "turn360") if row.parameter.startswith("b")), default=inf)
         k_kept, b_kept = k_kept and k < limit, b_kept and b < limit
         said.append(f"{label}: k {k:.4f}, b {b:.3f} °/s")
     return Finding(

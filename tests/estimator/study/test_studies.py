@@ -5,7 +5,7 @@ import pytest
 from msgspec import structs
 
 from bridge.sim.motion import Motion, Spin
-from estimator.study import analysis, device, errors, orientation, sensors, simulation, testset, typical
+from estimator.study import analysis, device, errors, orientation, sensors, simulation, testset, trials, typical
 from estimator.study.registry import STUDIES
 from estimator.study.sessions import turn_s
 from estimator.study.spread import holds, spread
@@ -57,7 +57,7 @@ def test_the_devices_are_the_papers() -> None:
 
 def test_a_recorded_device_reads_what_it_is() -> None:
     scenario = sensors.STUDY.read()
-    of = sensors.inputs(structs.replace(scenario, runs=1))
+    of = trials.inputs(structs.replace(scenario, runs=1))
     lsm = of.devices["lsm9ds1"]
     rng = generator(1, "x")
     recorded = device.record(lsm, of.servomotor.pieces(rng), rng)
@@ -67,10 +67,10 @@ def test_a_recorded_device_reads_what_it_is() -> None:
     assert np.degrees(np.std(rates - recorded.rate)) < 0.2
 
 
-@pytest.mark.parametrize("method", sensors.METHODS)
+@pytest.mark.parametrize("method", trials.METHODS)
 def test_the_sessions_last_as_long_as_the_papers(method: str) -> None:
-    of = sensors.inputs(sensors.STUDY.read())
-    pieces, *_ = sensors._session(of, method, np.random.default_rng(1))
+    of = trials.inputs(sensors.STUDY.read())
+    pieces, *_ = trials.session_of(of, method, np.random.default_rng(1))
     lasts = sum(piece.duration_s for piece in pieces)
     for of_paper in of.devices.values():
         if method in of_paper.paper:
