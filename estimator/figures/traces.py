@@ -50,7 +50,7 @@ def magnitude(found: Magnitude, stem: Path) -> None:
     """A panel for each sensor, the six turns one after the other."""
     figure = Figure(figsize=(10, 3.5 * len(found.traces) + 0.8))
     figure.suptitle(
-        f"Magnitude of a turn at {found.rate_dps:g} °/s before and after calibration by hand (ramps left out)",
+        f"Simulated sensors: magnitude of {found.rate_dps:g} °/s before and after calibration by hand (ramps left out)",
         fontsize=13,
     )
     for trace, axes in zip(found.traces, figure.subplots(len(found.traces), 1, squeeze=False)[:, 0], strict=True):
@@ -77,7 +77,9 @@ def magnitude(found: Magnitude, stem: Path) -> None:
 def orientation(found: Orientation, stem: Path) -> None:
     """A column for each sensor: angles by readings, by calibrated rates, and what the latter err by."""
     figure = Figure(figsize=(5.6 * len(found.labels), 9.4))
-    figure.suptitle("Orientation while turned 360° clockwise and back about x, y and z in turn", fontsize=13)
+    figure.suptitle(
+        "Simulated sensors: orientation while turned 360° clockwise and back about x, y and z in turn", fontsize=13
+    )
     panels = figure.subplots(3, len(found.labels), sharex=True, sharey="row", squeeze=False)
     for column, (sensor, label) in enumerate(found.labels.items()):
         before, after, error = panels[:, column]

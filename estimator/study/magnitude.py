@@ -8,9 +8,9 @@ from msgspec import Struct
 from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
-from estimator.study.checks import WORDS, Check, CheckScenario, Inputs, check, inputs, jobs
 from estimator.study.spread import Spread, spread
 from estimator.study.study import Arrays, Finding, Job, Parts, Study
+from estimator.study.verification import WORDS, Inputs, Verification, VerificationScenario, inputs, jobs
 
 _SPINS = ("x cw", "x ccw", "y cw", "y ccw", "z cw", "z ccw")
 _RAMP_S = 0.75
@@ -53,7 +53,7 @@ class Magnitude(Struct, frozen=True):
 
 def work(of: Inputs, job: Job) -> Arrays:
     """Mean (6 turns, 4 rates) °/s; of the first run also time (n,), dps (4, n), begins (6,)."""
-    found = check(of, job)
+    found = verify(of, job)
     size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}
     steady = [_steady(found, spin) for spin in found.spins]
     arrays = {"mean": np.array([[size[name][part].mean() for name in WORDS] for part in steady])}
@@ -66,12 +66,12 @@ def work(of: Inputs, job: Job) -> Arrays:
     return arrays
 
 
-def _steady(found: Check, spin: tuple[float, float]) -> slice:
+def _steady(found: Verification, spin: tuple[float, float]) -> slice:
     low, high = np.searchsorted(found.time_s, (spin[0] + _RAMP_S, spin[1] - _RAMP_S))
     return slice(int(low), int(high))
 
 
-def results(scenario: CheckScenario, parts: Parts) -> Magnitude:
+def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
     """Spreads over sessions, and the first of them."""
     devices = inputs(scenario).devices
     rows, traces = [], []
@@ -130,7 +130,7 @@ def findings(found: Magnitude) -> Sequence[Finding]:
 
 STUDY = Study(
     "magnitude",
-    CheckScenario,
+    VerificationScenario,
     inputs,
     jobs,
     work,

@@ -13,9 +13,9 @@ from rich.console import RenderableType
 
 from bridge.columns import Column, Columns
 from estimator import rotation
-from estimator.study.checks import WORDS, CheckScenario, Inputs, check, inputs, jobs
 from estimator.study.spread import Spread, spread
 from estimator.study.study import Arrays, Finding, Job, Parts, Study
+from estimator.study.verification import WORDS, Inputs, VerificationScenario, inputs, jobs, verify
 
 AXES = ("x", "y", "z")
 IDEAL = "ideal"
@@ -66,7 +66,7 @@ def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> 
 
 def work(of: Inputs, job: Job) -> Arrays:
     """Errors (3 axes, 4 rates, 2) largest and final, degrees; of the first run time_x (n,) and deg_x (5, n), and so on."""
-    found = check(of, job)
+    found = verify(of, job)
     dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))
     errors, arrays = np.empty((3, len(WORDS), 2)), {}
     for axis, name in enumerate(AXES):
@@ -82,7 +82,7 @@ def work(of: Inputs, job: Job) -> Arrays:
     return {"errors": errors, **arrays}
 
 
-def results(scenario: CheckScenario, parts: Parts) -> Orientation:
+def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
     """Spreads over sessions, and the first of them."""
     devices = inputs(scenario).devices
     rows, traces = [], []
@@ -150,7 +150,7 @@ def findings(found: Orientation) -> Sequence[Finding]:
 
 STUDY = Study(
     "orientation",
-    CheckScenario,
+    VerificationScenario,
     inputs,
     jobs,
     work,

@@ -1,17 +1,23 @@
 """All studies with the fewest runs: each item of the paper is computed, and the report stands alone."""
 
+import io
 import re
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
 from estimator.study.command import run_all
 from estimator.study.paper import ITEMS
 
 
+@pytest.mark.timeout(300)  # it draws every figure of every study
 def test_every_table_figure_and_claim_of_the_paper(tmp_path: Path) -> None:
-    console = Console(record=True, width=80, quiet=True)
-    run_all(console, tmp_path, runs=1, workers=1)
+    shown = io.StringIO()
+    run_all(Console(file=shown, width=80), tmp_path, runs=1, workers=1)
+    text = shown.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "13 of 13 tables, figures and claims computed" in text
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert len(ITEMS) == 13
     assert "13 of 13 were computed" in page.replace("\n", " ")

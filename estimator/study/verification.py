@@ -20,7 +20,7 @@ METHODS = ("turn360", "closure")
 WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "paper": "the paper's K and b"}
 
 
-class CheckScenario(Scenario, frozen=True, kw_only=True):
+class VerificationScenario(Scenario, frozen=True, kw_only=True):
     """sensors: names in configs/study/sensors; hand: of the calibration; rate_dps: of the machine; rest_s between."""
 
     sensors: tuple[str, ...]
@@ -40,7 +40,7 @@ class Inputs(Struct, frozen=True):
     rest_s: float
 
 
-def inputs(s: CheckScenario) -> Inputs:
+def inputs(s: VerificationScenario) -> Inputs:
     """With the sensors read."""
     return Inputs(s.runs, s.seed, {name: load_device(name) for name in s.sensors}, s.hand, s.rate_dps, s.rest_s)
 
@@ -51,7 +51,7 @@ def jobs(of: Inputs) -> Sequence[Job]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Check:
+class Verification:
     """Samples of the machine's part: time_s (n,) from its beginning, true rate (n, 3) and rates (n, 3) by WORDS, rad/s.
 
     spins: for each, (begin, end) s, its ramps among it. accepted: what was accepted.
@@ -64,7 +64,7 @@ class Check:
     accepted: dict[str, bool]
 
 
-def check(of: Inputs, job: Job) -> Check:
+def verify(of: Inputs, job: Job) -> Verification:
     """One calibration by hand, then each axis 360° one way and back; both in one boot of the device."""
     device = of.devices[str(job[0])]
     rng = generator(of.seed, *job)
@@ -77,7 +77,7 @@ def check(of: Inputs, job: Job) -> Check:
     after = recorded.recording.time_s > calibrated_s
     reading = recorded.recording.gyro[after]
     column = device.paper["turn360"]
-    return Check(
+    return Verification(
         time_s=recorded.recording.time_s[after] - calibrated_s,
         truth=recorded.rate[after],
         rates={
