@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from bridge.columns import Column, Columns
 from estimator.study.spread import Spread, spread
 from estimator.study.study import Arrays, Finding, Job, Parts, Study
-from estimator.study.verification import WORDS, Inputs, Verification, VerificationScenario, inputs, jobs
+from estimator.study.verification import WORDS, Inputs, Verification, VerificationScenario, inputs, jobs, verify
 
 _SPINS = ("x cw", "x ccw", "y cw", "y ccw", "z cw", "z ccw")
 _RAMP_S = 0.75
