@@ -9,6 +9,7 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
+from estimator.cli import main
 from estimator.study.errors import STUDY, ErrorsScenario
 from estimator.study.runner import Runner
 
@@ -64,3 +65,13 @@ def test_each_figure_is_there_in_three_kinds(tmp_path: Path, scenario: ErrorsSce
     assert kinds[".pdf"].startswith(b"%PDF")
     assert b"<svg" in kinds[".svg"]
     assert [path.name for path in done.figures] == ["errors"]
+
+
+def test_the_command_leaves_results_and_figures_and_no_parts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "typical", "--out", str(tmp_path)]) == 0
+    names = {path.name for path in (tmp_path / "typical").iterdir()}
+    assert names == {"results.json", "typical.svg", "typical.pdf", "typical.png"}
+    assert parts(tmp_path) == []
+    assert "turn about" in capsys.readouterr().out

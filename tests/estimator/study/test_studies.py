@@ -1,11 +1,13 @@
 """What the studies compute, against other ways to it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from msgspec import structs
 
 from bridge.sim.motion import Motion, Spin
-from estimator.study import analysis, device, errors, orientation, sensors, simulation, testset, trials, typical
+from estimator.study import analysis, device, errors, orientation, real, sensors, simulation, testset, trials, typical
 from estimator.study.registry import STUDIES
 from estimator.study.sessions import turn_s
 from estimator.study.spread import holds, spread
@@ -118,3 +120,21 @@ def test_the_stages_that_are_found_are_those_simulated() -> None:
 def test_every_scenario_that_comes_with_truerate_can_be_read() -> None:
     for study in STUDIES.values():
         assert study.read().runs >= study.read().quick_runs
+
+
+@pytest.mark.data
+def test_a_real_session_agrees_with_imucal(shared_data: Path) -> None:
+    """Algorithm 1 and closure to 5e-4, transitions within its own standard deviations; too few poses are said."""
+    scenario = structs.replace(real.STUDY.read(), recording=str(shared_data / "imucal" / "ferraris_session.npz"))
+    found = real.results(scenario, {("session",): real.work(scenario, ("session",))})
+    by = {row.method: row for row in found.rows}
+    theirs = np.array(by["imucal"].k)
+    for method in ("turn360", "closure"):
+        row = by[method]
+        assert row.k is not None
+        assert row.closure_deg is not None
+        np.testing.assert_allclose(row.k, theirs, atol=5e-4)
+        assert max(row.closure_deg) < 0.1
+    assert np.all(np.abs(np.array(by["transitions"].k) - theirs) < 3 * np.array(by["transitions"].k_std))
+    assert by["accel_aided"].k is None
+    assert "different poses" in by["accel_aided"].reason
