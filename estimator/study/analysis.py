@@ -184,21 +184,11 @@ def draw(found: Analysis, folder: Path) -> Sequence[str]:
 
 
 def findings(found: Analysis) -> Sequence[Finding]:
-    """Noise, discretization, hand."""
-    names = {factor.key: factor.name for factor in found.factors if not factor.wobble_deg}
-    wobbling = [f for f in found.factors if f.key == "rate_hz" and f.wobble_deg]
-    told = []
-    if "noise_dps" in names:
-        told.append(_of_noise(found, names["noise_dps"]))
-    if wobbling and "rate_hz" in names:
-        told.append(_of_rate(found, names["rate_hz"], wobbling[0]))
-    if {"wobble_deg", "replacement_deg", "turn_s"} <= set(names):
-        told.append(_of_hand(found, names))
-    return told
+    """Noise, discretization, hand; of the factors that come with truerate, by their names."""
+    return _of_noise(found.of("noise", "algorithm1")), _of_rate(found), _of_hand(found)
 
 
-def _of_noise(found: Analysis, name: str) -> Finding:
-    rows = found.of(name, "algorithm1")
+def _of_noise(rows: Sequence[Row]) -> Finding:
     first, last = rows[0], rows[-1]
     power = float(np.log(last.k_rms / first.k_rms) / np.log(last.value / first.value))
     seen = abs(last.k_mean) > 1.5 * last.k_mean_ci
@@ -211,34 +201,33 @@ def _of_noise(found: Analysis, name: str) -> Finding:
     )
 
 
-def _of_rate(found: Analysis, fixed: str, wobbling: Factor) -> Finding:
+def _of_rate(found: Analysis) -> Finding:
     said, falls = [], False
-    for name, words in ((fixed, "fixed axis"), (wobbling.name, f"wobble {wobbling.wobble_deg:g}°")):
-        rows = found.of(name, "closure", "point")
+    averaging = found.of("sampling rate, fixed axis", "closure", "mean")
+    for hand in ("fixed axis", "wobble 3°"):
+        rows = found.of(f"sampling rate, {hand}", "closure", "point")
         slow, fast = rows[0], rows[-1]
-        said.append(f"{words}: {slow.k_rms:.0e} at {slow.value:g} Hz, {fast.k_rms:.0e} at {fast.value:g} Hz")
+        said.append(f"{hand}: {slow.k_rms:.0e} at {slow.value:g} Hz, {fast.k_rms:.0e} at {fast.value:g} Hz")
         falls = falls or slow.k_rms > 1.5 * fast.k_rms
     return Finding(
         "discretization",
         "; ".join(said) + " (closure, sensor that samples points)",
         "agrees" if falls else "differs",
-        "a sensor that averages over each sample shows none about a fixed axis",
+        f"a sensor that averages, fixed axis: {averaging[0].k_rms:.0e} and {averaging[-1].k_rms:.0e}",
     )
 
 
-def _of_hand(found: Analysis, names: dict[Key, str]) -> Finding:
-    def at(key: Key, value: float) -> float:
-        rows = found.of(names[key], "algorithm1")
-        return min(rows, key=lambda row: abs(row.value - value)).k_rms
+def _of_hand(found: Analysis) -> Finding:
+    def at(factor: str, value: float) -> float:
+        return next(row.k_rms for row in found.of(factor, "algorithm1") if row.value == value)
 
-    speed = [row.k_rms for row in found.of(names["turn_s"], "algorithm1")]
-    wobble, miss = at("wobble_deg", 3.0), at("replacement_deg", 0.2)
+    speed = max(row.k_rms for row in found.of("turn time", "algorithm1"))
+    wobble, miss = at("hand wobble", 3.0), at("re-placement", 0.2)
     return Finding(
         "physical",
-        f"rms error of k, Algorithm 1: wobble 3° {wobble:.1e}, re-placement 0.2° {miss:.1e}, "
-        f"turn speed {max(speed):.0e} at most",
-        "agrees" if max(wobble, miss, *speed) < 1e-2 else "differs",
-        "the hand is the largest cause: noise alone leaves 3e-5",
+        f"rms error of k, Algorithm 1: wobble 3° {wobble:.1e}, re-placement 0.2° {miss:.1e}, turn speed {speed:.0e} at most",
+        "agrees" if max(wobble, miss, speed) < 1e-2 else "differs",
+        f"noise alone leaves {at('hand wobble', 0.0):.0e}",
     )
 
 

@@ -28,7 +28,7 @@ class Row:
 
 def rows(done: Sequence[Done]) -> list[Row]:
     """All items in the order of the paper."""
-    found = {finding.item: finding for one in done for finding in one.findings}
+    found = {finding.item: finding for one in done for finding in one.study.findings(one.results)}
     return [Row(item, found.get(item.key)) for item in ITEMS]
 
 

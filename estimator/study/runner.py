@@ -20,19 +20,17 @@ from rich.console import Console
 from rich.progress import track
 
 from estimator.study.interrupts import unheard
-from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study
+from estimator.study.study import Arrays, Job, Parts, Scenario, Study
 
 AnyStudy = Study[Any, Any, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A study that was run: its results, what it found of the paper's items, and where its figures are (without suffix)."""
+    """A study that was run: its results, and where its figures are (without suffix)."""
 
     study: AnyStudy
-    scenario: Scenario
     results: Any
-    findings: tuple[Finding, ...]
     figures: tuple[Path, ...]
 
 
@@ -56,7 +54,7 @@ class Runner:
         for table in study.tables(results):
             self._console.print(table, highlight=False)
         self._console.print(f"In {folder}: results.json, {', '.join(names)} (.svg, .pdf, .png)", highlight=False)
-        return Done(study, scenario, results, tuple(study.findings(results)), tuple(folder / name for name in names))
+        return Done(study, results, tuple(folder / name for name in names))
 
     def forget_parts(self) -> None:
         """Nothing is to go on from here."""

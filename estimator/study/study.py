@@ -61,7 +61,7 @@ class Study(Generic[S, In, R]):
     name: of the verb and of configs/study/NAME.toml, which is read as `scenario`. inputs: all that a job depends on; parts of
     equal work and inputs are equal. work(inputs, job) runs in another process. results(scenario, parts) is what
     results.json holds and all that tables, figures and findings are made of. draw(results, folder) leaves the figures and
-    returns their names without suffix.
+    returns their names without suffix. findings(results): of the scenario that comes with truerate, for the report.
     """
 
     name: str

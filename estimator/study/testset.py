@@ -131,10 +131,7 @@ def draw(found: Testset, folder: Path) -> Sequence[str]:
 
 def findings(found: Testset) -> Sequence[Finding]:
     """Whether the error is down to 3 %, or less."""
-    of = [one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps]
-    if not of:
-        return ()
-    left = of[0]
+    left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
     return (
         Finding(
             "testset",
