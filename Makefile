@@ -45,7 +45,7 @@ proto: setup-dev
 	$(BIN)/python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. bridge/wire/truerate.proto bridge/wire/columns.proto
 
 study: setup
-	$(BIN)/truerate study paper
+	$(BIN)/truerate study all
 
 # Measurements, with no verdict: the time of a calibration, how honest those on a machine are, recovery times of a ward, damaged frames, subscribers,
 # what a recorder costs and loses.

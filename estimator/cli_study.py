@@ -6,27 +6,40 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bridge.cli_parser import Verbs, add_verb, seed
+from bridge.cli_parser import Verbs, add_verb
 from bridge.config import ConfigError
 from estimator import picture_file
+from estimator.study import names
 
-_NOISE, _WOBBLE = "white noise of a reading, °/s", "wobble of the turning hand"
 _WORKERS = "processes (default: one a processor)"
 
 
 def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     """Add `study NAME`."""
     inner = verbs.add_parser(
-        "study", help="measure the methods by simulation", description="Example: truerate study paper --runs 1000"
+        "study",
+        help="the paper's tables and figures, and other simulations",
+        description="Example: truerate study all --quick",
     ).add_subparsers(metavar="NAME", required=True)
-    does = "errors of Algorithm 1 over simulated sessions, with a table and a picture"
-    verb = add_verb(inner, "algorithm1", _study, does)
-    verb.add_argument("--sessions", type=_at_least_one, default=200)
-    verb.add_argument("--noise", type=_above_zero, default=0.03, metavar="DPS", help=_NOISE)
-    verb.add_argument("--wobble", type=_from_zero, default=0.0, metavar="DEG", help=_WOBBLE)
-    verb.add_argument("--picture", type=Path, default=Path("out/algorithm1.png"))
-    does = "the paper's simulation: Algorithm 1 and closure against truth and the best possible"
-    _add_paper(add_verb(inner, "paper", _study_paper, does))
+    does = "all studies of the paper, and one report with a row for each of its tables, figures and claims"
+    everything = add_verb(inner, "all", _study_all, does)
+    _add_common(everything)
+    everything.add_argument(
+        "--recording", type=Path, help="imucal's session, for `real`; without it `real` is left out"
+    )
+    for name, does in names.STUDIES.items():
+        verb = add_verb(inner, name, _study_one, does)
+        verb.set_defaults(study=name)
+        _add_common(verb)
+        verb.add_argument(
+            "--config", default="", help="a scenario of your own, .toml (default: the one that comes with it)"
+        )
+        if name not in ("typical", "real"):  # these are of one session
+            verb.add_argument(
+                "--runs", type=_at_least_one, help="how many simulated sessions (default: as the scenario says)"
+            )
+        if name == "real":
+            verb.add_argument("--recording", type=Path, help="the session, .npz or .csv")
     does = "good and bad sessions at random: is a wrong one ever accepted, a good one refused?"
     verb = add_verb(inner, "protocols", _study_protocols, does)
     verb.add_argument(
@@ -38,18 +51,10 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _add_scaling(add_verb(inner, "scaling", _study_scaling, does))
 
 
-def _add_paper(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument(
-        "--runs", type=_at_least_one, default=15_000, help="sessions at each noise (default: %(default)s)"
-    )
-    verb.add_argument("--noise", type=_above_zero, nargs="+", default=[0.03, 0.15], metavar="DPS", help=_NOISE)
-    verb.add_argument("--wobble", type=_from_zero, default=0.0, metavar="DEG", help=_WOBBLE)
-    verb.add_argument(
-        "--replacement", type=_from_zero, default=0.0, metavar="DEG", help="misses of the hand, std per axis"
-    )
-    verb.add_argument("--seed", type=seed, default=1)
+def _add_common(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--quick", action="store_true", help="a first look, with few runs")
+    verb.add_argument("--out", type=Path, default=Path("out/study"), help="folder of results and figures (%(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
-    verb.add_argument("--picture", type=Path, default=Path("out/paper.png"), help="the table is left beside it as JSON")
 
 
 def _add_scaling(verb: argparse.ArgumentParser) -> None:
@@ -94,20 +99,27 @@ def _above_zero(text: str) -> float:
     return number
 
 
-def _study(given: argparse.Namespace) -> None:
-    picture_file.check("--picture", given.picture)
-    from estimator.study.algorithm1 import run  # noqa: PLC0415
+def _study_one(given: argparse.Namespace) -> None:
+    picture_file.check_folder("--out", given.out / given.study / "results.json")
+    from estimator.study.command import run_one  # noqa: PLC0415
 
-    run(Console(), given.sessions, given.noise, given.wobble, given.picture)
+    run_one(
+        Console(),
+        given.study,
+        given.out,
+        config=given.config,
+        runs=getattr(given, "runs", None),
+        quick=given.quick,
+        workers=given.workers,
+        recording=getattr(given, "recording", None),
+    )
 
 
-def _study_paper(given: argparse.Namespace) -> None:
-    picture_file.check("--picture", given.picture)
-    from estimator.study.paper import run  # noqa: PLC0415
-    from estimator.study.paper_runs import Scenario  # noqa: PLC0415
+def _study_all(given: argparse.Namespace) -> None:
+    picture_file.check_folder("--out", given.out / "report.html")
+    from estimator.study.command import run_all  # noqa: PLC0415
 
-    scenario = Scenario(given.runs, tuple(given.noise), given.wobble, given.replacement, given.seed)
-    run(Console(), scenario, given.workers, given.picture)
+    run_all(Console(), given.out, quick=given.quick, workers=given.workers, recording=given.recording)
 
 
 def _study_protocols(given: argparse.Namespace) -> None:

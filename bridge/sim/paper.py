@@ -1,13 +1,15 @@
 """The paper's simulated sessions, gyro only and many at once: still, turn x, still, turn y, still, turn z, still.
 
 Source: Wang et al., Mechatronics 102 (2024) 103232, its simulation: scale U(0.8, 1.2), bias U(-5, 5) °/s, turning axes off
-the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Beyond it: a hand that wobbles, and one that misses.
-Sample i holds over the interval that ends at it, and its rate turns one attitude into the next exactly.
+the sensor's by U(-10 %, 10 %), speed along a Bézier curve, white noise. Beyond it: a hand that wobbles, a hand that misses,
+and sensors that sample points. Sample i of a sensor that averages holds over the interval that ends at it, and its rate turns
+one attitude into the next exactly. Sample i of a sensor that samples points is the rate at the end of that interval.
 """
 
 from dataclasses import dataclass
 from functools import reduce
 from math import comb
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ from numpy.typing import NDArray
 from bridge.sim.quaternion import Array, conjugate, from_rotvec, multiply, to_rotvec
 
 _DEGREE = 5
+#: a point's rate is the mean over so many samples to either side of it
+_POINT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +27,7 @@ class PaperPlan:
 
     wobble_deg: how far a turn's axis swings in space, to either side in both directions across it; it still closes.
     replacement_deg: by how much a turn misses its start, standard deviation per axis.
+    sampling: a reading is the mean rate over its interval, or the rate at its end.
     """
 
     noise_dps: float = 0.03
@@ -31,6 +36,7 @@ class PaperPlan:
     rest_s: float = 3.0
     turn_s: tuple[float, float] = (4.0, 6.0)
     rate_hz: float = 104.0
+    sampling: Literal["mean", "point"] = "mean"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,23 +84,29 @@ def simulate(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Gen
 def _rates(gyro: PaperGyro, plan: PaperPlan, counts: NDArray[np.int_], dt: Array, rng: np.random.Generator) -> Array:
     """(s, 3, n, 3) true rates of the turns."""
     n = dt.shape[-1]
-    done = _bezier(rng.uniform(0.4, 1.6, (*counts.shape, _DEGREE - 1)), counts, n)
-    angle = 2 * np.pi * rng.choice([-1.0, 1.0], counts.shape)[..., None] * done
+    at = np.arange(n + 1.0)
+    first, second, samples = slice(None, -1), slice(1, None), 1.0
+    if plan.sampling == "point":
+        at = np.concatenate([at[1:] - _POINT, at[1:] + _POINT])
+        first, second, samples = slice(None, n), slice(n, None), 2 * _POINT
+    share = _bezier(rng.uniform(0.4, 1.6, (*counts.shape, _DEGREE - 1)), counts, at)
+    angle = 2 * np.pi * rng.choice([-1.0, 1.0], counts.shape)[..., None] * share
+    per_s = plan.rate_hz / samples
     if not plan.wobble_deg and not plan.replacement_deg:
-        return np.asarray((np.diff(angle) * plan.rate_hz)[..., None] * gyro.axes[:, None])
+        return np.asarray(((angle[..., second] - angle[..., first]) * per_s)[..., None] * gyro.axes[:, None])
     spin = angle[..., None] * gyro.axes[:, None]
     # Whole half swings, so that a turn closes: three to ten, some 0.3 to 1 Hz.
     swings = rng.integers(3, 11, (*counts.shape, 1, 3)) * rng.choice([-1.0, 1.0], (*counts.shape, 1, 3))
-    tilt = np.radians(plan.wobble_deg) * np.sin(np.pi * done[..., None] * swings) * (1 - np.eye(3))[:, None]
-    miss = done[..., None] * np.radians(plan.replacement_deg) * rng.standard_normal((*counts.shape, 1, 3))
+    tilt = np.radians(plan.wobble_deg) * np.sin(np.pi * share[..., None] * swings) * (1 - np.eye(3))[:, None]
+    miss = share[..., None] * np.radians(plan.replacement_deg) * rng.standard_normal((*counts.shape, 1, 3))
     parts = (from_rotvec(part.reshape(-1, 3)) for part in (tilt, spin, miss))
-    attitude = reduce(multiply, parts).reshape(*done.shape, 4)
-    before, after = attitude[:, :, :-1].reshape(-1, 4), attitude[:, :, 1:].reshape(-1, 4)
-    return to_rotvec(multiply(conjugate(before), after)).reshape(*dt.shape, 3) * plan.rate_hz
+    attitude = reduce(multiply, parts).reshape(*share.shape, 4)
+    start, stop = (attitude[:, :, part].reshape(-1, 4) for part in (first, second))
+    return to_rotvec(multiply(conjugate(start), stop)).reshape(*dt.shape, 3) * per_s
 
 
-def _bezier(speed: Array, counts: NDArray[np.int_], n: int) -> Array:
-    """(s, 3, n + 1) share of the way done before and after each sample: 0 to 1, its speed a Bézier curve from and to 0."""
+def _bezier(speed: Array, counts: NDArray[np.int_], at: Array) -> Array:
+    """(s, 3, m) share of the way done at times `at` (m,), in samples: 0 to 1, its speed a Bézier curve from and to 0."""
     # The integral of a Bézier curve is one with the running sums of its control points.
     points = np.concatenate([np.zeros((*speed.shape[:-1], 2)), np.cumsum(speed, axis=-1)], axis=-1)
     points = np.concatenate([points, points[..., -1:]], axis=-1) / points[..., -1:]
@@ -104,7 +116,7 @@ def _bezier(speed: Array, counts: NDArray[np.int_], n: int) -> Array:
         for j in range(i, degree + 1):
             power[i, j] = (-1) ** (j - i) * comb(degree, i) * comb(degree - i, j - i)
     coefficients = points @ power
-    u = np.minimum(np.arange(n + 1) / counts[..., None], 1.0)
+    u = np.minimum(at / counts[..., None], 1.0)
     done = np.zeros(u.shape)
     for j in range(degree, -1, -1):
         done = done * u + coefficients[..., j, None]

@@ -3,19 +3,20 @@
 Source: L. Wang, R. Duffield, D. Fox, A. Hammond, A. J. Zhang, W. X. Zheng, S. W. Su, "In-field gyroscope autocalibration
 with iterative attitude estimation", Mechatronics 102 (2024) 103232 (arXiv 2103.11097), Algorithm 1.
 
-The paper's letters, and its equations; their numbers as another implementation of the paper gives them:
+The paper's letters, and its equations by their numbers in the paper:
 
     m       reading of the gyro (rad/s)                       T       duration of a turn
     K       diag(k), scale factors                            C_t     attitude at sample t, from the turn's start
     b       -mean(m at rest); our bias is -b
 
-            g = K (m + b)                                     the calibrated rate
+    (1)     g = K (m + b)                                     the calibrated rate
     (2)     b = -mean(m) at rest, so that g = 0
-    (4)     C_t = C_(t-1) R(g_t dt), C_0 = I                  R by Rodrigues' formula
-    (8-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
+    (4)     R_t = R(g_t dt)                                   Rodrigues' formula
+    (5)     C_t = C_(t-1) R_t, C_0 = I                        the product of all R so far
+    (6-10)  G = mean over t of C_t g_t = A k                  A = mean over t of C_t diag(m_t + b)
     (11)    | A_i k | = 360 degrees / T_i                     for the three turns i
 
-Algorithm 1: K = I; integrate (4) with it; solve (11) for k, the attitudes held; again, until |k new - k| <= 1e-5.
+Algorithm 1: K = I; integrate (5) with it; solve (11) for k, the attitudes held; again, until |k new - k| <= 1e-5.
 
 The criterion holds for a turn about a fixed axis. With a hand's wobble of 3 degrees it is biased by some 1e-3: that is the
 paper's method, kept as it is.
@@ -76,7 +77,7 @@ def estimate(capture: Capture, knobs: Turn360Knobs | None = None) -> Turn360:
 
 
 def turn_integral(turn: TurnCapture, K: Floats, b: Floats) -> Floats:
-    """(3, 3) S = T A diag(K) of equations (8-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
+    """(3, 3) S = T A diag(K) of equations (6-10): a factor dK on the rates turns by |S dK|, the attitudes held."""
     dt = rotation.intervals(turn.samples.time)
     g = K * (turn.samples.gyro + b)
     C = rotation.attitudes(g, dt)[1:]

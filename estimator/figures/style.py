@@ -1,6 +1,9 @@
-"""How every picture of truerate looks: axes, colours."""
+"""How every picture of truerate looks: axes, colours; and how one for a publication is saved."""
+
+from pathlib import Path
 
 import matplotlib as mpl
+from matplotlib.figure import Figure
 
 mpl.rcParams.update(
     {
@@ -12,8 +15,18 @@ mpl.rcParams.update(
         "axes.titlesize": 11,
         "legend.frameon": False,
         "figure.constrained_layout.use": True,
+        "svg.hashsalt": "truerate",  # the same figure, the same file
     }
 )
 
 COLOURS = ("#0b6e99", "#d9730d", "#0f7b6c", "#ad1a72", "#6940a5", "#9f6b53", "#448361", "#c4554d")
 AXES = ("x", "y", "z")
+PAPER = "#b3261e"
+
+
+def save(figure: Figure, stem: Path) -> None:
+    """As SVG, PDF and PNG, named after `stem`."""
+    figure.savefig(stem.with_name(f"{stem.name}.png"), dpi=150)
+    figure.set_layout_engine("none")  # the layout stays as it is now: to find it takes longest
+    figure.savefig(stem.with_name(f"{stem.name}.svg"), metadata={"Date": None})
+    figure.savefig(stem.with_name(f"{stem.name}.pdf"), metadata={"CreationDate": None})

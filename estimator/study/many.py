@@ -20,8 +20,11 @@ class Many:
     covariance: Floats
 
 
-def evidence(sessions: PaperSessions, replacement_std: float) -> Evidence:
-    """What the sessions show, stages known, the bias constant, a hand that misses by replacement_std rad per axis."""
+def evidence(sessions: PaperSessions, replacement_std: float, *, coning: bool = False) -> Evidence:
+    """What the sessions show, stages known, the bias constant, a hand that misses by replacement_std rad per axis.
+
+    coning: whether changes of direction within a sample are made good, as `closure` does at low rates.
+    """
     s, r, m, _ = sessions.rests.shape
     rest_noise = sessions.rests.var(axis=2, ddof=1)
     return Evidence(
@@ -35,6 +38,7 @@ def evidence(sessions: PaperSessions, replacement_std: float) -> Evidence:
         walk=np.zeros((s, r + 3, r + 3)),
         end=np.broadcast_to(np.eye(3), (s, 3, 3, 3)),
         end_cov=np.broadcast_to(replacement_std**2 * np.eye(3), (s, 3, 3, 3)),
+        coning=coning,
     )
 
 

@@ -141,7 +141,7 @@ def test_a_file_without_an_estimator_cannot_be_served(tmp_path: Path, capsys: py
     "words",
     [[], ["demo"], ["router"], ["bridge"], ["bridge", "run"], ["bridge", "list"], ["bridge", "replay"], ["estimator", "serve"],
      ["devices"], ["watch"], ["recalibrate"], ["cancel"], ["calibrate"], ["correct"], ["config", "check"],
-     ["study", "algorithm1"], ["study", "paper"], ["allan"], ["status"], ["history"], ["store", "backup"], ["store", "check"]],
+     ["study", "all"], ["study", "errors"], ["allan"], ["status"], ["history"], ["store", "backup"], ["store", "check"]],
 )  # fmt: skip
 def test_every_verb_explains_itself(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -193,9 +193,9 @@ def test_who_misspells_a_verb_is_told_of_the_nearest(capsys: pytest.CaptureFixtu
         (["bridge", "run", "a.toml", "--cofig=x"], "truerate bridge run: unknown option '--cofig'; "),
         (["calibrate", "a.npz", "b.npz"], "truerate calibrate: unexpected 'b.npz'"),
         (["demo", "--seed", "-1"], "'-1': a whole number from 0 to"),
-        (["study", "paper", "--noise", "0"], "a number above 0 is expected"),
-        (["study", "paper", "--wobble", "-3"], "'-3': a number from 0 on is expected"),
-        (["study", "paper", "--wobble", "nan"], "'nan': a number from 0 on is expected"),
+        (["study", "scaling", "--message-us", "0"], "a number above 0 is expected"),
+        (["study", "scaling", "--known-s", "-3"], "'-3': a number from 0 on is expected"),
+        (["study", "scaling", "--known-s", "nan"], "'nan': a number from 0 on is expected"),
     ],
 )
 def test_what_no_verb_takes_is_refused_in_a_line(
@@ -265,8 +265,7 @@ print(sum(after) - sum(before), gc.isenabled(), gc.get_freeze_count() > 100_000)
 @pytest.mark.parametrize(
     "words",
     [
-        ["algorithm1", "--sessions", "0"],
-        ["paper", "--runs", "0"],
+        ["errors", "--runs", "0"],
         ["protocols", "--runs", "-1"],
         ["protocols", "--workers", "0"],
         ["scaling", "--devices", "0"],
@@ -285,13 +284,31 @@ def test_a_study_of_no_method_names_those_there_are(capsys: pytest.CaptureFixtur
     assert "there is no method 'x' by hand; there are closure" in capsys.readouterr().err
 
 
-def test_a_study_of_which_no_session_is_accepted_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--sessions", "1", "--noise", "40", "--picture", str(tmp_path / "p.png")]
-    assert main(["study", "algorithm1", *words]) == 0
-    assert "None of 1 sessions was accepted" in capsys.readouterr().out
+def test_a_study_of_the_paper_needs_a_scenario_it_can_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = (Path(__file__).parents[2] / "configs" / "study" / "errors.toml").read_text(encoding="utf-8")
+    own = tmp_path / "own.toml"
+    for text, said in (
+        (shipped + "\nnoise = 1\n", "unknown key 'noise'; did you mean 'noise_dps'?"),
+        (shipped.replace("runs = 15000", "runs = 0"), "runs is 0; 1 or more is taken"),
+        (shipped.replace("[5.5e-3, 2.5e-2]", "[5.5e-3]"), "paper_band has 1 numbers and noise_dps 2"),
+    ):
+        own.write_text(text, encoding="utf-8")
+        assert main(["study", "errors", "--config", str(own), "--out", str(tmp_path)]) == 2
+        assert said in capsys.readouterr().err
+    assert main(["study", "errors", "--config", "eror", "--out", str(tmp_path)]) == 2
+    assert "there is no study 'eror'; did you mean 'errors'?" in capsys.readouterr().err
+    assert main(["study", "real", "--out", str(tmp_path)]) == 2
+    assert "give it by --recording FILE" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("verb", [["demo"], ["study", "algorithm1"], ["study", "paper"], ["study", "scaling"]])
+def test_a_study_needs_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    for words in (["all"], ["errors"]):
+        assert main(["study", *words, "--out", str(tmp_path / "file")]) == 2
+        assert "is a file, not a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", [["demo"], ["study", "scaling"]])
 def test_where_no_picture_can_be_is_said_before_the_work(
     verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

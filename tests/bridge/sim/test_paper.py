@@ -65,3 +65,16 @@ def test_the_axis_of_a_wobbling_turn_swings_as_far_as_asked() -> None:
     found = simulate(gyro, PaperPlan(0.0, wobble_deg=3.0), 5, rng)
     across = found.rates - (found.rates @ gyro.axes[0])[..., None] * gyro.axes[0]
     assert 0.05 < np.sqrt(np.mean(np.square(across[:, 0]).sum(axis=-1))) < 0.5
+
+
+def test_points_are_the_rate_itself_and_means_its_mean() -> None:
+    """Means over short intervals, taken at their middles, are points."""
+    point = PaperPlan(0.0, wobble_deg=3.0, rate_hz=100.0, sampling="point", turn_s=(4.0, 4.0))
+    mean = PaperPlan(0.0, wobble_deg=3.0, rate_hz=1000.0, turn_s=(4.0, 4.0))
+    points, fine = (
+        simulate(draw_gyro(rng), plan, 2, rng)
+        for rng, plan in ((np.random.default_rng(7), point), (np.random.default_rng(7), mean))
+    )
+    between = (fine.rates[:, :, 9:-1:10] + fine.rates[:, :, 10::10]) / 2
+    np.testing.assert_allclose(points.rates[:, :, :-1], between, atol=2e-3)
+    np.testing.assert_allclose(points.rates[:, :, -1], 0.0, atol=1e-4)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.parametrize("study", [["paper", "--noise", "0.03"], ["protocols"]])
-def test_workers_that_are_interrupted_print_no_traceback(study: list[str]) -> None:
+@pytest.mark.parametrize("study", ["errors", "protocols"])
+def test_workers_that_are_interrupted_print_no_traceback(study: str, tmp_path: Path) -> None:
     run = "import sys; from estimator.command import main; sys.exit(main())"
-    words = [sys.executable, "-c", run, "study", *study, "--runs", "20000", "--workers", "1"]
+    words = [sys.executable, "-c", run, "study", study, "--runs", "20000", "--workers", "2"]
     with subprocess.Popen(
-        words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
         deadline = time.monotonic() + 60

@@ -1,0 +1,70 @@
+"""What `truerate study NAME` and `truerate study all` do."""
+
+from pathlib import Path
+
+from msgspec import structs
+from rich.console import Console
+
+from bridge.toml_file import ConfigError
+from estimator.study import report
+from estimator.study.real import RealScenario
+from estimator.study.registry import STUDIES
+from estimator.study.runner import Runner
+from estimator.study.study import Scenario
+
+
+def run_one(
+    console: Console,
+    name: str,
+    out: Path,
+    *,
+    config: str = "",
+    runs: int | None = None,
+    quick: bool = False,
+    workers: int | None = None,
+    recording: Path | None = None,
+) -> None:
+    """One study of the paper, by its own scenario or another; raises ConfigError where that cannot be used."""
+    scenario = _scenario(name, config, runs, quick=quick)
+    if isinstance(scenario, RealScenario):
+        scenario = structs.replace(scenario, recording=str(recording or scenario.recording))
+        if not scenario.recording:
+            raise ConfigError("study real needs imucal's session: give it by --recording FILE")
+    runner = Runner(console, out, workers)
+    runner.run(STUDIES[name], scenario)
+    runner.forget_parts()
+
+
+def run_all(
+    console: Console,
+    out: Path,
+    *,
+    quick: bool = False,
+    workers: int | None = None,
+    recording: Path | None = None,
+    runs: int | None = None,
+) -> None:
+    """All studies of the paper, and OUT/report.html; without a recording `real` is left out. runs: of each, for a test."""
+    runner = Runner(console, out, workers)
+    done = []
+    for name, study in STUDIES.items():
+        scenario = _scenario(name, "", runs, quick=quick)
+        if isinstance(scenario, RealScenario):
+            if recording is None:
+                continue
+            scenario = structs.replace(scenario, recording=str(recording))
+        done.append(runner.run(study, scenario))
+    path = out / "report.html"
+    report.write(path, done, quick=quick)
+    runner.forget_parts()
+    console.print(report.summary(report.rows(done)), highlight=False)
+    if recording is None:
+        console.print("`real` was left out: give imucal's session by --recording FILE", highlight=False)
+    console.print(f"Report: {path}", highlight=False)
+
+
+def _scenario(name: str, config: str, runs: int | None, *, quick: bool) -> Scenario:
+    scenario: Scenario = STUDIES[name].read(config)
+    if runs is not None:
+        return structs.replace(scenario, runs=runs)
+    return structs.replace(scenario, runs=scenario.quick_runs) if quick else scenario

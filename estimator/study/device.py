@@ -1,0 +1,160 @@
+"""The paper's two sensors, simulated: their truth is the paper's turntable column, their noise that of configs/devices."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from bridge.recording import Recording
+from bridge.shipped import file_of
+from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
+from bridge.sim.motion import GRAVITY, Motion, Piece
+from bridge.sim.script import SessionPlan, TurnPlan, flat, session
+from bridge.toml_file import load
+from estimator.noise_model import load_model
+from estimator.study.study import FOLDERS
+
+Floats = NDArray[np.float64]
+Axes = tuple[float, float, float]
+_ROOM_C = 22.0
+_USUAL_ACCEL_NOISE = 0.02
+
+
+class PaperColumn(Struct, frozen=True, forbid_unknown_fields=True):
+    """A column of the paper's tables 2 and 3: k, b in the paper's sign (°/s), and the time it took."""
+
+    k: Axes
+    b_dps: Axes
+    time_s: float
+
+
+class _File(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    label: str
+    model: str
+    rate_hz: float
+    range_dps: float
+    paper: dict[str, PaperColumn]
+
+
+class Device(Struct, frozen=True, kw_only=True):
+    """A sensor as it is simulated. noise_dps: of a sample; bias_instability_dps, step_dps, range_dps; accel in m/s².
+
+    paper: the columns by method; `turntable` is the truth.
+    """
+
+    name: str
+    label: str
+    rate_hz: float
+    range_dps: float
+    noise_dps: float
+    bias_instability_dps: float
+    rrw_dps_per_sqrt_s: float
+    step_dps: float
+    accel_noise: float
+    zero_g: float
+    paper: dict[str, PaperColumn]
+
+    @property
+    def k(self) -> Floats:
+        """(3,) true scale factors."""
+        return np.array(self.paper["turntable"].k)
+
+    @property
+    def b_dps(self) -> Floats:
+        """(3,) true b, in the paper's sign, °/s."""
+        return np.array(self.paper["turntable"].b_dps)
+
+
+def load_device(name: str) -> Device:
+    """One of configs/study/sensors, or of a file that ends in .toml; raises ConfigError."""
+    file = load(file_of(name, "sensor", [folder / "sensors" for folder in FOLDERS]), _File)
+    model = load_model(file.model)
+    white = (file.rate_hz / 2) ** 0.5
+    return Device(
+        name=Path(name).stem,
+        label=file.label,
+        rate_hz=file.rate_hz,
+        range_dps=file.range_dps,
+        noise_dps=float(np.degrees(model.arw.max())) * white,
+        bias_instability_dps=float(np.degrees(model.bias_instability.max())),
+        rrw_dps_per_sqrt_s=float(np.degrees(model.rrw.max())),
+        step_dps=float(np.degrees(model.step.max())),
+        accel_noise=_USUAL_ACCEL_NOISE if model.accel_noise is None else model.accel_noise * white,
+        zero_g=model.zero_g or 0.0,
+        paper=file.paper,
+    )
+
+
+class Hand(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the device is turned by hand: see bridge.sim.script.SessionPlan."""
+
+    rest_s: float
+    turn_s: tuple[float, float]
+    wobble_deg: float
+    tilt_deg: float
+    replacement_deg: float
+
+    def pieces(self, rng: np.random.Generator) -> list[Piece]:
+        """The paper's session: rest, 360° clockwise about x, rest, y, rest, z, rest."""
+        turns = tuple(TurnPlan(axis, -360.0) for axis in range(3))
+        plan = SessionPlan(self.rest_s, turns, self.turn_s, self.wobble_deg, self.tilt_deg, self.replacement_deg)
+        return session(rng, plan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What the device read, with the true rates (n, 3) rad/s, and the times (m,) s at which the pieces of motion ended."""
+
+    recording: Recording
+    rate: Floats
+    ends_s: Floats
+
+    def until(self, time_s: float, *, accel: bool = False) -> Recording:
+        """The part up to a time; with or without its accelerometer."""
+        r = self.recording
+        n = int(np.searchsorted(r.time_s, time_s + 1e-9))
+        return Recording(
+            r.time_s[:n], r.gyro[:n], r.accel[:n] if accel and r.accel is not None else None, None, r.rate_hz, r.name,
+            gyro_range=r.gyro_range,
+        )  # fmt: skip
+
+
+def record(
+    device: Device, pieces: Sequence[Piece], rng: np.random.Generator, *, zero_g: float | None = None
+) -> Recorded:
+    """One boot of the device, moved by the pieces; zero_g: ± m/s², its accelerometer's offset, where not the device's own."""
+    ends_s = np.cumsum([piece.duration_s for piece in pieces])
+    time_s = np.arange(1, int(ends_s[-1] * device.rate_hz) + 1) / device.rate_hz
+    motion = Motion(pieces, flat(rng)).advance(time_s)
+    none = np.zeros(3)
+    offset = device.zero_g if zero_g is None else zero_g
+    truth = Truth(
+        matrix=np.diag(device.k),
+        turn_on_bias=-np.radians(device.b_dps),
+        bias_per_kelvin=none,
+        accel_bias=rng.uniform(-offset, offset, 3),
+        accel_scale=np.ones(3),
+        bias_per_kelvin2=none,
+        g_sensitivity=np.zeros((3, 3)),
+    )
+    spec = ImuSpec(
+        noise_dps=device.noise_dps,
+        rrw_dps_per_sqrt_s=device.rrw_dps_per_sqrt_s,
+        bias_instability_dps=device.bias_instability_dps,
+        range_dps=device.range_dps,
+        step_dps=device.step_dps,
+        accel_noise=device.accel_noise,
+        temperature_c=(_ROOM_C, _ROOM_C),
+    )
+    read = Imperfection(spec, rng, truth).read(motion)
+    limit = np.radians(device.range_dps)
+    made = Recording(time_s, read.gyro, read.accel, None, device.rate_hz, device.name, gyro_range=float(limit))
+    return Recorded(made, motion.rate, ends_s)
+
+
+def milli_g(value: float) -> float:
+    """Thousandths of standard gravity in m/s²."""
+    return value * GRAVITY / 1e3

@@ -1,0 +1,145 @@
+"""The paper's figure 7: errors of bias and scale over thousands of simulated sessions, signed, parameter by parameter."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from estimator.study import simulation
+from estimator.study.simulation import METHODS, PARAMETERS, WORDS, Simulation
+from estimator.study.spread import Spread, holds, spread
+from estimator.study.study import Finding, Parts, Study
+
+
+class ErrorsScenario(Simulation, frozen=True, kw_only=True):
+    """paper_band: at each noise, what the paper says most errors are within, k and °/s."""
+
+    paper_band: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        Simulation.__post_init__(self)
+        if len(self.paper_band) != len(self.noise_dps):
+            raise ValueError(f"paper_band has {len(self.paper_band)} numbers and noise_dps {len(self.noise_dps)}")
+
+
+class Row(Struct, frozen=True):
+    """One parameter by one method at one noise. bound: Cramér-Rao, rms; inside: the share within the paper's band."""
+
+    noise_dps: float
+    method: str
+    parameter: str
+    error: Spread
+    bound: float
+    paper_band: float
+    inside: float
+
+
+class Honesty(Struct, frozen=True):
+    """Mean NEES of closure's k and b together, over its 6 degrees of freedom; 95 % of honest ones are within 1 ± band."""
+
+    noise_dps: float
+    nees: float
+    band: float
+
+
+class Errors(Struct, frozen=True):
+    """All rows, and how honest closure's covariance is."""
+
+    rows: list[Row]
+    honesty: list[Honesty]
+
+    def of(self, noise: float, method: str) -> list[Row]:
+        """The six parameters of one method at one noise."""
+        return [row for row in self.rows if (row.noise_dps, row.method) == (noise, method)]
+
+
+def results(scenario: ErrorsScenario, parts: Parts) -> Errors:
+    """Spreads of the errors of all runs."""
+    rows, honesty = [], []
+    for noise, band in zip(scenario.noise_dps, scenario.paper_band, strict=True):
+        found = simulation.joined(list(simulation.at_noise(parts, noise).values()))
+        bound = np.sqrt(found["bound"].mean(axis=0))
+        for error, method in zip(found["error"], METHODS, strict=True):
+            rows += [
+                Row(noise, method, name, spread(e), float(least), band, float(np.mean(np.abs(e) <= band)))
+                for name, e, least in zip(PARAMETERS, error.T, bound, strict=True)
+            ]
+        nees = found["nees"]
+        honesty.append(Honesty(noise, float(nees.mean() / 6), float(1.96 * np.sqrt(2 / (6 * len(nees))))))
+    return Errors(rows, honesty)
+
+
+def tables(found: Errors) -> Sequence[RenderableType]:
+    """One row a parameter."""
+    headings = {
+        "°/s": 0,
+        "method": 0,
+        "of": 0,
+        "median": 0,
+        "mean": 0,
+        "95 % within": 2,
+        "rms": 0,
+        "bound": 1,
+        "in band": 0,
+    }
+    title = f"Errors in {found.rows[0].error.n:,} simulated sessions at each noise (k; b in °/s); ±: 95 % interval"
+    table = Columns([Column(name, number=True, spare=spare) for name, spare in headings.items()], title=title)
+    for row in found.rows:
+        e = row.error
+        table.add(
+            f"{row.noise_dps:g}",
+            WORDS[row.method],
+            row.parameter,
+            f"{e.median:+.1e} ± {(e.median_ci[1] - e.median_ci[0]) / 2:.0e}",
+            f"{e.mean:+.1e} ± {(e.mean_ci[1] - e.mean_ci[0]) / 2:.0e}",
+            f"±{max(map(abs, e.band)):.1e}",
+            f"{e.rms:.1e}",
+            f"{row.bound:.1e}",
+            f"{100 * row.inside:.1f}%",
+        )
+    honest = ", ".join(f"{one.nees:.3f} ± {one.band:.3f} at {one.noise_dps:g} °/s" for one in found.honesty)
+    return table, f"closure's NEES per degree of freedom (honest: 1): {honest}"
+
+
+def draw(found: Errors, folder: Path) -> Sequence[str]:
+    """Box plots."""
+    from estimator.figures.simulations import errors  # noqa: PLC0415 - matplotlib takes a second to load
+
+    errors(found, folder / "errors")
+    return ("errors",)
+
+
+def findings(found: Errors) -> Sequence[Finding]:
+    """Whether the errors are unbiased, and in the band."""
+    rows = [row for row in found.rows if row.method == "algorithm1"]
+    zero = sum(holds(row.error.median_ci, 0.0) for row in rows)
+    least = min(row.inside for row in rows)
+    odd = max(abs(row.error.median) / row.error.rms for row in rows)
+    ours = f"{zero} of {len(rows)} medians hold zero in their 95 % interval; {100 * least:.1f} % or more in the band"
+    # Of twelve honest intervals of 95 %, ten or more hold the truth in 98 of 100 studies.
+    unbiased = zero >= 0.8 * len(rows) or odd < 0.05
+    k = max(abs(row.error.band[1]) for row in rows if row.parameter.startswith("k"))
+    return (
+        Finding(
+            "errors",
+            ours,
+            "agrees" if unbiased and least > 0.5 else "agrees in part" if unbiased or least > 0.5 else "differs",
+            f"the bands are those of the bias in °/s; k is within ±{k:.1g}",
+        ),
+    )
+
+
+STUDY = Study(
+    "errors",
+    ErrorsScenario,
+    simulation.inputs,
+    simulation.jobs,
+    simulation.work,
+    results,
+    tables,
+    draw,
+    findings,
+)

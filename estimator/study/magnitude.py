@@ -1,0 +1,141 @@
+"""The paper's figure 9: the magnitude of a known rate about x, y, z, both ways, before and after calibration by hand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from estimator.study.spread import Spread, spread
+from estimator.study.study import Arrays, Finding, Job, Parts, Study
+from estimator.study.verification import WORDS, Inputs, Verification, VerificationScenario, inputs, jobs, verify
+
+_SPINS = ("x cw", "x ccw", "y cw", "y ccw", "z cw", "z ccw")
+_RAMP_S = 0.75
+#: every so many samples are drawn
+_DRAWN = 4
+
+
+class Row(Struct, frozen=True):
+    """The mean magnitude, °/s, in one turn of a sensor, of readings or of rates corrected by one of WORDS."""
+
+    sensor: str
+    spin: str
+    rates: str
+    mean: Spread
+
+
+class Trace(Struct, frozen=True):
+    """The first session: time, s, ramps left out, and magnitudes, °/s, by WORDS; where each spin begins, s."""
+
+    sensor: str
+    time_s: list[float]
+    dps: dict[str, list[float]]
+    begins_s: list[float]
+
+
+class Magnitude(Struct, frozen=True):
+    """All rows, the first session of each sensor, and the true rate, °/s."""
+
+    labels: dict[str, str]
+    rate_dps: float
+    rows: list[Row]
+    traces: list[Trace]
+
+    def error(self, sensor: str, rates: str) -> float:
+        """Rms over sessions and turns, °/s."""
+        off = [r.mean.rms**2 - 2 * r.mean.mean * self.rate_dps + self.rate_dps**2 for r in self.rows
+               if (r.sensor, r.rates) == (sensor, rates)]  # fmt: skip
+        return float(np.sqrt(np.mean(off)))
+
+
+def work(of: Inputs, job: Job) -> Arrays:
+    """Mean (6 turns, 4 rates) °/s; of the first run also time (n,), dps (4, n), begins (6,)."""
+    found = verify(of, job)
+    size = {name: np.degrees(np.linalg.norm(rate, axis=1)) for name, rate in found.rates.items()}
+    steady = [_steady(found, spin) for spin in found.spins]
+    arrays = {"mean": np.array([[size[name][part].mean() for name in WORDS] for part in steady])}
+    if job[1] == 0:
+        lengths = [len(found.time_s[part][::_DRAWN]) for part in steady]
+        step = float(np.median(np.diff(found.time_s))) * _DRAWN
+        arrays["time"] = step * np.arange(sum(lengths))
+        arrays["dps"] = np.array([np.concatenate([size[name][part][::_DRAWN] for part in steady]) for name in WORDS])
+        arrays["begins"] = step * np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    return arrays
+
+
+def _steady(found: Verification, spin: tuple[float, float]) -> slice:
+    low, high = np.searchsorted(found.time_s, (spin[0] + _RAMP_S, spin[1] - _RAMP_S))
+    return slice(int(low), int(high))
+
+
+def results(scenario: VerificationScenario, parts: Parts) -> Magnitude:
+    """Spreads over sessions, and the first of them."""
+    devices = inputs(scenario).devices
+    rows, traces = [], []
+    for sensor in devices:
+        mine = {job: part for job, part in parts.items() if job[0] == sensor}
+        mean = np.array([part["mean"] for part in mine.values()])
+        rows += [
+            Row(sensor, spin, name, spread(mean[:, i, j]))
+            for i, spin in enumerate(_SPINS)
+            for j, name in enumerate(WORDS)
+        ]
+        first = mine[sensor, 0]
+        dps = {name: [round(float(x), 3) for x in first["dps"][j]] for j, name in enumerate(WORDS)}
+        time_s, begins = ([round(float(x), 3) for x in first[key]] for key in ("time", "begins"))
+        traces.append(Trace(sensor, time_s, dps, begins))
+    return Magnitude({name: device.label for name, device in devices.items()}, scenario.rate_dps, rows, traces)
+
+
+def tables(found: Magnitude) -> Sequence[RenderableType]:
+    """Means of the magnitude by turn."""
+    n = found.rows[0].mean.n
+    table = Columns(
+        [
+            Column(name, number=True)
+            for name in ("sensor", "turn", "readings", "Algorithm 1", "closure", "paper's K, b")
+        ],
+        title=f"Mean magnitude of {found.rate_dps:g} °/s, median of {n} sessions, °/s",
+    )
+    for sensor, label in found.labels.items():
+        for spin in _SPINS:
+            means = {row.rates: row.mean.median for row in found.rows if (row.sensor, row.spin) == (sensor, spin)}
+            table.add(label, spin, *(f"{means[name]:.3f}" for name in WORDS))
+        table.add(label, "rms error", *(f"{found.error(sensor, name):.3f}" for name in WORDS))
+    return (table,)
+
+
+def draw(found: Magnitude, folder: Path) -> Sequence[str]:
+    """Magnitudes over time."""
+    from estimator.figures.traces import magnitude  # noqa: PLC0415 - matplotlib takes a second to load
+
+    magnitude(found, folder / "magnitude")
+    return ("magnitude",)
+
+
+def findings(found: Magnitude) -> Sequence[Finding]:
+    """Whether the magnitude is closer to the truth after."""
+    said, closer = [], True
+    for sensor, label in found.labels.items():
+        before, after = (found.error(sensor, name) for name in ("raw", "turn360"))
+        closer = closer and after < 0.1 * before
+        said.append(f"{label}: {before:.2f} to {after:.3f} °/s rms")
+    theirs = ", ".join(f"{found.error(sensor, 'paper'):.2f}" for sensor in found.labels)
+    why = f"the paper's own K and b leave {theirs} °/s of these readings"
+    return (Finding("magnitude", "; ".join(said), "agrees" if closer else "differs", why),)
+
+
+STUDY = Study(
+    "magnitude",
+    VerificationScenario,
+    inputs,
+    jobs,
+    work,
+    results,
+    tables,
+    draw,
+    findings,
+)

@@ -1,0 +1,161 @@
+"""The paper's figures 2 and 10: the orientation over 360° one way and back, by readings and by calibrated rates.
+
+The angle is that of the paper's equations 5 and 6: rates taken to the initial frame and added up, about the axis of the turn.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from estimator import rotation
+from estimator.study.spread import Spread, spread
+from estimator.study.study import Arrays, Finding, Job, Parts, Study
+from estimator.study.verification import WORDS, Inputs, VerificationScenario, inputs, jobs, verify
+
+AXES = ("x", "y", "z")
+IDEAL = "ideal"
+#: s of rest before and after the turns about an axis
+_MARGIN_S = 1.0
+_DRAWN = 8
+
+
+class Row(Struct, frozen=True):
+    """Of a sensor, an axis and one of WORDS: the largest and the final error of the angle, degrees, by its size."""
+
+    sensor: str
+    axis: str
+    rates: str
+    largest: Spread
+    final: Spread
+
+
+class Trace(Struct, frozen=True):
+    """The first session, about one axis: time, s, and angle, degrees, by WORDS and IDEAL."""
+
+    sensor: str
+    axis: str
+    time_s: list[float]
+    deg: dict[str, list[float]]
+
+
+class Orientation(Struct, frozen=True):
+    """All rows, and the first session of each sensor."""
+
+    labels: dict[str, str]
+    rate_dps: float
+    rows: list[Row]
+    traces: list[Trace]
+
+    def largest(self, sensor: str, rates: str) -> Spread:
+        """Of the worst axis, the largest error."""
+        rows = [row for row in self.rows if (row.sensor, row.rates) == (sensor, rates)]
+        return max((row.largest for row in rows), key=lambda of: of.median)
+
+
+def angle_deg(rate: NDArray[np.float64], dt: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """(n,) degrees turned about an axis of the initial frame by rates (n, 3) rad/s that hold for dt (n,) s."""
+    attitude = rotation.attitudes(rate, dt)[1:]
+    initial = np.einsum("tij,tj->ti", attitude, rate)
+    return np.asarray(np.degrees(np.cumsum(initial[:, axis] * dt)))
+
+
+def work(of: Inputs, job: Job) -> Arrays:
+    """Errors (3 axes, 4 rates, 2) largest and final, degrees; of the first run time_x (n,) and deg_x (5, n), and so on."""
+    found = verify(of, job)
+    dt = np.full(len(found.time_s), float(np.median(np.diff(found.time_s))))
+    errors, arrays = np.empty((3, len(WORDS), 2)), {}
+    for axis, name in enumerate(AXES):
+        begin, end = found.spins[2 * axis][0] - _MARGIN_S, found.spins[2 * axis + 1][1] + _MARGIN_S
+        part = slice(*np.searchsorted(found.time_s, (begin, end)))
+        ideal = angle_deg(found.truth[part], dt[part], axis)
+        deg = [angle_deg(found.rates[word][part], dt[part], axis) for word in WORDS]
+        for i, angle in enumerate(deg):
+            errors[axis, i] = np.abs(angle - ideal).max(), abs(angle[-1] - ideal[-1])
+        if job[1] == 0:
+            arrays[f"time_{name}"] = (found.time_s[part] - found.time_s[part][0])[::_DRAWN]
+            arrays[f"deg_{name}"] = np.array([*deg, ideal])[:, ::_DRAWN]
+    return {"errors": errors, **arrays}
+
+
+def results(scenario: VerificationScenario, parts: Parts) -> Orientation:
+    """Spreads over sessions, and the first of them."""
+    devices = inputs(scenario).devices
+    rows, traces = [], []
+    for sensor in devices:
+        mine = {job: part for job, part in parts.items() if job[0] == sensor}
+        errors = np.array([part["errors"] for part in mine.values()])
+        for i, axis in enumerate(AXES):
+            rows += [
+                Row(sensor, axis, word, spread(errors[:, i, j, 0]), spread(errors[:, i, j, 1]))
+                for j, word in enumerate(WORDS)
+            ]
+            first = mine[sensor, 0]
+            deg = {
+                word: [round(float(x), 3) for x in first[f"deg_{axis}"][j]] for j, word in enumerate((*WORDS, IDEAL))
+            }
+            traces.append(Trace(sensor, axis, [round(float(t), 3) for t in first[f"time_{axis}"]], deg))
+    return Orientation({name: device.label for name, device in devices.items()}, scenario.rate_dps, rows, traces)
+
+
+def tables(found: Orientation) -> Sequence[RenderableType]:
+    """Largest errors by axis."""
+    n = found.rows[0].largest.n
+    table = Columns(
+        [
+            Column(name, number=True)
+            for name in ("sensor", "axis", "readings", "Algorithm 1", "closure", "paper's K, b")
+        ],
+        title=f"Largest error of the angle over ±360°, degrees, median of {n} sessions",
+    )
+    for sensor, label in found.labels.items():
+        for axis in AXES:
+            largest = {row.rates: row.largest.median for row in found.rows if (row.sensor, row.axis) == (sensor, axis)}
+            table.add(label, axis, *(f"{largest[name]:.2f}" for name in WORDS))
+    return (table,)
+
+
+def draw(found: Orientation, folder: Path) -> Sequence[str]:
+    """Angles over time, before and after."""
+    from estimator.figures.traces import orientation  # noqa: PLC0415 - matplotlib takes a second to load
+
+    orientation(found, folder / "orientation")
+    return ("orientation",)
+
+
+def findings(found: Orientation) -> Sequence[Finding]:
+    """How far off the angle is, before and after."""
+    before, after, good = [], [], True
+    for sensor, label in found.labels.items():
+        raw, ours = (found.largest(sensor, name).median for name in ("raw", "turn360"))
+        good = good and ours < 0.05 * raw
+        before.append(f"{label}: {raw:.0f}°")
+        after.append(f"{label}: {ours:.1f}°")
+    theirs = ", ".join(f"{found.largest(sensor, 'paper').median:.1f}°" for sensor in found.labels)
+    worst = " (largest error, worst axis, of ±360°)"
+    return (
+        Finding("before", "; ".join(before) + worst, "agrees" if good else "agrees in part"),
+        Finding(
+            "after",
+            "; ".join(after) + worst,
+            "agrees" if good else "differs",
+            f"the paper's own K and b leave {theirs} of these readings",
+        ),
+    )
+
+
+STUDY = Study(
+    "orientation",
+    VerificationScenario,
+    inputs,
+    jobs,
+    work,
+    results,
+    tables,
+    draw,
+    findings,
+)

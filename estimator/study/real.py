@@ -1,0 +1,128 @@
+"""A real session through every method that applies to it, beside the numbers of imucal, whose session it is."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from bridge.recording import Recording, load
+from estimator import offline
+from estimator.study.study import Arrays, Job, Parts, Scenario, Study
+
+METHODS = ("turn360", "closure", "transitions", "accel_aided")
+WORDS = {
+    "readings": "readings",
+    "imucal": "imucal",
+    "turn360": "Algorithm 1",
+    "closure": "closure",
+    "transitions": "transitions",
+    "accel_aided": "accel-aided",
+}
+_AXES = ("x", "y", "z")
+
+
+class Theirs(Struct, frozen=True, forbid_unknown_fields=True):
+    """imucal's result: its diagonal K_g, a reading over a rate, and by how many degrees the three turns do not close."""
+
+    reading_per_rate: tuple[float, float, float]
+    closure_deg: tuple[float, float, float]
+
+
+class RealScenario(Scenario, frozen=True, kw_only=True):
+    """recording: the file; imucal: what it finds in it."""
+
+    recording: str = ""
+    imucal: Theirs
+
+
+class Row(Struct, frozen=True):
+    """A method: k (3,) and its standard deviations; closure of the three turns, degrees; None where it gave nothing."""
+
+    method: str
+    verdict: str
+    reason: str
+    k: list[float] | None
+    k_std: list[float] | None
+    closure_deg: list[float] | None
+
+
+class Real(Struct, frozen=True):
+    """All methods, imucal among them."""
+
+    recording: str
+    rows: list[Row]
+
+
+def work(of: RealScenario, _: Job) -> Arrays:
+    """The samples: time (n,), gyro and accel (n, 3), rate_hz."""
+    recording = load(of.recording)
+    accel = recording.accel if recording.accel is not None else np.empty((0, 3))
+    return {"time": recording.time_s, "gyro": recording.gyro, "accel": accel, "rate": np.array(recording.rate_hz)}
+
+
+def results(of: RealScenario, parts: Parts) -> Real:
+    """Each method on the whole of it."""
+    (part,) = parts.values()
+    accel = part["accel"] if len(part["accel"]) else None
+    recording = Recording(part["time"], part["gyro"], accel, None, float(part["rate"]), Path(of.recording).name)
+    closed, _ = offline.calibrate(recording, "closure")
+    turns = {turn.axis: turn for turn in closed.turns}
+    rows = [Row("imucal", "", "", [1 / k for k in of.imucal.reading_per_rate], None, list(of.imucal.closure_deg))]
+    for method in METHODS:
+        result, _ = offline.calibrate(recording, method)
+        if not np.isfinite(result.covariance).all():
+            rows.append(Row(method, result.verdict.name.lower(), result.reason, None, None, None))
+            continue
+        own = {turn.axis: turn.closure_error for turn in result.turns} if result.turns else {}
+        std = np.sqrt(np.diag(result.covariance))[3:6]
+        rows.append(
+            Row(
+                method,
+                result.verdict.name.lower(),
+                result.reason,
+                [float(k) for k in result.scale],
+                [float(s) for s in std],
+                [float(np.degrees(own[a])) for a in sorted(turns)] if set(own) >= set(turns) else None,
+            )
+        )
+    return Real(Path(of.recording).name, rows)
+
+
+def tables(found: Real) -> Sequence[RenderableType]:
+    """A row a method."""
+    table = Columns(
+        [Column("method", least=11), *(Column(f"k_{a}", number=True) for a in _AXES), Column("std", number=True, spare=1),
+         *(Column(f"{a} open °", number=True) for a in _AXES), Column("verdict")],
+        title=f"{found.recording}: scale factors, and by how much the turns do not close",
+    )  # fmt: skip
+    for row in found.rows:
+        k = ["–"] * 3 if row.k is None else [f"{x:.4f}" for x in row.k]
+        std = "" if row.k_std is None else f"{max(row.k_std):.4f}"
+        closed = ["–"] * 3 if row.closure_deg is None else [f"{x:.3f}" for x in row.closure_deg]
+        table.add(WORDS[row.method], *k, std, *closed, row.verdict)
+    reasons = [f"{WORDS[row.method]}: {row.reason}" for row in found.rows if row.k is None]
+    return table, *reasons
+
+
+def draw(found: Real, folder: Path) -> Sequence[str]:
+    """Scale factors and closures, method by method."""
+    from estimator.figures.real import real  # noqa: PLC0415 - matplotlib takes a second to load
+
+    real(found, folder / "real")
+    return ("real",)
+
+
+STUDY = Study(
+    "real",
+    RealScenario,
+    lambda scenario: scenario,
+    lambda _: [("session",)],
+    work,
+    results,
+    tables,
+    draw,
+    lambda _: (),
+)

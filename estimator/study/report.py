@@ -1,0 +1,78 @@
+"""One self-contained page of all studies: a row for each table, figure and claim of the paper, then figures and tables."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import jinja2
+from rich.console import Console
+
+from bridge.cli_parser import sentence
+from bridge.columns import Column, Columns
+from estimator.study.paper import ITEMS, Item
+from estimator.study.runner import Done
+from estimator.study.study import Finding
+
+_HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """An item of the paper, and what was found of it; None where its study was not run."""
+
+    item: Item
+    finding: Finding | None
+
+
+def rows(done: Sequence[Done]) -> list[Row]:
+    """All items in the order of the paper."""
+    found = {finding.item: finding for one in done for finding in one.study.findings(one.results)}
+    return [Row(item, found.get(item.key)) for item in ITEMS]
+
+
+def summary(of: Sequence[Row]) -> Columns:
+    """The rows for a terminal."""
+    table = Columns(
+        [Column("paper"), Column("what it says", least=16), Column("ours", least=24), Column("verdict", least=8)],
+        title=f"{sum(row.finding is not None for row in of)} of {len(of)} tables, figures and claims computed",
+    )
+    for row in of:
+        ours, verdict = (row.finding.ours, row.finding.verdict) if row.finding else ("not run", "–")
+        table.add(row.item.where, row.item.says, ours, verdict)
+    return table
+
+
+def write(path: Path, done: Sequence[Done], *, quick: bool) -> None:
+    """The page, its figures within."""
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(_HERE), autoescape=True)
+    of = rows(done)
+    verdicts = [row.finding.verdict for row in of if row.finding]
+    page = environment.get_template("report.html").render(
+        version=version("truerate"),
+        rows=of,
+        quick=quick,
+        agree=verdicts.count("agrees"),
+        part=verdicts.count("agrees in part"),
+        differ=verdicts.count("differs"),
+        studies=[_study(one) for one in done],
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _study(one: Done) -> dict[str, object]:
+    shown = Console(width=100, no_color=True, force_terminal=False)
+    with shown.capture() as captured:
+        for table in one.study.tables(one.results):
+            shown.print(table, highlight=False)
+    return {
+        "name": one.study.name,
+        "does": sentence(one.study.does).removesuffix("."),
+        "tables": captured.get(),
+        "figures": [{"name": stem.name, "svg": _svg(stem)} for stem in one.figures],
+    }
+
+
+def _svg(stem: Path) -> str:
+    return base64.b64encode(stem.with_name(f"{stem.name}.svg").read_bytes()).decode("ascii")

@@ -1,0 +1,124 @@
+"""Runs a study: jobs spread over processes, parts kept until the study is done, results.json, tables and figures.
+
+A study that was interrupted goes on from the parts it left. They lie in OUT/.parts, in a folder named after the work and a
+digest of all that it depends on, so that no part is used where anything differs.
+"""
+
+import hashlib
+import multiprocessing
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from estimator.study.interrupts import unheard
+from estimator.study.study import Arrays, Job, Parts, Scenario, Study
+
+AnyStudy = Study[Any, Any, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A study that was run: its results, and where its figures are (without suffix)."""
+
+    study: AnyStudy
+    results: Any
+    figures: tuple[Path, ...]
+
+
+class Runner:
+    """Runs studies into a folder; `workers` processes (None: one a processor), 1: in this process."""
+
+    def __init__(self, console: Console, out: Path, workers: int | None) -> None:
+        self._console, self._out, self._workers = console, out, workers
+        self._parts = out / ".parts"
+
+    def run(self, study: AnyStudy, scenario: Scenario) -> Done:
+        """Compute what is missing, leave results.json and figures in OUT/NAME, print the tables."""
+        inputs = study.inputs(scenario)
+        parts = self._computed(study, inputs)
+        results = study.results(scenario, parts)
+        folder = self._out / study.name
+        folder.mkdir(parents=True, exist_ok=True)
+        told = {"study": study.name, "truerate": version("truerate"), "scenario": scenario, "results": results}
+        _replace(folder / "results.json", msgspec.json.format(msgspec.json.encode(told), indent=1) + b"\n")
+        names = study.draw(results, folder)
+        for table in study.tables(results):
+            self._console.print(table, highlight=False)
+        self._console.print(f"In {folder}: results.json, {', '.join(names)} (.svg, .pdf, .png)", highlight=False)
+        return Done(study, results, tuple(folder / name for name in names))
+
+    def forget_parts(self) -> None:
+        """Nothing is to go on from here."""
+        shutil.rmtree(self._parts, ignore_errors=True)
+
+    def _computed(self, study: AnyStudy, inputs: Any) -> Parts:
+        folder = self._parts / _key(study, inputs)
+        folder.mkdir(parents=True, exist_ok=True)
+        jobs = study.jobs(inputs)
+        parts = {job: part for job in jobs if (part := _kept(folder, job)) is not None}
+        missing = [(study.work, inputs, job) for job in jobs if job not in parts]
+        with _spread(self._workers, missing) as done:
+            for job, part in track(
+                done, study.name, total=len(missing), console=self._console, transient=True, disable=not missing
+            ):
+                _keep(folder, job, part)
+                parts[job] = part
+        return {job: parts[job] for job in jobs}
+
+
+@contextmanager
+def _spread(workers: int | None, tasks: Sequence[Any]) -> Iterator[Iterator[tuple[Job, Arrays]]]:
+    """What tasks leave, in any order."""
+    if workers == 1 or len(tasks) < 2:
+        yield map(_do, tasks)
+        return
+    # Started anew and not copied: a copy of a process with threads may hang.
+    with unheard():
+        started = multiprocessing.get_context("spawn").Pool(workers)
+    with started as pool:
+        yield pool.imap_unordered(_do, tasks)
+
+
+def _do(task: tuple[Any, Any, Job]) -> tuple[Job, Arrays]:
+    work, inputs, job = task
+    return job, work(inputs, job)
+
+
+def _key(study: AnyStudy, inputs: Any) -> str:
+    told = msgspec.json.encode([version("truerate"), inputs])
+    return f"{study.work.__module__.rpartition('.')[-1]}-{hashlib.sha256(told).hexdigest()[:16]}"
+
+
+def _file(folder: Path, job: Job) -> Path:
+    return folder / f"{hashlib.sha256(repr(job).encode()).hexdigest()[:16]}.npz"
+
+
+def _kept(folder: Path, job: Job) -> Arrays | None:
+    try:
+        with np.load(_file(folder, job), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        return None
+
+
+def _keep(folder: Path, job: Job, part: Arrays) -> None:
+    path = _file(folder, job)
+    unfinished = path.with_suffix(".part")
+    with unfinished.open("wb") as file:
+        np.savez(file, **part)  # type: ignore[arg-type] # no part is called allow_pickle
+    unfinished.replace(path)
+
+
+def _replace(path: Path, data: bytes) -> None:
+    unfinished = path.with_name(f".{path.name}.part")
+    unfinished.write_bytes(data)
+    unfinished.replace(path)

@@ -1,0 +1,117 @@
+"""Runs of the paper's simulation: Algorithm 1 and closure on the same sessions, against the truth and the best possible.
+
+The paper's gyro has a constant bias and its hand puts the device back exactly, so closure is told so; where a hand misses,
+closure is told by how much.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from bridge.sim.paper import PaperGyro, PaperPlan, draw_gyro, simulate
+from estimator.batch.closure import ClosureKnobs
+from estimator.study import many
+from estimator.study.study import Arrays, Job, Parts, Scenario, generator
+
+METHODS = ("algorithm1", "closure")
+WORDS = {"algorithm1": "Algorithm 1", "closure": "closure"}
+PARAMETERS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z")
+#: sessions computed together: more of them leave the processor's cache
+CHUNK = 10
+#: sessions in one job
+TASK = 10 * CHUNK
+_TO_PAPER = [3, 4, 5, 0, 1, 2]
+
+
+def run(gyro: PaperGyro, plan: PaperPlan, sessions: int, rng: np.random.Generator) -> Arrays:
+    """Of n sessions of one gyro: error (2 methods, n, 6) in PARAMETERS, k and bias °/s; nees (n,) of closure; bound (m, 6).
+
+    The bound, variances, is of the first few of them: it hardly differs from session to session. A bias here is the reading
+    at rest, the paper's is minus that.
+    """
+    truth = np.concatenate([gyro.bias, gyro.k])
+    unit = np.concatenate([np.full(3, 180 / np.pi), np.ones(3)])
+    miss = np.radians(plan.replacement_deg)
+    error, nees = [], []
+    bound: NDArray[np.float64] = np.empty((0, 6))
+    for start in range(0, sessions, CHUNK):
+        of = simulate(gyro, plan, min(CHUNK, sessions - start), rng)
+        coning = plan.rate_hz < ClosureKnobs().coning_below_hz
+        paper, ours = many.algorithm1(of), many.closure(many.evidence(of, miss, coning=coning))
+        off = ours.theta - truth
+        nees.append(np.einsum("si,si->s", off, np.linalg.solve(ours.covariance, off[..., None])[..., 0]))
+        if start == 0:
+            bound = many.bound(of, np.radians(plan.noise_dps), miss)
+        error.append(unit * (np.stack([paper.theta, ours.theta]) - truth))
+    return {
+        "error": np.concatenate(error, axis=1)[..., _TO_PAPER],
+        "bound": (unit**2 * bound)[:, _TO_PAPER],
+        "nees": np.concatenate(nees),
+    }
+
+
+def joined(parts: list[Arrays]) -> Arrays:
+    """What several runs left, together."""
+    return {
+        "error": np.concatenate([part["error"] for part in parts], axis=1),
+        "bound": np.concatenate([part["bound"] for part in parts]),
+        "nees": np.concatenate([part["nees"] for part in parts]),
+    }
+
+
+class Simulation(Scenario, frozen=True, kw_only=True):
+    """The paper's: `runs` sessions at each noise, of `sets` parameter sets. Rates in Hz and °/s, times in s."""
+
+    sets: int
+    noise_dps: tuple[float, ...]
+    rate_hz: float
+    rest_s: float
+    turn_s: tuple[float, float]
+
+
+class Inputs(Struct, frozen=True):
+    """What the runs depend on."""
+
+    runs: int
+    seed: int
+    sets: int
+    noise_dps: tuple[float, ...]
+    rate_hz: float
+    rest_s: float
+    turn_s: tuple[float, float]
+
+
+def inputs(scenario: Simulation) -> Inputs:
+    """The same for every study of the same runs, so that they share what was computed."""
+    s = scenario
+    return Inputs(s.runs, s.seed, s.sets, s.noise_dps, s.rate_hz, s.rest_s, s.turn_s)
+
+
+def jobs(of: Inputs) -> Sequence[Job]:
+    """(noise, number of the parameter set, first run, last + 1)."""
+    runs = {number: of.runs // of.sets + (number < of.runs % of.sets) for number in range(of.sets)}
+    return [
+        (noise, number, first, min(first + TASK, runs[number]))
+        for noise in of.noise_dps
+        for number in range(of.sets)
+        for first in range(0, runs[number], TASK)
+    ]
+
+
+def work(of: Inputs, job: Job) -> Arrays:
+    """Runs of one parameter set at one noise."""
+    noise, number, first, last = (float(word) for word in job)
+    plan = PaperPlan(noise, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
+    return run(gyro_of(of.seed, int(number)), plan, int(last - first), generator(of.seed, noise, number, first))
+
+
+def gyro_of(seed: int, number: int) -> PaperGyro:
+    """A parameter set, the same at every noise."""
+    return draw_gyro(np.random.default_rng((seed, number)))
+
+
+def at_noise(parts: Parts, noise: float) -> dict[Job, Arrays]:
+    """The parts of one noise."""
+    return {job: part for job, part in parts.items() if job[0] == noise}

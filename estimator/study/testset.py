@@ -1,0 +1,155 @@
+"""The paper's figure 8: the mean error of the rate on a test set, before and after calibration (its equation 12)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from estimator.study import simulation
+from estimator.study.simulation import METHODS, WORDS, Simulation
+from estimator.study.spread import Spread, spread
+from estimator.study.study import Finding, Parts, Study, generator
+
+BEFORE = "before"
+AXES = ("x", "y", "z")
+
+
+class TestsetScenario(Simulation, frozen=True, kw_only=True):
+    """The test set: a constant rate, °/s, its projection on the three axes equal, of so many samples.
+
+    paper_left: the share of the error that the paper has left, at paper_left_noise_dps.
+    """
+
+    __test__ = False
+
+    test_rate_dps: float
+    test_samples: int
+    paper_left: float
+    paper_left_noise_dps: float
+
+
+class Row(Struct, frozen=True):
+    """Mean errors e (eq. 12) of one axis, °/s, before calibration or after one by a method."""
+
+    noise_dps: float
+    stage: str
+    axis: str
+    error: Spread
+
+
+class Left(Struct, frozen=True):
+    """What is left of the error: rms over rms of all runs and axes; the median run's; that of 97.5 % of runs or less."""
+
+    noise_dps: float
+    method: str
+    rms: float
+    median: float
+    most: float
+
+
+class Testset(Struct, frozen=True):
+    """All rows, what is left of the error, and the paper's."""
+
+    __test__ = False
+
+    rows: list[Row]
+    left: list[Left]
+    paper_left: float
+    paper_left_noise_dps: float
+
+    def of(self, noise: float, stage: str) -> list[Row]:
+        """The three axes."""
+        return [row for row in self.rows if (row.noise_dps, row.stage) == (noise, stage)]
+
+
+def results(scenario: TestsetScenario, parts: Parts) -> Testset:
+    """Mean errors on each run's test set, its noise drawn anew."""
+    rows, left = [], []
+    for noise in scenario.noise_dps:
+        before, after = [], []
+        for job, part in simulation.at_noise(parts, noise).items():
+            rng = generator(scenario.seed, "test", *job)
+            raw, corrected = mean_errors(scenario, noise, int(job[1]), part["error"], rng)
+            before.append(raw)
+            after.append(corrected)
+        raw, corrected = np.concatenate(before), np.concatenate(after, axis=1)
+        for stage, e in zip((BEFORE, *METHODS), (raw, *corrected), strict=True):
+            rows += [Row(noise, stage, axis, spread(e[:, i])) for i, axis in enumerate(AXES)]
+        for method, e in zip(METHODS, corrected, strict=True):
+            share = np.linalg.norm(e, axis=1) / np.linalg.norm(raw, axis=1)
+            rms = float(np.sqrt(np.mean(e**2) / np.mean(raw**2)))
+            left.append(Left(noise, method, rms, float(np.median(share)), float(np.quantile(share, 0.975))))
+    return Testset(rows, left, scenario.paper_left, scenario.paper_left_noise_dps)
+
+
+def mean_errors(
+    scenario: TestsetScenario, noise: float, number: int, error: NDArray[np.float64], rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """E (n, 3) of the readings and (2, n, 3) of the rates corrected by parameters with `error` (2, n, 6), °/s."""
+    gyro = simulation.gyro_of(scenario.seed, number)
+    rate = scenario.test_rate_dps / np.sqrt(3)
+    mean_noise = noise / np.sqrt(scenario.test_samples) * rng.standard_normal((error.shape[1], 3))
+    reading = rate / gyro.k + np.degrees(gyro.bias) + mean_noise
+    k, bias = gyro.k + error[..., :3], np.degrees(gyro.bias) + error[..., 3:]
+    return rate - reading, rate - k * (reading - bias)
+
+
+def tables(found: Testset) -> Sequence[RenderableType]:
+    """One row an axis; what is left."""
+    names = {BEFORE: "before", **WORDS}
+    n = found.rows[0].error.n
+    table = Columns(
+        [Column(name, number=True) for name in ("°/s", "calibration", "axis", "median", "middle half", "rms")],
+        title=f"Mean error of the rate on a test set, °/s, {n:,} simulated sessions at each noise",
+    )
+    for row in found.rows:
+        e = row.error
+        half = f"{e.quartiles[0]:+.4f} … {e.quartiles[1]:+.4f}"
+        table.add(f"{row.noise_dps:g}", names[row.stage], row.axis, f"{e.median:+.4f}", half, f"{e.rms:.4f}")
+    share = Columns(
+        [Column(name, number=True) for name in ("°/s", "calibration", "rms", "median run", "97.5 % of runs")],
+        title="What is left of the error",
+    )
+    for one in found.left:
+        share.add(
+            f"{one.noise_dps:g}", WORDS[one.method], *(f"{100 * x:.3f}%" for x in (one.rms, one.median, one.most))
+        )
+    return table, share
+
+
+def draw(found: Testset, folder: Path) -> Sequence[str]:
+    """Box plots."""
+    from estimator.figures.simulations import testset  # noqa: PLC0415 - matplotlib takes a second to load
+
+    testset(found, folder / "testset")
+    return ("testset",)
+
+
+def findings(found: Testset) -> Sequence[Finding]:
+    """Whether the error is down to 3 %, or less."""
+    left = next(one for one in found.left if one.method == "algorithm1" and one.noise_dps == found.paper_left_noise_dps)
+    return (
+        Finding(
+            "testset",
+            f"{100 * left.rms:.2g} % of before (rms); {100 * left.most:.2g} % or less in 97.5 % of runs",
+            "agrees" if left.rms <= found.paper_left else "differs",
+            "less is left than the paper says; its test rate is not given" if left.rms < found.paper_left / 3 else "",
+        ),
+    )
+
+
+STUDY = Study(
+    "testset",
+    TestsetScenario,
+    simulation.inputs,
+    simulation.jobs,
+    simulation.work,
+    results,
+    tables,
+    draw,
+    findings,
+)

@@ -1,0 +1,109 @@
+"""The paper's two sensors through its four methods and closure: sessions simulated one by one, and calibrated.
+
+The device is simulated with the paper's turntable column for its truth, its bias wandering as its model says; so the errors
+of b hold what a bias wanders between two calibrations, as those in the paper do.
+"""
+
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+from msgspec import Struct
+
+from bridge.sim.motion import Piece
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.study.device import Device, Hand, load_device, milli_g, record
+from estimator.study.sessions import AccelAided, Servomotor, Turntable
+from estimator.study.study import Arrays, Job, Scenario, generator
+
+METHODS = ("turn360", "closure", "turntable", "accel_aided", "servomotor")
+WORDS = {
+    "turn360": "Algorithm 1",
+    "closure": "closure",
+    "turntable": "turntable",
+    "accel_aided": "accel-aided",
+    "servomotor": "servomotor",
+}
+_TASK = 5
+
+
+class SensorsScenario(Scenario, frozen=True, kw_only=True):
+    """sensors: names in configs/study/sensors. The sessions of each method; the paper's limits of k and b by sensor."""
+
+    sensors: tuple[str, ...]
+    hand: Hand
+    turntable: Turntable
+    accel_aided: AccelAided
+    servomotor: Servomotor
+    paper_limit: dict[str, float]
+
+
+class Inputs(Struct, frozen=True):
+    """What the runs depend on."""
+
+    runs: int
+    seed: int
+    devices: dict[str, Device]
+    hand: Hand
+    turntable: Turntable
+    accel_aided: AccelAided
+    servomotor: Servomotor
+
+
+def inputs(s: SensorsScenario) -> Inputs:
+    """With the sensors read."""
+    devices = {name: load_device(name) for name in s.sensors}
+    return Inputs(s.runs, s.seed, devices, s.hand, s.turntable, s.accel_aided, s.servomotor)
+
+
+def jobs(of: Inputs) -> Sequence[Job]:
+    """(sensor, method, first run, last + 1), the longest first."""
+    methods = sorted(METHODS, key=lambda method: method not in ("turntable", "accel_aided"))
+    return [
+        (name, method, first, min(first + _TASK, of.runs))
+        for method in methods
+        for name in of.devices
+        for first in range(0, of.runs, _TASK)
+    ]
+
+
+def work(of: Inputs, job: Job) -> Arrays:
+    """Of n sessions: found (n, 6) and std (n, 6) in PARAMETERS, b in the paper's sign; accepted (n,); times (n,) s."""
+    name, method, first, last = str(job[0]), str(job[1]), int(job[2]), int(job[3])
+    found, std, accepted, lasts, took = [], [], [], [], []
+    for number in range(first, last):
+        # The same device and hand for both methods by hand.
+        rng = generator(of.seed, name, "hand" if method in ("turn360", "closure") else method, number)
+        pieces, rates, accel, zero_g = session_of(of, method, rng)
+        recorded = record(of.devices[name], pieces, rng, zero_g=zero_g)
+        recording = recorded.until(np.inf, accel=accel)
+        begun = perf_counter()
+        result, _ = offline.calibrate(recording, method, recording.gyro_range, tuple(np.radians(rates)))
+        took.append(perf_counter() - begun)
+        variance = np.diag(result.covariance)
+        found.append([*result.scale, *-np.degrees(result.bias)])
+        std.append([*np.sqrt(variance[3:6]), *np.degrees(np.sqrt(variance[:3]))])
+        accepted.append(result.verdict is Verdict.ACCEPTED)
+        lasts.append(recorded.ends_s[-1])
+    return {
+        "found": np.array(found),
+        "std": np.array(std),
+        "accepted": np.array(accepted),
+        "lasts": np.array(lasts),
+        "took": np.array(took),
+    }
+
+
+def session_of(
+    of: Inputs, method: str, rng: np.random.Generator
+) -> tuple[Sequence[Piece], tuple[float, ...], bool, float | None]:
+    """Pieces, known rates in °/s, whether the accelerometer is used, its offset in m/s² where not the device's."""
+    if method == "turntable":
+        return of.turntable.pieces(rng), of.turntable.rates_dps, False, None
+    if method == "servomotor":
+        servo = of.servomotor
+        return servo.pieces(rng), (servo.rate_dps,), True, milli_g(servo.accel_offset_mg)
+    if method == "accel_aided":
+        return of.accel_aided.pieces(rng), (), True, None
+    return of.hand.pieces(rng), (), False, None

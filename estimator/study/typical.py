@@ -1,0 +1,162 @@
+"""The paper's figure 6: one simulated session, with the stages that are found in the stream alone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from rich.console import RenderableType
+
+from bridge.columns import Column, Columns
+from bridge.recording import Recording
+from bridge.sim.paper import PaperPlan, simulate
+from estimator import offline
+from estimator.batch.capture import Samples
+from estimator.batch.session import CalibrationSession, TurnFound
+from estimator.stillness import Stillness
+from estimator.study.simulation import PARAMETERS, gyro_of
+from estimator.study.study import Arrays, Finding, Job, Parts, Scenario, Study, generator
+
+_AXES = ("x", "y", "z")
+
+
+class TypicalScenario(Scenario, frozen=True, kw_only=True):
+    """One session of a parameter set of the paper's simulation. Noise in °/s, times in s."""
+
+    set_number: int
+    noise_dps: float
+    rate_hz: float
+    rest_s: float
+    turn_s: tuple[float, float]
+
+
+class Stage(Struct, frozen=True):
+    """Where a turn is, s, and about which axis; as simulated, or as found."""
+
+    axis: str
+    begin_s: float
+    end_s: float
+
+
+class Parameter(Struct, frozen=True):
+    """Truth, what Algorithm 1 found, and the standard deviation said of it; b in °/s, the paper's sign."""
+
+    name: str
+    truth: float
+    found: float
+    std: float
+
+
+class Typical(Struct, frozen=True):
+    """Readings of one session, °/s, what of it are turns, and what comes out."""
+
+    noise_dps: float
+    time_s: list[float]
+    reading_dps: list[list[float]]
+    simulated: list[Stage]
+    found: list[Stage]
+    parameters: list[Parameter]
+    verdict: str
+
+
+def work(of: TypicalScenario, _: Job) -> Arrays:
+    """The session's readings (n, 3) rad/s, and where its turns begin and end (3, 2) s."""
+    gyro = gyro_of(of.seed, of.set_number)
+    plan = PaperPlan(of.noise_dps, rest_s=of.rest_s, turn_s=of.turn_s, rate_hz=of.rate_hz)
+    session = simulate(gyro, plan, 1, generator(of.seed, "typical"))
+    counts = (session.dt[0] > 0).sum(axis=1)
+    pieces, turns, n = [session.rests[0, 0]], [], len(session.rests[0, 0])
+    for i, count in enumerate(counts):
+        pieces += [session.turns[0, i, :count], session.rests[0, i + 1]]
+        turns.append((n / of.rate_hz, (n + count) / of.rate_hz))
+        n += count + len(session.rests[0, i + 1])
+    return {"gyro": np.concatenate(pieces), "turns": np.array(turns)}
+
+
+def results(of: TypicalScenario, parts: Parts) -> Typical:
+    """What is found in the stream."""
+    (part,) = parts.values()
+    gyro = part["gyro"]
+    time_s = np.arange(1, len(gyro) + 1) / of.rate_hz
+    recording = Recording(time_s, gyro, None, None, of.rate_hz, "typical")
+    result, _ = offline.calibrate(recording, "turn360")
+    truth = gyro_of(of.seed, of.set_number)
+    std = np.sqrt(np.diag(result.covariance))
+    values = zip(
+        PARAMETERS,
+        [*truth.k, *-np.degrees(truth.bias)],
+        [*result.scale, *-np.degrees(result.bias)],
+        [*std[3:6], *np.degrees(std[:3])],
+        strict=True,
+    )
+    return Typical(
+        noise_dps=of.noise_dps,
+        time_s=[round(float(t), 4) for t in time_s],
+        reading_dps=[[round(float(x), 3) for x in axis] for axis in np.degrees(gyro).T],
+        simulated=[Stage(_AXES[i], float(a), float(b)) for i, (a, b) in enumerate(part["turns"])],
+        found=_stages(recording),
+        parameters=[Parameter(name, float(a), float(b), float(c)) for name, a, b, c in values],
+        verdict=result.verdict.name.lower(),
+    )
+
+
+def _stages(recording: Recording) -> list[Stage]:
+    """The turns that a calibration session takes, between the rests before and after."""
+    n = len(recording)
+    session = CalibrationSession("turn360")
+    windows = list(Stillness().feed(recording.time_s, recording.gyro, None))
+    session.add(Samples(recording.time_s, recording.gyro, None, np.zeros(n, bool)))
+    progress = [one for window in windows for one in session.window(window)]
+    turns = [one.turn for one in progress if isinstance(one, TurnFound)]
+    return [Stage(_AXES[turn.axis], float(turn.before.end), float(turn.after.start)) for turn in turns]
+
+
+def tables(found: Typical) -> Sequence[RenderableType]:
+    """Stages, parameters."""
+    stages = Columns(
+        [Column(name, number=True) for name in ("turn about", "simulated s", "found s")],
+        title=f"One simulated session, noise {found.noise_dps:g} °/s: {found.verdict}",
+    )
+    by_axis = {stage.axis: f"{stage.begin_s:.2f} … {stage.end_s:.2f}" for stage in found.found}
+    for stage in found.simulated:
+        stages.add(stage.axis, f"{stage.begin_s:.2f} … {stage.end_s:.2f}", by_axis.get(stage.axis, "not found"))
+    table = Columns([Column(name, number=True) for name in ("of", "true", "found", "std")])
+    for one in found.parameters:
+        table.add(one.name, f"{one.truth:.5f}", f"{one.found:.5f}", f"{one.std:.5f}")
+    return stages, table
+
+
+def draw(found: Typical, folder: Path) -> Sequence[str]:
+    """The readings, stages shaded."""
+    from estimator.figures.traces import typical  # noqa: PLC0415 - matplotlib takes a second to load
+
+    typical(found, folder / "typical")
+    return ("typical",)
+
+
+def findings(found: Typical) -> Sequence[Finding]:
+    """Whether all stages are found, and found right."""
+    pairs = [(a, b) for a in found.simulated for b in found.found if a.axis == b.axis]
+    off = max((abs(x - y) for a, b in pairs for x, y in ((a.begin_s, b.begin_s), (a.end_s, b.end_s))), default=0.0)
+    # A hand starts and ends slowly: the first and last few tenths of a second of a turn are below the noise.
+    right = len(found.found) == 3 and off < 0.5
+    return (
+        Finding(
+            "typical",
+            f"{len(found.found)} turns found, their ends to {off:.2f} s; {found.verdict}",
+            "agrees" if right else "differs",
+        ),
+    )
+
+
+STUDY = Study(
+    "typical",
+    TypicalScenario,
+    lambda scenario: scenario,
+    lambda _: [("session",)],
+    work,
+    results,
+    tables,
+    draw,
+    findings,
+)

@@ -1,0 +1,101 @@
+"""Calibrate one of the paper's sensors by hand, then turn it by a machine: the sessions of figures 2, 9 and 10."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from bridge.sim.motion import Piece, Still
+from bridge.sim.script import machine
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.study.device import Device, Hand, Recorded, load_device, record
+from estimator.study.sessions import turn_s
+from estimator.study.study import Job, Scenario, generator
+
+Floats = NDArray[np.float64]
+METHODS = ("turn360", "closure")
+WORDS = {"raw": "readings", "turn360": "Algorithm 1", "closure": "closure", "paper": "the paper's K and b"}
+
+
+class VerificationScenario(Scenario, frozen=True, kw_only=True):
+    """sensors: names in configs/study/sensors; hand: of the calibration; rate_dps: of the machine; rest_s between."""
+
+    sensors: tuple[str, ...]
+    hand: Hand
+    rate_dps: float
+    rest_s: float
+
+
+class Inputs(Struct, frozen=True):
+    """What the runs depend on."""
+
+    runs: int
+    seed: int
+    devices: dict[str, Device]
+    hand: Hand
+    rate_dps: float
+    rest_s: float
+
+
+def inputs(s: VerificationScenario) -> Inputs:
+    """With the sensors read."""
+    return Inputs(s.runs, s.seed, {name: load_device(name) for name in s.sensors}, s.hand, s.rate_dps, s.rest_s)
+
+
+def jobs(of: Inputs) -> Sequence[Job]:
+    """(sensor, run)."""
+    return [(name, run) for name in of.devices for run in range(of.runs)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verification:
+    """Samples of the machine's part: time_s (n,) from its beginning, true rate (n, 3) and rates (n, 3) by WORDS, rad/s.
+
+    spins: for each, (begin, end) s, its ramps among it. accepted: what was accepted.
+    """
+
+    time_s: Floats
+    truth: Floats
+    rates: dict[str, Floats]
+    spins: list[tuple[float, float]]
+    accepted: dict[str, bool]
+
+
+def verify(of: Inputs, job: Job) -> Verification:
+    """One calibration by hand, then each axis 360° one way and back; both in one boot of the device."""
+    device = of.devices[str(job[0])]
+    rng = generator(of.seed, *job)
+    by_hand = of.hand.pieces(rng)
+    turning = machine(np.eye(3), (-of.rate_dps, of.rate_dps), rest_s=of.rest_s, spin_s=turn_s(of.rate_dps))
+    recorded = record(device, [*by_hand, *turning], rng)
+    calibrated_s = float(recorded.ends_s[len(by_hand) - 1])
+    session = recorded.until(calibrated_s)
+    found = {method: offline.calibrate(session, method, session.gyro_range)[0] for method in METHODS}
+    after = recorded.recording.time_s > calibrated_s
+    reading = recorded.recording.gyro[after]
+    column = device.paper["turn360"]
+    return Verification(
+        time_s=recorded.recording.time_s[after] - calibrated_s,
+        truth=recorded.rate[after],
+        rates={
+            "raw": reading,
+            **{method: result.scale * (reading - result.bias) for method, result in found.items()},
+            "paper": np.array(column.k) * (reading + np.radians(column.b_dps)),
+        },
+        spins=_spins([*by_hand, *turning], recorded, len(by_hand)),
+        accepted={method: result.verdict is Verdict.ACCEPTED for method, result in found.items()},
+    )
+
+
+def _spins(pieces: Sequence[Piece], recorded: Recorded, first: int) -> list[tuple[float, float]]:
+    """Where the machine turns: its pieces that last as long as a turn."""
+    begins = np.concatenate([[0.0], recorded.ends_s[:-1]]) - recorded.ends_s[first - 1]
+    ends = recorded.ends_s - recorded.ends_s[first - 1]
+    return [
+        (float(begins[i]), float(ends[i]))
+        for i in range(first, len(pieces))
+        if not isinstance(pieces[i], Still) and pieces[i].duration_s > 2.0
+    ]

@@ -1,0 +1,77 @@
+"""A study computed by any number of processes, in one go or in two, has the same results."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from msgspec import structs
+from rich.console import Console
+
+from estimator.cli import main
+from estimator.study.errors import STUDY, ErrorsScenario
+from estimator.study.runner import Runner
+
+QUIET = Console(quiet=True)
+
+
+@pytest.fixture
+def scenario() -> ErrorsScenario:
+    return structs.replace(STUDY.read(), runs=6, sets=3, noise_dps=(0.1,), paper_band=(0.01,), rate_hz=25)
+
+
+def computed(out: Path, scenario: ErrorsScenario, workers: int = 1) -> bytes:
+    """The results, no figures drawn."""
+    Runner(QUIET, out, workers).run(replace(STUDY, draw=lambda *_: ()), scenario)
+    return (out / "errors" / "results.json").read_bytes()
+
+
+def parts(out: Path) -> list[Path]:
+    return sorted((out / ".parts").glob("*/*.npz"))
+
+
+def test_workers_change_nothing(tmp_path: Path, scenario: ErrorsScenario) -> None:
+    one, two = (computed(tmp_path / str(workers), scenario, workers) for workers in (1, 2))
+    assert one == two
+    assert json.loads(one)["scenario"]["runs"] == 6
+
+
+def test_a_study_goes_on_from_the_parts_it_left(tmp_path: Path, scenario: ErrorsScenario) -> None:
+    whole = computed(tmp_path, scenario)
+    kept = parts(tmp_path)
+    assert len(kept) == 3
+    kept[0].unlink()
+    (tmp_path / "errors" / "results.json").unlink()
+    before = {path: path.stat().st_mtime_ns for path in kept[1:]}
+    assert computed(tmp_path, scenario) == whole
+    assert parts(tmp_path) == kept
+    assert {path: path.stat().st_mtime_ns for path in kept[1:]} == before
+
+
+def test_parts_of_another_scenario_are_not_used(tmp_path: Path, scenario: ErrorsScenario) -> None:
+    first = computed(tmp_path, scenario)
+    other = computed(tmp_path, structs.replace(scenario, seed=2))
+    assert json.loads(first)["results"]["rows"] != json.loads(other)["results"]["rows"]
+    assert len(parts(tmp_path)) == 6
+    shutil.rmtree(tmp_path / "errors")
+    assert computed(tmp_path, scenario) == first
+
+
+def test_each_figure_is_there_in_three_kinds(tmp_path: Path, scenario: ErrorsScenario) -> None:
+    done = Runner(QUIET, tmp_path, 1).run(STUDY, scenario)
+    kinds = {path.suffix: path.read_bytes() for path in (tmp_path / "errors").iterdir()}
+    assert kinds[".png"].startswith(b"\x89PNG")
+    assert kinds[".pdf"].startswith(b"%PDF")
+    assert b"<svg" in kinds[".svg"]
+    assert [path.name for path in done.figures] == ["errors"]
+
+
+def test_the_command_leaves_results_and_figures_and_no_parts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "typical", "--out", str(tmp_path)]) == 0
+    names = {path.name for path in (tmp_path / "typical").iterdir()}
+    assert names == {"results.json", "typical.svg", "typical.pdf", "typical.png"}
+    assert parts(tmp_path) == []
+    assert "turn about" in capsys.readouterr().out
