@@ -206,20 +206,17 @@ UNDETECTABLE: dict[str, Callable[[int], Trial]] = {
 
 def is_wrong(result: Result, k: Floats | None) -> bool:
     """Accepted, although nothing can be right, or with a scale off by more than 1 % and four of its own deviations."""
-    if result.verdict is not Verdict.ACCEPTED:
-        return False
-    if k is None:
-        return True
-    error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
-    return bool(np.any((error > 0.01) & (error > 4 * std)))
+    return result.verdict is Verdict.ACCEPTED and (k is None or _is_off(result, k, 0.01, 4.0))
 
 
 def is_too_sure(result: Result, k: Floats | None) -> bool:
     """Accepted with a scale off by more than 0.2 % and five of its own deviations."""
-    if result.verdict is not Verdict.ACCEPTED or k is None:
-        return False
+    return result.verdict is Verdict.ACCEPTED and k is not None and _is_off(result, k, 0.002, 5.0)
+
+
+def _is_off(result: Result, k: Floats, by: float, deviations: float) -> bool:
     error, std = np.abs(result.scale - k), np.sqrt(np.diag(result.covariance)[3:6])
-    return bool(np.any((error > 0.002) & (error > 5 * std)))
+    return bool(np.any((error > by) & (error > deviations * std)))
 
 
 def try_one(job: tuple[str, int, str]) -> tuple[str, bool, bool, bool]:

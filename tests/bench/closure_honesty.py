@@ -10,7 +10,6 @@ error' covariance^-1 error / 3: 1 where the deviations are right, below it where
 import argparse
 import multiprocessing
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,13 +136,13 @@ def row(found: list[tuple[Verdict, Floats, Floats, str]]) -> tuple[str, ...]:
     )
 
 
-def main(argv: list[str] | None = None, show: Callable[[Table], None] | None = None) -> None:
+def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench.closure_honesty", description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200, help="sessions of each kind")
     parser.add_argument("--method", default="closure")
     parser.add_argument("--only", default="", metavar="WORD", help="kinds whose name has this in it")
-    given = parser.parse_args(argv)
+    given = parser.parse_args()
     jobs = [
         (name, accel, seed, given.method)
         for name in KINDS
@@ -164,7 +163,7 @@ def main(argv: list[str] | None = None, show: Callable[[Table], None] | None = N
         table.add_column(heading, justify="left" if heading == "session" else "right")
     for (name, accel), of in found.items():
         table.add_row(name, "yes" if accel else "no", *row(of))
-    (show or console.print)(table)
+    console.print(table)
 
 
 if __name__ == "__main__":
