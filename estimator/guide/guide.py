@@ -126,9 +126,10 @@ class Guide:
             return self._turning(status, done, needed)
         axis = needed[0] if needed else 0
         way = self._way(axis)
+        if way is Picture.SIDE:
+            return Told(Step.STAND, Picture.POSE, Words("stand"), axis=axis, done=done, needed=needed, wrong=wrong)
         words = Words(f"{'again' if wrong else 'turn'}_{way}", {"axis": AXES[axis]})
-        picture = Picture.POSE if way is Picture.SIDE else way
-        return Told(Step.TURN, picture, words, 0.0, 0.0, axis, done, needed, wrong)
+        return Told(Step.TURN, way, words, 0.0, 0.0, axis, done, needed, wrong)
 
     def _is_standing_up(self, words: Words) -> bool:
         """Whether a movement that was no turn only stood the device on its side, or the device has been stood so since."""

@@ -17,6 +17,7 @@ class Step(StrEnum):
     PLACE = "place"  # put it against the edge, and let it rest
     TURN = "turn"  # turn it about an axis that is still needed
     TURNING = "turning"
+    STAND = "stand"  # stand it on its side, so that the axis that is still needed is level
     POSE = "pose"  # of a method by movements: lay it on another side
     SETTLE = "settle"  # put down again: let it rest until the turn is judged
     DONE = "done"

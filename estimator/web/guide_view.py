@@ -148,7 +148,7 @@ def _said(told: Told, known: Known, calibration: Calibration | None, before: Cal
 
 def _turns(told: Told, t: Texts) -> list[Turn]:
     found = []
-    turning = told.step in (Step.TURN, Step.TURNING, Step.SETTLE)
+    turning = told.step in (Step.TURN, Step.STAND, Step.TURNING, Step.SETTLE)
     if told.sides is not None and told.step not in _OVER:
         return [_side(side, told.sides, t) for side in range(SIDES)]
     for axis in (*told.done, *told.needed):

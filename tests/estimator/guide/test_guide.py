@@ -264,7 +264,7 @@ def test_where_turns_must_be_level_it_is_stood_on_its_side_for_the_third() -> No
     told = follow(Guide(horizontal=True), device, batches(calibration(seed=4, plan=plan, after=after)))
     asked = [one for one in told if one.step is Step.TURN]
     assert (asked[0].axis, asked[0].needed) == (0, (0, 1, 2)), "the upright axis comes last"
-    assert any(one.head.key == "turn_side" and one.picture is Picture.POSE and one.axis == 2 for one in asked)
+    assert any(one.step is Step.STAND and one.picture is Picture.POSE and one.axis == 2 for one in told)
     assert keys(told) == set(), "standing it on its side is no turn that went wrong"
     assert told[-1].step is Step.DONE
     assert device.calibration is not None
