@@ -29,7 +29,7 @@ LOOK_S = 0.1
 MISNAMED_S = 3.0
 _STYLES = {Step.DONE: "bold green", Step.IDLE: "bold green", Step.CANCELLED: "bold yellow"}
 _STYLES |= dict.fromkeys((Step.AWAY, Step.BROKEN, Step.REFUSED), "bold red")
-_UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.TURNING, Step.POSE, Step.SETTLE)
+_UNDER_WAY = (Step.WARM, Step.PLACE, Step.TURN, Step.STAND, Step.TURNING, Step.POSE, Step.SETTLE)
 _BARS = (Step.PLACE, Step.SETTLE, Step.TURNING)
 
 
