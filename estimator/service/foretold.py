@@ -19,10 +19,6 @@ class Foretold:
         """Whether who has come so far has passed them all."""
         return boot != self._boot or following > self._end
 
-    def reaches(self, following: int) -> bool:
-        """Whether what comes of the boot from this number on is among them, or before them."""
-        return following < self._end
-
     def settle(self, sequence: Sequence, lost: int, uncounted: int) -> int:
         """A session fails: how many are among its last `lost` samples and the `uncounted` ones that it was about to take."""
         if sequence.boot not in (None, self._boot):

@@ -2,8 +2,6 @@
 
 import logging
 
-from bridge.wire import codec
-from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
@@ -23,12 +21,6 @@ class Stock:
         self._law = Conservation()
         self._decoded = 0
         self._seen: dict[str, DeviceVitals] = {}
-
-    def decode(self, key: str, payload: bytes) -> SampleBatch:
-        """A batch of samples, counted."""
-        batch = codec.decode_samples(key, payload)
-        self.came(len(batch))
-        return batch
 
     def came(self, samples: int) -> None:
         """So many samples came in."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import SampleBatch
+from estimator.device.samples import Samples
 from estimator.sequence import Sequence
 from estimator.service.sources import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
 from tests.estimator.stream import Stream, stream
@@ -24,7 +25,7 @@ def source() -> Stream:
 def rule(source: Source, sequence: Sequence, batches: Iterable[SampleBatch], *, at: float, step: float) -> list[Ruling]:
     """As the service does, one batch each `step` seconds."""
     rulings = []
-    for n, batch in enumerate(batches):
+    for n, batch in enumerate(map(Samples.of, batches)):
         ruling = source.judge(batch, sequence, at + n * step)
         rulings.append(ruling)
         if ruling is R.JUMP:

@@ -19,6 +19,8 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.database.owner import owned
+from estimator.device.correct import Cut
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service import roster, serve, sources
 from estimator.service.overload import OVERLOADED, UNKEPT
@@ -53,14 +55,13 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     whole = DeviceSession.take
 
-    def failing(self: DeviceSession, batch: SampleBatch) -> Outcome:
-        outcome = whole(self, batch)
+    def failing(self: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
+        outcome = whole(self, batch, cuts)
         if batch.sequence in (batches[-20].sequence, batches[-18].sequence):
             raise FloatingPointError("singular")
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", failing)
-    monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     (other,) = once.part(0, 10).batches([])
     put(ward, replace(other, device="other"))
     ward.send(batches[-20:])
