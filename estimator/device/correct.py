@@ -56,7 +56,7 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
     if not cuts:
         return []
     rows = np.concatenate([samples.rows[first:end] for samples, _, first, end in cuts])
-    parameters = np.array([correction.parameters for _, correction, _, _ in cuts])
+    parameters = np.concatenate([correction.parameters for _, correction, _, _ in cuts]).reshape(-1, 12)
     counts = [end - first for _, _, first, end in cuts]
     rate, beyond = np.empty((len(rows), 3), np.float32), np.zeros(len(rows), np.bool_)
     corrected(rows, np.array(counts), parameters, MAX_CORRECTED, rate, beyond)

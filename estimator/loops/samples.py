@@ -10,73 +10,76 @@ Float32s = NDArray[np.float32]
 Wholes = NDArray[np.int64]
 
 #: rows of the `numbers` of messages: samples; 0 where one has no accel, °C, flags; sequence number and host time of the first
-COUNT, HAS_ACCEL, HAS_CELSIUS, HAS_FLAGS, FIRST, START = range(6)
+COUNT, ACCEL, CELSIUS, FLAGS, FIRST, START = range(6)
 
 
-@compiled("b1[:](i8[:, :], f8[:, :], u8[:], f4[:], f4[:], f4[:], u4[:], f8[:], u4[:], f8[:, :], i8[:, :], f8[:, :])")
+@compiled("void(i8[:, :], f8[:, :], u8[:], f4[:], u4[:], f8[:], f8[:, :], i8[:, :], f8[:, :])")
 def unpacked(
     numbers: Wholes,
     clocks: Floats,
     ticks: NDArray[np.uint64],
-    gyro: Float32s,
-    accel: Float32s,
-    celsius: Float32s,
-    flags: NDArray[np.uint32],
+    floats: Float32s,
+    words: NDArray[np.uint32],
     limits: Floats,
-    marks: NDArray[np.uint32],
     rows: Floats,
     places: Wholes,
-    ends: Floats,
-) -> NDArray[np.bool_]:
-    """(m,): which messages are fit. Writes rows (n, 9) and places (n, 3) of all samples; see estimator/device/samples.py.
+    found: Floats,
+) -> None:
+    """Writes rows (n, 9) and places (n, 3) of the samples of messages; see estimator/device/samples.py.
 
-    And ends (2, m), the device time of the first sample of each message and of the last.
-
-    numbers (6, m); clocks (2, m): tick period, s, and rate. The columns of all messages lie one after the other, packed as on the
-    wire. limits: largest gyro, accel, °C and host time. marks: all flags there are; those that make a reading unfit, and its °C.
+    And found (3, m) of each message: device time of its first sample and its last, and whether all of it is fit.
+    numbers (6, m); clocks (2, m): tick period, s, and rate. The ticks of all messages lie one after the other, packed as on the
+    wire, behind them all gyro, accel, °C and flags, in the same room as floats and as words. limits: largest gyro, accel, °C and
+    host time; all flags that there are, those that make a reading unfit, and its °C.
     """
-    known, unfit, stepped = marks[0], marks[1], marks[2]
-    most_gyro, most_accel, most_celsius, most_ns = limits[0], limits[1], limits[2], limits[3]
-    fits = np.ones(numbers.shape[1], np.bool_)
-    at, accel_at, celsius_at, flags_at = 0, 0, 0, 0
-    for m in range(numbers.shape[1]):
-        n, first, start = numbers[COUNT, m], numbers[FIRST, m], numbers[START, m]
-        period, rate, fit = clocks[0, m], clocks[1, m], True
-        begin = ticks[at]
+    m = numbers.shape[1]
+    known, unfit, stepped = np.uint32(limits[4]), np.uint32(limits[5]), np.uint32(limits[6])
+    at, gyro = 0, 2 * len(ticks)
+    accel = gyro + 3 * len(ticks)
+    celsius = accel
+    for i in range(m):
+        celsius += numbers[ACCEL, i] // 4
+    flags = celsius
+    for i in range(m):
+        flags += numbers[CELSIUS, i] // 4
+    for message in range(m):
+        n, first, start = numbers[COUNT, message], numbers[FIRST, message], numbers[START, message]
+        aided, warm, marked = numbers[ACCEL, message] > 0, numbers[CELSIUS, message] > 0, numbers[FLAGS, message] > 0
+        period, rate, begin, fit = clocks[0, message], clocks[1, message], ticks[at], True
         for i in range(n):
             row, place, tick = rows[at + i], places[at + i], ticks[at + i]
             fit &= tick < np.uint64(1 << 63) and (i == 0 or tick > ticks[at + i - 1])
             row[0] = tick * period
             for c in range(3):
-                value = gyro[3 * (at + i) + c]
-                fit &= bool(abs(value) <= most_gyro)
+                value = floats[gyro + 3 * i + c]
+                fit &= bool(abs(value) <= limits[0])
                 row[1 + c] = value
                 row[4 + c] = np.nan
-                if numbers[HAS_ACCEL, m]:
-                    value = accel[accel_at + 3 * i + c]
-                    fit &= bool(abs(value) <= most_accel)
+                if aided:
+                    value = floats[accel + 3 * i + c]
+                    fit &= bool(abs(value) <= limits[1])
                     row[4 + c] = value
-            mark = flags[flags_at + i] if numbers[HAS_FLAGS, m] else np.uint32(0)
+            mark = words[flags + i] if marked else np.uint32(0)
             fit &= mark & ~known == 0
             row[7] = 1.0 if mark & unfit else 0.0
             row[8] = np.nan
-            if numbers[HAS_CELSIUS, m]:
-                value = celsius[celsius_at + i]
-                fit &= bool(abs(value) <= most_celsius)
+            if warm:
+                value = floats[celsius + i]
+                fit &= bool(abs(value) <= limits[2])
                 if not mark & stepped:
                     row[8] = value
             passed_ns = np.float64(tick - begin) * period * rate * 1e9 if tick >= begin else np.inf
-            if passed_ns <= most_ns - start:
+            if passed_ns <= limits[3] - start:
                 place[1] = start + np.int64(np.rint(passed_ns))
             else:
                 fit = False
             place[0], place[2] = first + i, mark
-        fits[m], ends[0, m], ends[1, m] = fit, rows[at, 0], rows[at + n - 1, 0]
+        found[0, message], found[1, message], found[2, message] = rows[at, 0], rows[at + n - 1, 0], 1.0 if fit else 0.0
         at += n
-        accel_at += 3 * n if numbers[HAS_ACCEL, m] else 0
-        celsius_at += n if numbers[HAS_CELSIUS, m] else 0
-        flags_at += n if numbers[HAS_FLAGS, m] else 0
-    return fits
+        gyro += 3 * n
+        accel += numbers[ACCEL, message] // 4
+        celsius += numbers[CELSIUS, message] // 4
+        flags += numbers[FLAGS, message] // 4
 
 
 @compiled("void(f8[:, :], i8[:], f8[:, :], f8, f4[:, :], b1[:])")

@@ -1,14 +1,15 @@
 """The messages of a round of samples, decoded into columns all at once."""
 
+from array import array
 from collections.abc import Sequence
-from itertools import accumulate, pairwise
+from itertools import accumulate, chain, pairwise
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
-from bridge.wire import columns_pb2 as columns
+from bridge.wire import columns_pb2 as messages_pb2
 from bridge.wire.batches import MAX_ACCEL, MAX_CELSIUS, MAX_RATE, MAX_SAMPLES, MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
 from bridge.wire.envelope import MAX_PAYLOAD
@@ -17,8 +18,10 @@ from bridge.wire.refusal import Refusal
 from estimator.device.samples import UNFIT, WIDTH, Samples
 from estimator.loops.samples import unpacked
 
-_LIMITS = np.array([MAX_RATE, MAX_ACCEL, MAX_CELSIUS, MAX_TIME_NS], float)
-_MARKS = np.array([sum(SampleFlag), UNFIT, SampleFlag.TEMPERATURE_STEP], np.uint32)
+#: largest gyro, accel, °C and host time; all flags that there are, those that make a reading unfit, and its °C
+_LIMITS = np.array(
+    [MAX_RATE, MAX_ACCEL, MAX_CELSIUS, MAX_TIME_NS, sum(SampleFlag), UNFIT, SampleFlag.TEMPERATURE_STEP], float
+)
 
 
 #: what is read of a message: bridge and device; boot, sequence number; receive and start time, tick period, clock rate; columns
@@ -36,7 +39,7 @@ def decode(messages: Sequence[Message]) -> list[Samples | Refusal]:
 def _read(key: str, payload: bytes) -> _Read | None:
     """A message whose columns are of the right lengths, and not looked at yet; None where anything is out of the ordinary."""
     try:
-        place, raw = keys.parse(key), columns.SampleBatch.FromString(payload)
+        place, raw = keys.parse(key), messages_pb2.SampleBatch.FromString(payload)
     except (Refusal, DecodeError, UnicodeDecodeError, RuntimeWarning):
         return None
     ticks, gyro, accel, celsius, flags = raw.ticks, raw.gyro, raw.accel, raw.temperature_c, raw.flags
@@ -69,32 +72,33 @@ def _columns(read: Sequence[_Read]) -> list[Samples | None]:
     """The samples of each; None where a column has anything out of the ordinary."""
     if not read:
         return []
-    bridges, devices, boots, sequences, received, starts, periods, rates, ticks, gyro, accel, celsius, flags = zip(
-        *read, strict=True
+    bridges, devices, boots, sequences, received, starts, periods, rates, *columns = zip(*read, strict=True)
+    ticks, _, accel, celsius, flags = columns
+    counts, lengths = (
+        [len(column) // 8 for column in ticks],
+        ([*map(len, column)] for column in (accel, celsius, flags)),
     )
-    counts = [len(column) // 8 for column in ticks]
-    numbers = np.array([counts, *([len(c) for c in column] for column in (accel, celsius, flags)), sequences, starts])
-    rows, places, ends = np.empty((sum(counts), WIDTH)), np.empty((sum(counts), 3), np.int64), np.empty((2, len(read)))
-    fits = unpacked(
-        numbers,
-        np.array([periods, rates]),
-        np.frombuffer(bytearray().join(ticks), "<u8"),
-        np.frombuffer(bytearray().join(gyro), "<f4"),
-        np.frombuffer(bytearray().join(accel), "<f4"),
-        np.frombuffer(bytearray().join(celsius), "<f4"),
-        np.frombuffer(bytearray().join(flags), "<u4"),
+    numbers = array("q", [*counts, *chain.from_iterable(lengths), *sequences, *starts])
+    packed, n, m = bytearray().join(chain.from_iterable(columns)), sum(counts), len(read)
+    rows, places, found = np.empty((n, WIDTH)), np.empty((n, 3), np.int64), np.empty((3, m))
+    unpacked(
+        np.frombuffer(numbers, np.int64).reshape(6, m),
+        np.frombuffer(array("d", [*periods, *rates])).reshape(2, m),
+        np.frombuffer(packed, "<u8", n),
+        np.frombuffer(packed, "<f4"),
+        np.frombuffer(packed, "<u4"),
         _LIMITS,
-        _MARKS,
         rows,
         places,
-        ends,
+        found,
     )
+    first_s, last_s, fits = found.tolist()
     edges = list(pairwise([0, *accumulate(counts)]))
-    which = devices, bridges, boots, sequences, counts, *ends.tolist(), received, periods, rates
-    packed = ticks, [column if column.strip(b"\0") else b"" for column in flags]
+    which = devices, bridges, boots, sequences, counts, first_s, last_s, received, periods, rates
+    marked = [column if column.strip(b"\0") else b"" for column in flags]
     parts = [rows[begin:end] for begin, end in edges], [places[begin:end] for begin, end in edges]
-    found = [Samples(*one) for one in zip(*which, *packed, *parts, strict=True)]
-    return [one if fit else None for one, fit in zip(found, fits.tolist(), strict=True)]
+    samples = [Samples(*one) for one in zip(*which, ticks, marked, *parts, strict=True)]
+    return [one if fit else None for one, fit in zip(samples, fits, strict=True)]
 
 
 def _alone(key: str, payload: bytes) -> Samples | Refusal:

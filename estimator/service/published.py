@@ -85,7 +85,7 @@ class Encoder:
 def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
     """What is told of a correction, each number in the wire's range."""
     told = correction.told._asdict()
-    if np.abs(np.array(list(told.values()))).max() <= min(MAX_RATE, MAX_STD):
+    if all(abs(value) <= min(MAX_RATE, MAX_STD) for column in told.values() for value in column.tolist()):
         return told
     return {
         name: _clipped(value, -MAX_RATE, MAX_RATE) if name == "bias" else _clipped(value, 0.0, MAX_STD)
