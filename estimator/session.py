@@ -311,6 +311,7 @@ class DeviceSession:
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
                 self.life.reason = reason
             return False
+        self._blocks.own()
         self._apply()
         return True
 

@@ -83,5 +83,9 @@ class Blocks:
         self._block = []
         return begin, self.buffer.end
 
+    def own(self) -> None:
+        """Copy the block that is not over: all that was decoded in the same rounds need not stay for a device that is silent."""
+        self._block = [(rows.copy(), places.copy()) for rows, places in self._block]
+
     def _end_after(self, begun: float) -> None:
         self._until = (begun // self.length_s + 1) * self.length_s
