@@ -18,13 +18,13 @@ from estimator.correction import Correction
 from estimator.device.blocks import BLOCK_S, SHORT_S, Blocks
 from estimator.device.correct import Cut, batch_of, correct
 from estimator.device.samples import CELSIUS, TIME, Samples, known
+from estimator.device.sequence import Sequence
 from estimator.finite import runs
 from estimator.gyro import AXES
 from estimator.learnt import Learnt
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
-from estimator.sequence import Sequence
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import too_seldom
 from estimator.track.bias_filter import BiasState

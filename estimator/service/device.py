@@ -10,13 +10,13 @@ from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import BiasRevision, Calibration, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
+from estimator.device.admission import Source
 from estimator.device.correct import Cut, Rates
+from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
-from estimator.overtaken import Overtaken
 from estimator.service import published
 from estimator.service.foretold import Foretold
 from estimator.service.overload import OVERLOADED, UNKEPT
-from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 
@@ -79,7 +79,7 @@ class Device:
         self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
         self.session = DeviceSession(name, knobs, began)
-        self.overtaken = Overtaken()
+        self.reorder_buffer = ReorderBuffer()
         #: of the session that failed last: boot, the number that follows what it took in, and when the last of that was received
         self._came_to = 0, 0, 0
         #: the boot number under which another power-up came, until that one is calibrated
@@ -259,7 +259,7 @@ class Device:
     def restart(self, lost: int, uncounted: int) -> None:
         """A session without a boot: the next batch that follows what came, or a later one, begins it. See Sequence.anew."""
         before = self.session.sequence
-        self.overtaken = Overtaken(before.next or 0)
+        self.reorder_buffer = ReorderBuffer(before.next or 0)
         if before.boot is not None:
             self._came_to = before.boot, before.next or 0, self.session.last_heard_ns
         said = 0 if self._foretold is None else self._foretold.settle(before, lost, uncounted)

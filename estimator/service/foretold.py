@@ -1,6 +1,6 @@
 """Which samples of a device were published before it had a session: they come once more, to be taken in. Pure."""
 
-from estimator.sequence import Sequence
+from estimator.device.sequence import Sequence
 
 
 class Foretold:

@@ -10,17 +10,17 @@ from bridge import rivals
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Reason, Refusal
+from estimator.device.admission import Ruling
 from estimator.device.correct import Cut, correct
+from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
 from estimator.door import Door
 from estimator.outcome import Outcome
-from estimator.overtaken import Overtaken
 from estimator.service.boots import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation, counted
 from estimator.service.roster import Roster
-from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 
 log = logging.getLogger(__name__)
@@ -85,15 +85,15 @@ class Intake:
         for device in list(self._holding.values()):
             if waits(device.key):
                 continue
-            self._handle(device, device.overtaken.overdue(now))
-            if not device.overtaken:
+            self._handle(device, device.reorder_buffer.overdue(now))
+            if not device.reorder_buffer:
                 del self._holding[device.name]
         self._publish()
 
     def leave(self, device: Device) -> None:
         """It is another estimator's, and what waits for its turn is, too."""
         self._holding.pop(device.name, None)
-        for late in device.overtaken.drop():
+        for late in device.reorder_buffer.drop():
             device.refuse(late, MOVED)
         device.drop_waiting()
 
@@ -130,7 +130,7 @@ class Intake:
             log.warning("%s (said once)", rivals.words([samples.device], device.source.owner, (samples.bridge,)))
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:
-        session, overtaken = device.session, device.overtaken
+        session, buffer = device.session, device.reorder_buffer
         if session.sequence.boot is None and device.known(batch):
             session.sequence.refuse(batch, Reason.DUPLICATE)
             return
@@ -146,22 +146,22 @@ class Intake:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
         if ruling is Ruling.JUMP:
-            self._handle(device, overtaken.drop())
+            self._handle(device, buffer.drop())
             session.sequence.jump(batch)
         elif ruling is not Ruling.TAKE:
             self._publish()  # what is of the boot before
-            for late in overtaken.drop():
+            for late in buffer.drop():
                 device.refuse(late, Reason.OLD_BOOT)
             if session.boot is not None:
                 device.forget_said()
-                device.overtaken = overtaken = Overtaken()  # where this one begins is not known
+                device.reorder_buffer = buffer = ReorderBuffer()  # where this one begins is not known
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        if not overtaken.held and batch.sequence == session.sequence.next:
+        if not buffer.held and batch.sequence == session.sequence.next:
             self._handle_one(device, batch)
             return
-        self._handle(device, overtaken.feed(batch, session.sequence.next, now))
-        if overtaken:
+        self._handle(device, buffer.feed(batch, session.sequence.next, now))
+        if buffer:
             self._holding[device.name] = device
 
     def _handle(self, device: Device, batches: list[Samples]) -> None:

@@ -13,6 +13,7 @@ from bridge.wire import keys
 from bridge.wire.messages import Checkpoint, DeviceInfo
 from bridge.wire.refusal import Refusal, Tally
 from estimator.correction import Correction
+from estimator.device.admission import PLAIN_S
 from estimator.device.correct import Cut, correct
 from estimator.device.samples import Samples
 from estimator.remembered import correction
@@ -22,7 +23,6 @@ from estimator.service.device import CACHES, Device
 from estimator.service.published import Encoder
 from estimator.service.ready import Ready
 from estimator.service.replicas import Replicas
-from estimator.service.sources import PLAIN_S
 from estimator.session_knobs import SessionKnobs
 
 #: of a device that could not be corrected before its session is there

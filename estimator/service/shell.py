@@ -15,11 +15,11 @@ from bridge.wire import keys
 from bridge.wire.messages import Checkpoint
 from bridge.wire.refusal import Tally
 from estimator.config import Estimator
+from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
 from estimator.device_knobs import treatment
 from estimator.lifecycle import Event
 from estimator.outcome import Outcome
-from estimator.overtaken import Overtaken
 from estimator.restore import changed
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
@@ -301,7 +301,7 @@ class Service:
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
             device.source.owns(known, now)
         if self._peers.company or self._resumed.goes_on(key):
-            device.overtaken = Overtaken(batch.sequence)
+            device.reorder_buffer = ReorderBuffer(batch.sequence)
         self._silent.drop(name)
         self._interim.hand_over(device)
         self._devices[name] = device

@@ -3,11 +3,11 @@
 import logging
 
 from bridge.wire.refusal import Tally
+from estimator.device.admission import ELSEWHERE
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
 from estimator.service.resumed import DONE
 from estimator.service.roster import TOO_MANY, Roster
-from estimator.service.sources import ELSEWHERE
 from estimator.service.vitals import DeviceVitals, Note, Vitals
 
 log = logging.getLogger(__name__)
@@ -59,4 +59,6 @@ class Stock:
 def _account(device: Device) -> Account:
     sequence = device.session.sequence
     dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
-    return Account(sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.overtaken.samples)
+    return Account(
+        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.reorder_buffer.samples
+    )

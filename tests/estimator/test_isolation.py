@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 
 from bridge.wire import codec
+from estimator.device.admission import Source
 from estimator.device.blocks import Blocks
+from estimator.device.sequence import Sequence
 from estimator.learnt import Learnt
-from estimator.sequence import Sequence
 from estimator.service.device import Device
 from estimator.service.law import EVENT
 from estimator.service.published import Encoder
 from estimator.service.record import Record
-from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -115,7 +115,7 @@ def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_o
     device._put = failing
     for batch in batches[40:]:
         ward.send([batch])
-        assert not device.overtaken, "what follows waits for nothing"
+        assert not device.reorder_buffer, "what follows waits for nothing"
     mine = ward.latest()
     assert mine.events["session failed"] == 1
     assert EVENT not in mine.events

@@ -20,10 +20,11 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.database.owner import owned
+from estimator.device import admission
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service import roster, serve, sources
+from estimator.service import roster, serve
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession
@@ -121,7 +122,7 @@ def test_a_second_bridge_silences_nobody(
 def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
     batches = once.batches()
     ward.send(batches[:200], info(1))
-    clock[0] += ward.service.settings.silence_s + sources.OWNED_S + 0.1
+    clock[0] += ward.service.settings.silence_s + admission.OWNED_S + 0.1
     for batch in batches[200:]:
         put(ward, batch, "second")
     status = ward.latest()

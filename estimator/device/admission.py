@@ -1,4 +1,4 @@
-"""Whom a device is heard from and what of it can be: one bridge at a time, and no leap that no device could make.
+"""Which messages of a device are taken: those of one bridge at a time that go on, begin a boot, or leap no further than it can.
 
 Pure: time is an argument. One bad message must not silence a device; a bad sender must not silence it for ever.
 """
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
 from estimator.device.samples import Samples
-from estimator.sequence import Sequence
+from estimator.device.sequence import Sequence
 
 #: a bridge keeps its devices this much longer than a device may be silent
 OWNED_S = 1.0

@@ -1,6 +1,6 @@
-"""Batches of one boot that came before their turn: held until the hole before them is filled, or was waited for long enough.
+"""Reorder buffer: messages of one boot that came before their turn wait until what is missing before them comes, or is late.
 
-Pure; `now` is seconds of a clock that does not go back. What is repeated is not told apart here: who follows the numbers does.
+Pure; `now` is seconds of a steady clock. Repeated samples pass through: `sequence` counts them.
 """
 
 from bisect import insort
@@ -19,7 +19,7 @@ class _Held(NamedTuple):
     came_s: float
 
 
-class Overtaken:
+class ReorderBuffer:
     """`held` lies in the order of its numbers; truthy while anything is held. begins: the number to begin with, if known."""
 
     def __init__(self, begins: int | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Exactly once: which samples of a stream are new, by boot and sequence number. What is not new is counted."""
+"""Exactly once: which samples of a device are new, by boot and sequence number; those that are not are counted."""
 
 from collections.abc import Callable, Iterable
 

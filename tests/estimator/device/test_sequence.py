@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.device.samples import Samples
-from estimator.sequence import Sequence
+from estimator.device.sequence import Sequence
 from tests.estimator.stream import Stream, stream
 
 
