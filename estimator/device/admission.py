@@ -3,8 +3,8 @@
 Pure: time is an argument. One bad message must not silence a device; a bad sender must not silence it for ever.
 """
 
+from dataclasses import dataclass
 from enum import Enum, auto
-from typing import NamedTuple
 
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
@@ -48,7 +48,8 @@ class Ruling(Enum):
     REPEAT = auto()
 
 
-class Mark(NamedTuple):
+@dataclass(slots=True)
+class Mark:
     """The end of what was taken last: number and device time, s, when it was received, and heard."""
 
     sequence: int
@@ -120,7 +121,7 @@ class Source:
 
     def _took(self, batch: Samples, heard_s: float) -> None:
         self._refused = 0
-        self._latest = _marked(batch, heard_s)
+        self._latest = Mark(batch.sequence + batch.n, batch.last_s, batch.receive_time_ns, heard_s)
         self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
     def _goes_on(self, batch: Samples, sequence: Sequence) -> bool:
@@ -187,10 +188,6 @@ class Source:
         self._refused_last_s = heard_s
         self._refused_next = batch.boot, batch.sequence + batch.n
         return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
-
-
-def _marked(batch: Samples, heard_s: float) -> Mark:
-    return Mark(batch.sequence + batch.n, batch.last_s, batch.receive_time_ns, heard_s)
 
 
 def _publishable(batch: Samples) -> bool:

@@ -41,18 +41,15 @@ class Cut(NamedTuple):
         return self.samples.ticks[8 * self.first : 8 * self.end]
 
 
-class Rates(NamedTuple):
-    """Corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire: no flags where none is set.
-
-    A rate beyond the wire's range stands at its limit, marked as clipped.
-    """
-
-    rate: bytes
-    flags: bytes
+#: corrected rates (n, 3) float32 and flags (n,) uint32, packed as on the wire: no flags where none is set
+Rates = tuple[bytes, bytes]
 
 
 def correct(cuts: Sequence[Cut]) -> list[Rates]:
-    """The rates of each: the same bits however many are corrected at once."""
+    """The rates of each, the same bits however many are corrected at once.
+
+    A rate beyond the wire's range stands at its limit, marked as clipped.
+    """
     if not cuts:
         return []
     rows = np.concatenate([samples.rows[first:end] for samples, _, first, end in cuts])
@@ -66,14 +63,14 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
         if clips and beyond[at : at + n].any():
             known = np.frombuffer(flags or bytes(4 * n), np.uint32)
             flags = np.where(beyond[at : at + n], known | np.uint32(SampleFlag.CLIPPED), known).tobytes()
-        found.append(Rates(packed[12 * at : 12 * (at + n)], flags))
+        found.append((packed[12 * at : 12 * (at + n)], flags))
         at += n
     return found
 
 
 def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
     """What is published of a cut."""
-    samples, correction = cut.samples, cut.correction
+    samples, correction, (rate, flags) = cut.samples, cut.correction, rates
     return CorrectedBatch(
         device=samples.device,
         boot=samples.boot,
@@ -82,8 +79,8 @@ def batch_of(cut: Cut, rates: Rates) -> CorrectedBatch:
         tick_period_s=samples.tick_period_s,
         clock_rate=samples.clock_rate,
         ticks=np.frombuffer(cut.ticks, np.uint64),
-        rate=np.frombuffer(rates.rate, np.float32).reshape(-1, 3),
-        flags=np.frombuffer(rates.flags or bytes(4 * cut.n), np.uint32),
+        rate=np.frombuffer(rate, np.float32).reshape(-1, 3),
+        flags=np.frombuffer(flags or bytes(4 * cut.n), np.uint32),
         quality=correction.quality,
         **correction.told._asdict(),
         calibration=correction.calibration,

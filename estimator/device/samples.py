@@ -108,12 +108,13 @@ class SampleBuffer:
 
     def put(self, parts: Sequence[tuple[Floats, Wholes]]) -> None:
         """Take samples, rows (n, 9) and places (n, 3) of each part."""
-        n = sum([len(rows) for rows, _ in parts])
+        rows, places = zip(*parts, strict=True)
+        n = sum(map(len, rows))
         if self._end + n > len(self._rows):
             self._make_room(n)
         begin, self._end = self._end, self._end + n
-        np.concatenate([rows for rows, _ in parts], out=self._rows[begin : self._end])
-        np.concatenate([places for _, places in parts], out=self._places[begin : self._end])
+        np.concatenate(rows, out=self._rows[begin : self._end])
+        np.concatenate(places, out=self._places[begin : self._end])
 
     def rows(self, begin: int, end: int) -> Floats:
         """Samples by their numbers."""

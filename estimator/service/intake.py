@@ -137,7 +137,7 @@ class Intake:
         ruling = device.source.judge(batch, session.sequence, now)
         if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
             device.outdated = batch.boot, now
-            self._handle_one(device, batch)
+            session.sequence.fresh(batch)  # which counts it
             return
         device.heard = now
         if ruling is Ruling.RANGE:
