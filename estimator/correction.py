@@ -1,4 +1,4 @@
-"""What is applied to readings, and how sure it is: chosen from all that is known of a device, applied to a run of samples."""
+"""What is applied to readings, and how sure it is: chosen from all that is known of a device."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.messages import Calibration, CorrectedBatch, Quality, SampleBatch
-from estimator.block import sample_time_ns
+from bridge.wire.messages import Calibration, Quality
 from estimator.gyro import AXES, GyroModel, PriorKnobs, uncalibrated
 
 Floats = NDArray[np.float64]
@@ -63,41 +62,10 @@ class Correction:
             and _same(mine.cross_std, theirs.cross_std)
         )
 
-    def apply(self, batch: SampleBatch, start: int, end: int) -> CorrectedBatch:
-        """Samples start to end of the batch, corrected."""
-        rate = self.model.correct(batch.gyro[start:end].astype(float))
-        return self.told_of(batch, start, end, rate.astype(np.float32))
-
-    def told_of(self, batch: SampleBatch, start: int, end: int, rate: NDArray[np.float32]) -> CorrectedBatch:
-        """The same with the rates (end - start, 3) that this has made of them."""
-        part = slice(start, end)
-        return CorrectedBatch(
-            device=batch.device,
-            boot=batch.boot,
-            sequence=batch.sequence + start,
-            start_time_ns=sample_time_ns(batch, start),
-            tick_period_s=batch.tick_period_s,
-            clock_rate=batch.clock_rate,
-            ticks=batch.ticks[part],
-            rate=rate,
-            flags=batch.flags[part],
-            quality=self.quality,
-            **self.told._asdict(),
-            calibration=self.calibration,
-        )
-
 
 def _same(a: Floats, b: Floats) -> bool:
     """Whether both are the same array, or alike: of so few numbers lists tell it in a tenth of NumPy's time."""
     return a is b or a.tolist() == b.tolist()
-
-
-class Cut(NamedTuple):
-    """Samples first to last of a batch, and what corrects them."""
-
-    correction: Correction
-    first: int
-    last: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,8 +26,12 @@ class Door(Generic[T]):
         try:
             return self._decode(message.key, message.payload)
         except Refusal as refusal:
-            if self.refused.add(refusal.reason) == 1:
-                log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
-            if self._on_refusal is not None:
-                self._on_refusal(message.key, refusal)
+            self.refuse(message.key, refusal)
             return None
+
+    def refuse(self, key: str, refusal: Refusal) -> None:
+        """Count a message that is refused, and tell the first of each reason."""
+        if self.refused.add(refusal.reason) == 1:
+            log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
+        if self._on_refusal is not None:
+            self._on_refusal(key, refusal)

@@ -9,9 +9,9 @@ from typing import Any
 from bridge import rivals
 from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
+from estimator.device.admission import ELSEWHERE
 from estimator.service import overload
 from estimator.service.law import EVENT
-from estimator.service.sources import ELSEWHERE
 from estimator.service.turns import FLOODED
 from estimator.ward_view import LOW_BATTERY_PERCENT, charge_it
 

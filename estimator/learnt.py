@@ -2,15 +2,15 @@
 
 from collections import deque
 from collections.abc import Callable
+from math import isnan
 
-from bridge.wire.messages import Calibration, SampleBatch, State, Verdict
+from bridge.wire.messages import Calibration, State, Verdict
 from bridge.wire.refusal import Tally
 from estimator.batch.capture import Rest
 from estimator.batch.result import Result
 from estimator.batch.session import Expired, Finished, Ignored, Progress, RestFound, TurnFound
-from estimator.block import Part, celsius_at, has_celsius, sample_time_ns, unfit, where
 from estimator.correction import Correction, believed, choose
-from estimator.course import Course
+from estimator.device.samples import SampleBuffer
 from estimator.gyro import reading_std
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
@@ -129,20 +129,24 @@ class Learnt:
 
     # ---- samples --------------------------------------------------------------------------------------------------
 
-    def learn(self, parts: list[Part], course: Course, outcome: Outcome, *, coast: bool = False) -> bool:
-        """Take the samples of a block; whether there is anything new to apply. coast: the bias is only predicted if it may be."""
+    def learn(
+        self, buffer: SampleBuffer, end: int, of: tuple[str, int], outcome: Outcome, *, coast: bool = False
+    ) -> bool:
+        """Learn from samples of a buffer up to before the one of this number; whether there is anything new to apply.
+
+        of: their device and boot. coast: the bias is only predicted if it may be.
+        """
         tracker, begin, belief = self.tracker, self.tracker.time, self._belief
         coast = coast and self.may_coast
-        tracked, windows = begin, self._stillness.take([part.rows for part in parts], unfit(parts))
-        warm = any(has_celsius(part.of) for part in parts)
+        tracked, windows = begin, self._stillness.take(buffer, end)
         seconds: deque[tuple[int, Second]] | None = None  # that these windows complete, and which of them
-        for i, (begun, now, last, still) in enumerate(windows.heads):
+        for i, ((begun, now, last, still), celsius) in enumerate(zip(windows.heads, windows.celsius, strict=True)):
             self.now = now
-            if warm and (celsius := celsius_at(*course.place(last))) is not None:
+            if not isnan(celsius):
                 tracker.thermometer.read(now, celsius)
             if self._life.state is State.WARMING:
                 self._warming(windows.part(i, i + 1), outcome)
-                course.forget(last)
+                buffer.forget(last)
                 continue
             if seconds is None:
                 others = windows.part(i)
@@ -153,30 +157,30 @@ class Learnt:
             while seconds and seconds[0][0] == i:
                 _, second = seconds.popleft()
                 self._second(tracker.learn(second), outcome)
-                self._past.note(second.end, *course.place(second.last))
-                course.forget(second.last)
+                self._past.note(second.end, *buffer.place(second.last))
+                buffer.forget(second.last)
             if (under_way := self.under_way) is not None:
                 for progress in under_way.judge(begun, now, still=still):
-                    self._progress(progress, under_way, outcome, where(*course.place(last)))
+                    self._progress(progress, under_way, outcome, buffer.place(last)[1])
             if now >= self._cancelled_until:
                 self._as_it_is(outcome)
             if tracked != tracker.time and (improved := tracker.improved()) is not None:
-                used, (batch, _) = self._belief, where(*course.place(last))
-                revision = self._past.revision(batch, used.calibration, used.model.matrix, *improved)
+                used, (_, time_ns) = self._belief, buffer.place(last)
+                revision = self._past.revision(of, time_ns, used.calibration, used.model.matrix, *improved)
                 outcome.revisions += [] if revision is None else [revision]
             tracked = tracker.time
         if coast and len(windows):
-            self._coast(windows, course, outcome)
+            self._coast(windows, buffer, outcome)
         return tracker.time != begin or self._belief is not belief
 
-    def _coast(self, windows: Windows, course: Course, outcome: Outcome) -> None:
+    def _coast(self, windows: Windows, buffer: SampleBuffer, outcome: Outcome) -> None:
         self.tracker.coast(windows)
         first, rows = windows.samples
         self._events.add(COASTED, len(rows))
         self._second([], outcome)
         last = first + len(rows) - 1
-        self._past.note(self.tracker.time, *course.place(last))
-        course.forget(last)
+        self._past.note(self.tracker.time, *buffer.place(last))
+        buffer.forget(last)
 
     def _warming(self, windows: Windows, outcome: Outcome) -> None:
         """A window while the device warms up."""
@@ -217,10 +221,8 @@ class Learnt:
 
     # ---- calibration ----------------------------------------------------------------------------------------------
 
-    def _progress(
-        self, progress: Progress, under_way: UnderWay, outcome: Outcome, last: tuple[SampleBatch, int]
-    ) -> None:
-        """What a window completes of a calibration under way; last: the batch and the place in it of the window's last sample."""
+    def _progress(self, progress: Progress, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
+        """What a window completes of a calibration under way; now_ns: host time of the window's last sample."""
         match progress:
             case RestFound():
                 self._happens(Event.RESTED, f"still: now turn it once about {under_way.missing}", outcome)
@@ -234,7 +236,7 @@ class Learnt:
                 outcome.changed = True
                 outcome.said.append(needed)
             case Finished(result, rest):
-                self._finish(result, rest, under_way, outcome, sample_time_ns(*last))
+                self._finish(result, rest, under_way, outcome, now_ns)
 
     def _finish(self, result: Result, rest: Rest, under_way: UnderWay, outcome: Outcome, now_ns: int) -> None:
         made = self._as_message(result, under_way.who, now_ns)

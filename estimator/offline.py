@@ -22,9 +22,9 @@ from estimator.batch.methods import BY_MOVEMENTS, BY_RATES
 from estimator.batch.names import DEFAULT
 from estimator.batch.result import Result
 from estimator.batch.session import CalibrationSession, Finished, Ignored, TurnFound
-from estimator.block import UNFIT
 from estimator.calibration_file import of_result
 from estimator.corrected import Corrected, Rows
+from estimator.device.samples import UNFIT
 from estimator.device_knobs import knobs_of
 from estimator.noise_model import GENERIC, load_model
 from estimator.outcome import Outcome

@@ -8,7 +8,10 @@ from estimator.windowed import Second
 
 @dataclass(slots=True)
 class Outcome:
-    """What a batch, which may be of minutes, led to. `said` are things to log, most important last."""
+    """What samples, which may be of minutes, led to. `said` are things to log, most important last.
+
+    corrected: the samples themselves, where that was done at once.
+    """
 
     corrected: list[CorrectedBatch] = field(default_factory=list)
     calibrations: list[Calibration] = field(default_factory=list)

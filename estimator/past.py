@@ -5,8 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.wire.messages import BiasRevision, SampleBatch
-from estimator.block import Stretch, time_ns_at
+from bridge.wire.messages import BiasRevision
 from estimator.track.smoother import Smoothed
 
 #: seconds whose samples are remembered
@@ -19,9 +18,9 @@ class Past:
     def __init__(self) -> None:
         self._seconds: deque[tuple[float, int, int]] = deque(maxlen=REVISED_S)
 
-    def note(self, end: float, of: SampleBatch | Stretch, index: int) -> None:
-        """The tracker has come to the end of a second, device time, with this sample of a batch or stretch."""
-        self._seconds.append((end, of.sequence + index, time_ns_at(of, index)))
+    def note(self, end: float, sequence: int, time_ns: int) -> None:
+        """The tracker has come to the end of a second, device time, with this sample."""
+        self._seconds.append((end, sequence, time_ns))
 
     @property
     def reached(self) -> tuple[int, int] | None:
@@ -29,19 +28,28 @@ class Past:
         return self._seconds[-1][1:] if self._seconds else None
 
     def revision(
-        self, batch: SampleBatch, calibration: str, matrix: NDArray[np.float64], gap_s: float, smoothed: Smoothed
+        self,
+        of: tuple[str, int],
+        time_ns: int,
+        calibration: str,
+        matrix: NDArray[np.float64],
+        gap_s: float,
+        smoothed: Smoothed,
     ) -> BiasRevision | None:
-        """A better past for those who keep it: the seconds of a gap of which the samples are still known, or None."""
+        """A better past for those who keep it: the seconds of a gap of which the samples are still known, or None.
+
+        of: device and boot. time_ns: host time of the sample with which it became known.
+        """
         known = {time: (sequence, time_ns) for time, sequence, time_ns in self._seconds}
         kept = [i for i, time in enumerate(smoothed.time) if time in known]
         if not kept:
             return None
         sequences, times_ns = zip(*(known[smoothed.time[i]] for i in kept), strict=True)
         return BiasRevision(
-            device=batch.device,
-            boot=batch.boot,
+            device=of[0],
+            boot=of[1],
             calibration=calibration,
-            time_ns=batch.receive_time_ns,
+            time_ns=time_ns,
             matrix=matrix,
             sequences=np.array(sequences, np.uint64),
             times_ns=np.array(times_ns, np.int64),

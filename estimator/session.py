@@ -1,7 +1,7 @@
 """One device from its first sample on: readings in; corrected rates, calibrations and a status out.
 
-A pure core: no clock, no bus, no store. Time is the device's own, in the batches; what was remembered of earlier boots
-is handed in. What a block of device time teaches (`block`) is used from the end of the next one on: any batching of the
+A pure core: no clock, no bus, no store. Time is the device's own, in the samples; what was remembered of earlier boots
+is handed in. What a block of device time teaches (`device.blocks`) is used from the end of the next one on: any batching of the
 same samples gives the same corrected rates, and whoever runs it may learn meanwhile, when there is time.
 """
 
@@ -10,22 +10,21 @@ from functools import partial
 from weakref import proxy
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.wire.messages import NO_REST_S, Calibration, DeviceInfo, SampleBatch, State, Status
 from bridge.wire.refusal import Reason
-from estimator.batch.capture import Floats
 from estimator.batch.result import Result
-from estimator.block import BLOCK_S, SHORT_S, TIME, Part, Stretch, joined, rows_of, temperature_at, where
-from estimator.correction import Correction, Cut
-from estimator.course import Course, Point
+from estimator.correction import Correction
+from estimator.device.blocks import BLOCK_S, SHORT_S, Blocks
+from estimator.device.correct import Cut, batch_of, correct
+from estimator.device.samples import CELSIUS, TIME, Samples, known
+from estimator.device.sequence import Sequence
 from estimator.finite import runs
 from estimator.gyro import AXES
 from estimator.learnt import Learnt
 from estimator.lifecycle import Event, Life
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
-from estimator.sequence import Sequence
 from estimator.session_knobs import SessionKnobs
 from estimator.stillness import too_seldom
 from estimator.track.bias_filter import BiasState
@@ -59,6 +58,7 @@ class DeviceSession:
         self.windowed = False
         #: whether there is no time to learn of its bias
         self.coasts = False
+        self._away_s = 0.0  # by the host's clock, before what was admitted last
         self._begin(began)
         self._unused = True  # since it was begun
 
@@ -103,11 +103,12 @@ class DeviceSession:
         # What it has learnt would else keep a session that is no more, until Python looks for cycles.
         made = partial(_as_message, proxy(self))
         self.learnt = Learnt(self.knobs, device_time, law, self.life, self.sequence.events, made)
-        self._course = Course(device_time)
+        self._blocks = Blocks(device_time)
         #: what is applied now, and from the end of this block on
         self._applied = self._ready = self.learnt.correction()
-        #: the last whole block, while nothing is learnt from it yet, and what was applied to it
-        self._lesson, self._lesson_applied = list[Part](), self._applied
+        #: the last whole block in the buffer, while nothing is learnt from it yet
+        self._lesson: tuple[int, int] | None = None
+        self._lesson_applied = self._applied  # to that block
 
     def _lost_turns(self, axes: tuple[int, ...], outcome: Outcome) -> None:
         if self.learnt.under_way is None:
@@ -120,9 +121,9 @@ class DeviceSession:
 
     def start_over(self, why: str) -> Outcome:
         """It is not what it was: nothing known of it holds any more. Its samples go on."""
-        course = self._course.anew()
-        self._begin(course.latest)
-        self._course = course
+        blocks = self._blocks.anew()
+        self._begin(blocks.latest)
+        self._blocks = blocks
         self.learnt.scratch = why
         self.life.on(Event.CHANGED, "hold the device still for 3 seconds")
         return Outcome(changed=True, said=[why])
@@ -181,54 +182,35 @@ class DeviceSession:
         """What is applied to the samples that come next."""
         return self._applied
 
-    def begins_earlier(self, batch: SampleBatch) -> bool:
-        """Whether a batch is of the time before this boot was taken to begin, and nothing of it was taken yet."""
-        return self.sequence.next is None and float(batch.device_time[0]) < self.learnt.began
-
-    def plain(self, boot: int, sequence: int, first_s: float, last_s: float, samples: int) -> bool:
-        """Whether a batch, all of it finite, from first_s to last_s of the device's clock, only goes on where the stream is."""
-        return (
-            boot == self.sequence.boot
-            and sequence == self.sequence.next
-            and self._course.goes_on(first_s, last_s, samples)
-            and not self.life.away
-        )
-
-    @property
-    def point(self) -> Point:
-        """From where on samples go on."""
-        return self._course.point
-
-    def ends_block(self, last_s: float) -> bool:
-        """Whether a sample at last_s of the device's clock is beyond the block that waits."""
-        return self._course.ends_block(last_s)
-
-    def keep(self, stretch: Stretch, rows: Floats, received_ns: int) -> None:
-        """Take plain batches, without flags, that end no block, and their rows (n, 7), time by the device's clock.
-
-        They are to be corrected by `applied`, which is all that `handle` would do. received_ns: when the last of them was.
-        """
-        self.sequence.went_on(len(rows))
-        self.last_heard_ns = received_ns
-        self._course.keep(rows, stretch)
-
-    def end_block(self, stretch: Stretch, rows: Floats, received_ns: int) -> tuple[Outcome, list[Cut]]:
-        """Take some that end a block, as `take` would; what of them is to be corrected by what, besides the outcome."""
-        outcome = Outcome()
-        self.sequence.went_on(len(rows))
-        self.last_heard_ns = received_ns
-        return outcome, self._take(stretch, rows, None, 0, 0.0, outcome)
+    def begins_earlier(self, samples: Samples) -> bool:
+        """Whether these are of the time before this boot was taken to begin, and nothing of it was taken yet."""
+        return self.sequence.next is None and samples.first_s < self.learnt.began
 
     def handle(self, batch: SampleBatch) -> Outcome:
-        """Take a batch and learn from it."""
-        outcome = self.take(batch)
+        """Take a batch of the current boot, as of a recording, correct it and learn from it; what is not finite is counted."""
+        samples, cuts = Samples.of(batch), list[Cut]()
+        first, outcome = self._admit(samples)
+        finite = runs(batch, first) if first < samples.n else []
+        self.sequence.drop(Reason.NON_FINITE, samples.n - first - sum(end - begin for begin, end in finite))
+        for begin, end in finite:
+            outcome = self._put(samples.part(begin, end), 0, cuts, outcome)
+        outcome = outcome or Outcome()
+        outcome.corrected = [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
         self._learn(outcome)
         return outcome
+
+    def take(self, samples: Samples, cuts: list[Cut]) -> Outcome | None:
+        """Take samples of the current boot (see Sequence.is_new_boot), all finite; late or repeated ones are counted.
+
+        What is to be corrected by what is added to `cuts`; what came of earlier samples is returned, if anything did.
+        """
+        first, outcome = self._admit(samples)
+        return outcome if first == samples.n else self._put(samples, first, cuts, outcome)
 
     @property
     def to_learn(self) -> bool:
         """Whether there is a whole block that nothing was learnt from yet."""
-        return bool(self._lesson)
+        return self._lesson is not None
 
     def learn(self) -> Outcome:
         """What the last whole block teaches; by itself at the end of the next one, from which on it is applied."""
@@ -236,79 +218,57 @@ class DeviceSession:
         self._learn(outcome)
         return outcome
 
-    def take(self, batch: SampleBatch) -> Outcome:
-        """Take a batch of the current boot (see Sequence.is_new_boot); samples late, repeated or not finite are counted."""
-        outcome = Outcome()
-        first = self.sequence.fresh(batch)
-        if first == len(batch):
-            return outcome
-        away_s = max(0.0, (batch.receive_time_ns - self.last_heard_ns) / 1e9 / batch.clock_rate)
-        self.last_heard_ns = batch.receive_time_ns
-        if self.life.on(Event.HEARD):
-            self._apply()
-            outcome.changed = True
-            outcome.said.append("heard again")
-        finite = runs(batch, first)
-        self.sequence.drop(Reason.NON_FINITE, len(batch) - first - sum(end - begin for begin, end in finite))
-        flags = batch.flags if batch.flags.any() else None
-        for begin, end in finite:
-            marks = None if flags is None else flags[begin:end]
-            cuts = self._take(batch, rows_of(batch, begin, end), marks, begin, away_s, outcome)
-            outcome.corrected += [cut.correction.apply(batch, cut.first, cut.last) for cut in cuts]
-        return outcome
+    def _admit(self, samples: Samples) -> tuple[int, Outcome | None]:
+        """Count samples that came; how many at their start are not to be used, and what comes of it that they do."""
+        first = self.sequence.fresh(samples)
+        if first == samples.n:
+            return first, None
+        self._away_s = max(0.0, (samples.receive_time_ns - self.last_heard_ns) / 1e9 / samples.clock_rate)
+        self.last_heard_ns = samples.receive_time_ns
+        if not (self.life.away and self.life.on(Event.HEARD)):
+            return first, None
+        self._apply()
+        return first, Outcome(changed=True, said=["heard again"])
 
-    def _take(
-        self,
-        of: SampleBatch | Stretch,
-        rows: Floats,
-        flags: NDArray[np.uint32] | None,
-        first: int,
-        away_s: float,
-        outcome: Outcome,
-    ) -> list[Cut]:
-        """Samples of a batch, or a stretch, from first on: rows (n, 7), time by the device's clock; flags (n,), if any."""
-        course, last = self._course, first + len(rows)
-        if course.went_back(rows.item(0, TIME), away_s):
+    def _put(self, samples: Samples, first: int, cuts: list[Cut], outcome: Outcome | None) -> Outcome | None:
+        """Take samples but the first few, and tell what is to be corrected by what."""
+        blocks, start = self._blocks, first
+        if blocks.went_back(samples.rows.item(first, TIME) if first else samples.first_s, self._away_s):
             self.sequence.events.add("device clock went back")
-        course.set_right(rows)
-        latest = course.latest
-        cuts, start, held = list[Cut](), 0, 0
-        for edge in course.edges(rows):
-            course.hold(rows[held:edge], None if flags is None else flags[held:edge], of, first + held)
-            held, before = edge, self._applied
-            now, heard = rows.item(edge, TIME), rows.item(edge - 1, TIME) if edge else latest
-            if now - heard > SILENCE_S:
-                self._end_block(outcome, (now, temperature_at(*where(of, first + edge))))
+        for edge, now, before in blocks.put(samples, first):
+            applied, outcome = self._applied, outcome or Outcome()
+            if now - before > SILENCE_S:
+                self._end_block(outcome, (now, known(samples.rows.item(edge, CELSIUS))))
             else:
                 self._end_block(outcome)
-            if edge > start and self._applied is not before and not self._applied.same(before):
-                cuts.append(Cut(before, first + start, first + edge))
+            if edge > start and self._applied is not applied and not self._applied.same(applied):
+                cuts.append(Cut(samples, applied, start, edge))
                 start = edge
-        course.hold(rows[held:], None if flags is None else flags[held:], of, first + held)
-        return [*cuts, Cut(self._applied, first + start, last)]
+        cuts.append(Cut(samples, self._applied, start, samples.n))
+        return outcome
 
     def _end_block(self, outcome: Outcome, resumed: tuple[float, float | None] | None = None) -> None:
-        """From here on all is applied that was learnt from the blocks before the one that ends, which is the next lesson.
+        """A block ends, which is the next lesson: from here on all is applied that was learnt from those before.
 
         resumed: device time of the next sample, and how warm it is then, where a silence is before it.
         """
         self._learn(outcome)
-        self._course.block_s = SHORT_S if self.learnt.awaited else BLOCK_S
+        self._blocks.length_s = SHORT_S if self.learnt.awaited else BLOCK_S
         if resumed is not None:
             self.learnt.resumed(*resumed)
             self._ready = self.learnt.correction()
-        self._lesson, self._lesson_applied = self._course.take(), self._applied
+        self._lesson, self._lesson_applied = self._blocks.end_block(), self._applied
         self._applied = self._ready
 
     def _learn(self, outcome: Outcome) -> None:
-        if not self._lesson:
+        if self._lesson is None:
             return
-        parts, self._lesson = self._lesson, []
+        (begin, end), self._lesson, buffer = self._lesson, None, self._blocks.buffer
+        of = self.device, self.boot or 0
         if self.windowed:
-            outcome.seconds.append(Second(joined(parts), self._lesson_applied))
-        if self.learnt.learn(
-            parts, self._course, outcome, coast=self.coasts
-        ):  # where nothing is learnt batches stay whole
+            block = buffer.rows(begin, end).copy(), buffer.places(begin, end).copy()
+            outcome.seconds.append(Second(*of, *block, self._lesson_applied))
+        if self.learnt.learn(buffer, end, of, outcome, coast=self.coasts):  # where nothing is learnt batches stay whole
             self._ready = self.learnt.correction()
 
     def end(self) -> Outcome:
@@ -351,6 +311,7 @@ class DeviceSession:
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
                 self.life.reason = reason
             return False
+        self._blocks.own()
         self._apply()
         return True
 
@@ -418,7 +379,7 @@ class DeviceSession:
         return too_seldom(rate_hz, self.knobs.stillness)
 
     def _rate(self) -> float:
-        seconds = self._course.seconds
+        seconds = self._blocks.seconds
         return (self.sequence.seen - 1) / seconds if seconds > 0 else 0.0
 
 

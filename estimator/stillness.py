@@ -4,7 +4,7 @@ Limits follow the device: a large turn-on bias is no movement, so rates are comp
 never with zero. A reading alone far from both its neighbours, a spike, is no movement of anything; it is replaced by their mean.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from math import radians
@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.block import ACCEL, GYRO, TIME
-from estimator.held import CLIPPED, Held
+from estimator.device.samples import ACCEL, CELSIUS, CLIPPED, GYRO, TIME, WIDTH, SampleBuffer
 from estimator.loops.windows import NOISE, SUMMED, TOLD, judged, nothing_known
 
 Floats = NDArray[np.float64]
@@ -65,7 +64,7 @@ def too_seldom(rate_hz: float, knobs: StillnessKnobs) -> str:
 
 
 class Window(NamedTuple):
-    """A short run of n samples, rows (n, 8): time, gyro, accel, and 1 where clipped; spikes mended, of which there were so many.
+    """A short run of n samples, rows (n, 9) of `device.samples`; spikes mended, of which there were so many.
 
     `end` counts samples since the first one fed. summed (12,): mean of gyro and accel, their standard deviations.
     aided: whether there was an accelerometer all the time.
@@ -133,7 +132,7 @@ class Window(NamedTuple):
 
 
 class Windows:
-    """Windows in a row, as loops/windows.py has found them (m, 22) in rows (n, 8): time, gyro, accel, and 1 where clipped.
+    """Windows in a row, as loops/windows.py has found them (m, 22) in rows (n, 9) of `device.samples`.
 
     The first of those rows is sample number `first` since the first one fed, the first window begins with rows[begin].
     """
@@ -173,8 +172,14 @@ class Windows:
         ]
 
     @property
+    def celsius(self) -> list[float]:
+        """°C at the last sample of each, NaN where it is not known."""
+        temperatures: list[float] = self.rows[self.found[:, 2].astype(np.intp) - 1, CELSIUS].tolist()
+        return temperatures
+
+    @property
     def samples(self) -> tuple[int, Floats]:
-        """Their samples (n, 8), and the number of the first of them."""
+        """Their samples (n, 9), and the number of the first of them."""
         end = int(self.found.item(-1, 2)) if len(self) else self.begin
         return self.first + self.begin, self.rows[self.begin : end]
 
@@ -208,30 +213,40 @@ class Stillness:
         self.noise_known = False
         self._numbers = _numbers(self.knobs)
         self._state, self._recent = nothing_known(self.knobs.noise_guess)
-        self._count = 0
-        self._held = Held()
+        self._next = 0  # the number of the first sample of the next window
+        self._own = SampleBuffer()
+
+    @property
+    def fed(self) -> int:
+        """How many samples were fed."""
+        return self._own.end
 
     def feed(self, time: Floats, gyro: Floats, accel: Floats | None, clipped: Flags | None = None) -> Windows:
         """Take samples (n,), (n, 3), (n, 3), (n,); the windows that close."""
-        rows = np.full((len(time), CLIPPED), np.nan)
+        rows = np.full((len(time), WIDTH), np.nan)
         rows[:, TIME], rows[:, GYRO] = time, gyro
+        rows[:, CLIPPED] = 0.0 if clipped is None else clipped
         if accel is not None:
             rows[:, ACCEL] = accel
-        return self.take([rows], clipped)
+        return self.feed_rows(rows)
 
-    def take(self, parts: Sequence[Floats], clipped: Flags | None = None) -> Windows:
-        """The same of rows (n, 7), as the parts of a block have them."""
-        held, count = self._held, self._count
-        held.put(parts, clipped)
-        waiting = held.waiting
+    def feed_rows(self, rows: Floats) -> Windows:
+        """The same of rows (n, 9) of `device.samples`."""
+        self._own.put([(rows, np.zeros((len(rows), 3), np.int64))])
+        windows = self.take(self._own, self._own.end)
+        self._own.forget(self._next)
+        return windows
+
+    def take(self, buffer: SampleBuffer, end: int) -> Windows:
+        """The windows that close with the samples of a buffer up to before the one of this number; spikes are mended there."""
+        first = self._next
+        waiting = buffer.rows(first, end)
         found = judged(waiting, self._state, self._recent, self._numbers)
         if len(found):
-            taken = int(found.item(-1, 2))
-            held.drop(taken)
-            self._count += taken
+            self._next += int(found.item(-1, 2))
             self.noise_known = self.noise_known or bool(found[:, TOLD].any())
             self.noise_std = found[-1, NOISE]
-        return Windows(found, waiting, count)
+        return Windows(found, waiting, first)
 
 
 @cache

@@ -3,7 +3,7 @@
 A packed column is a `bytes` field there: the same bytes on the wire, at memory speed.
 """
 
-from copy import copy
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,8 @@ MAX_ACCEL = 10_000.0  # m/s²
 MAX_CELSIUS = 500.0
 MAX_STD = 1e6
 MAX_SEQUENCE = 2**62
+#: what a corrected batch tells of its correction, three of each
+TOLD = ("noise_std", "bias_std", "scale_std", "cross_std", "bias", "flicker_std")
 #: three deviations of who does not say them
 _NOT_SAID = bytes(12)
 _KNOWN_FLAGS = sum(SampleFlag)
@@ -77,54 +79,53 @@ def decode_samples(key: str, payload: bytes) -> SampleBatch:
 
 def encode_corrected(batch: CorrectedBatch) -> bytes:
     """The payload of corrected/<device>."""
-    return Stencil(batch, batch.epoch).encode(batch)
+    encoder = CorrectedEncoder(batch.device, batch.epoch)
+    encoder.corrected_by(batch.quality, batch.calibration, {name: getattr(batch, name) for name in TOLD})
+    clock = batch.start_time_ns, batch.tick_period_s, batch.clock_rate
+    ticks, rate = column_of(batch.ticks, _UINT64), column_of(batch.rate, _FLOAT)
+    return encoder.encode(batch.boot, batch.sequence, *clock, ticks, rate, packed_flags(batch.flags))
 
 
-class Stencil:
-    """Encodes corrected batches that differ from a first one in their samples only; epoch: said of all of them.
+class CorrectedEncoder:
+    """Encodes corrected samples of one device; what its messages have in common is set only when it changes."""
 
-    A message is its fields one after the other, in the order of their numbers: those of the samples lie between the others.
-    """
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._message = columns.CorrectedBatch(version=VERSION, device=device, epoch=epoch)
 
-    def __init__(self, first: CorrectedBatch, epoch: int) -> None:
-        begin = columns.CorrectedBatch(version=VERSION, device=first.device, boot=first.boot)
-        end = columns.CorrectedBatch(
-            quality=int(first.quality),
-            noise_std=column_of(first.noise_std, _FLOAT),
-            bias_std=column_of(first.bias_std, _FLOAT),
-            scale_std=column_of(first.scale_std, _FLOAT),
-            cross_std=column_of(first.cross_std, _FLOAT),
-            bias=column_of(first.bias, _FLOAT),
-            calibration=clean(first.calibration, checks.MAX_NAME),
-            epoch=epoch,
-        )
-        self._last = columns.CorrectedBatch(flicker_std=column_of(first.flicker_std, _FLOAT)).SerializeToString()
-        #: what stands before and behind the samples
-        self.begin, self.end = begin.SerializeToString(), end.SerializeToString() + self._last
+    def under(self, epoch: int) -> None:
+        """What comes next is said under this epoch."""
+        self._message.epoch = epoch
 
-    def under(self, epoch: int) -> "Stencil":
-        """The same, said under this epoch, of one that is said under none."""
-        made = copy(self)
-        said = columns.CorrectedBatch(epoch=epoch).SerializeToString()
-        made.end = self.end.removesuffix(self._last) + said + self._last
-        return made
+    def corrected_by(self, quality: Quality, calibration: str, told: Mapping[str, Float32s]) -> None:
+        """What comes next was corrected by this calibration; told: (3,) each of TOLD."""
+        message = self._message
+        message.quality = int(quality)
+        message.calibration = clean(calibration, checks.MAX_NAME)
+        for name in TOLD:
+            setattr(message, name, column_of(told[name], _FLOAT))
 
-    def encode(self, batch: CorrectedBatch) -> bytes:
-        """The payload of a batch."""
-        samples = columns.CorrectedBatch(
-            sequence=batch.sequence,
-            start_time_ns=batch.start_time_ns,
-            tick_period_s=batch.tick_period_s,
-            clock_rate=batch.clock_rate,
-            ticks=column_of(batch.ticks, _UINT64),
-            rate=column_of(batch.rate, _FLOAT),
-            flags=packed_flags(batch.flags),
-        )
-        return self.enclose(samples.SerializeToString())
-
-    def enclose(self, samples: bytes) -> bytes:
-        """The payload of a batch whose fields from sequence to flags are encoded already."""
-        return self.begin + samples + self.end
+    def encode(
+        self,
+        boot: int,
+        sequence: int,
+        start_time_ns: int,
+        tick_period_s: float,
+        clock_rate: float,
+        ticks: bytes,
+        rate: bytes,
+        flags: bytes,
+    ) -> bytes:
+        """The payload of samples, the columns as they are packed."""
+        message = self._message
+        message.boot = boot
+        message.sequence = sequence
+        message.start_time_ns = start_time_ns
+        message.tick_period_s = tick_period_s
+        message.clock_rate = clock_rate
+        message.ticks = ticks
+        message.rate = rate
+        message.flags = flags
+        return message.SerializeToString()
 
 
 def decode_corrected(key: str, payload: bytes) -> CorrectedBatch:

@@ -8,9 +8,8 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.block import ACCEL, GYRO, TIME
+from estimator.device.samples import ACCEL, CLIPPED, GYRO, TIME, WIDTH
 from estimator.gyro import mean_var, rounding_var
-from estimator.held import CLIPPED, WIDTH
 from estimator.stillness import Window
 
 Floats = NDArray[np.float64]
@@ -134,7 +133,7 @@ class History:
 
     def __init__(self, keep_s: float = 120.0) -> None:
         self._keep_s = keep_s
-        #: rows (n, 8) of windows: beside them nothing is made of what mostly is not asked for
+        #: rows (n, 9) of windows: beside them nothing is made of what mostly is not asked for
         self._held: deque[Floats] = deque()
 
     def add(self, samples: Samples) -> None:

@@ -19,7 +19,7 @@ def measured(
 ) -> tuple[Floats, Floats, bool]:
     """Steps dt (n,) of samples after `first`, s, and rows of three of their gyro and accel, NaN where there is none.
 
-    And whether one of them is clipped. samples (n, 8): time, gyro, accel, and 1 where clipped.
+    And whether one of them is clipped. samples (n, 9): rows of device/samples.py.
 
     MEAN, STD; STEP: the least difference between readings, to within a tenth of the least `known` (3,), which is kept up;
     `step_if_none` if there is none, or where none deviates less than `coarsest`, the least known; MEAN_VAR and COMMON_VAR: see

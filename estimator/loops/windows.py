@@ -26,7 +26,7 @@ def nothing_known(noise_guess: float) -> tuple[Floats, Floats]:
 
 @compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 12))")
 def judged(rows: Floats, state: Floats, recent: Floats, knobs: tuple[float, ...]) -> Floats:
-    """(m, 22): the windows that samples make, rows (n, 8) of time, gyro, accel and 1 where clipped; spikes are mended there.
+    """(m, 22): the windows that samples make, rows (n, 9) of device/samples.py; spikes are mended there.
 
     A row: begin and end time, where it ends in those samples, spikes, whether it is still, has an accelerometer, told of the
     noise; mean (6), std (6); noise (3).

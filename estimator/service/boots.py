@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from bridge.wire.messages import Calibration, DeviceInfo, SampleBatch
-from estimator.block import temperature_at
+from bridge.wire.messages import Calibration, DeviceInfo
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.restore import changed, restore_key
@@ -24,7 +24,7 @@ class Boots:
     def __init__(self, devices: Roster, record: Record, guarded: Isolation) -> None:
         self._devices, self._record, self._guarded = devices, record, guarded
 
-    def begin(self, device: Device, batch: SampleBatch, *, same: bool = True) -> Outcome:
+    def begin(self, device: Device, batch: Samples, *, same: bool = True) -> Outcome:
         """Begin a boot. Unless it is the same one as before under this name, its calibration is no more than a prior."""
         session, info = device.session, self._devices.info(batch.bridge, batch.device)
         if batch.boot != device.repeated:
@@ -45,8 +45,7 @@ class Boots:
                 remembered = _with(remembered, prior)
                 if prior is None:
                     scratch = scratch or self._record.earlier.scratch(session, info)
-        now, celsius = float(batch.device_time[0]), temperature_at(batch, 0)
-        outcome = session.begin_boot(batch.boot, now, remembered if same else None, None, celsius)
+        outcome = session.begin_boot(batch.boot, batch.first_s, remembered if same else None, None, batch.celsius)
         if not same:
             session.count_event("boot number repeated")
             self._record.repeat(device, batch.boot, *outcome.calibrations)

@@ -8,16 +8,15 @@ from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.batches import Stencil
-from bridge.wire.messages import BiasRevision, Calibration, CorrectedBatch, Note, SampleBatch, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, Calibration, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
-from estimator.correction import Correction
-from estimator.overtaken import Overtaken
+from estimator.device.admission import Source
+from estimator.device.correct import Cut, Rates
+from estimator.device.reorder_buffer import ReorderBuffer
+from estimator.device.samples import Samples
 from estimator.service import published
-from estimator.service.ahead import Ahead
 from estimator.service.foretold import Foretold
 from estimator.service.overload import OVERLOADED, UNKEPT
-from estimator.service.sources import Source
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 
@@ -52,12 +51,11 @@ class Device:
         self.name = name
         #: of our turn at it; in all that is said of it
         self.epoch = epoch
-        self._source = Source(silence_s)
-        #: what it is heard under
+        #: whom it is heard from, and under what key
+        self.source = Source(silence_s)
         self.key = ""
-        #: what its session has not taken in, and who lets it
-        self.ahead = Ahead(now)
-        self.take_in: Callable[[Device], None] = _nobody
+        #: when it gave its last sign of life
+        self.heard = now
         #: the boot of samples that were refused as old, and when they came
         self.outdated = 0, float("-inf")
         #: when it is to be kept how far it is: soon, or who is killed again and again had ever more to do again, but not at first
@@ -78,66 +76,25 @@ class Device:
         self.unkept = False
         #: the status that was published last
         self.latest: Status | None = None
-        self._said = 0
         self._delay_s: float | None = None  # of the first that was published since it was asked for
         self._bus, self._ward, self._knobs = bus, ward, knobs
-        self._session = DeviceSession(name, knobs, began)
-        self.overtaken = Overtaken()
+        self.session = DeviceSession(name, knobs, began)
+        self.reorder_buffer = ReorderBuffer()
         #: of the session that failed last: boot, the number that follows what it took in, and when the last of that was received
         self._came_to = 0, 0, 0
         #: the boot number under which another power-up came, until that one is calibrated
         self.repeated: int | None = None
-        self._waiting: list[CorrectedBatch] = []
+        #: samples that were corrected and published, or are to be: in this round, or once it is clear that there is a device
+        self.told = 0
+        #: corrected samples that wait until it is clear that there is a device, encoded, and how many they are
+        self._waiting: list[tuple[bytes, int]] = []
+        self._put: Callable[[bytes], None] = _nowhere  # publishes what is corrected
         self._gone = False
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
-        self._encoder = published.Encoder(epoch)
+        self._encoder = published.Encoder(name, epoch)
         #: what was published before it had a session
         self._foretold: Foretold | None = None
-
-    @property
-    def session(self) -> DeviceSession:
-        """Who looks at it, and may change it, finds taken in all that was corrected ahead of it."""
-        self._look()
-        return self._session
-
-    @property
-    def glance(self) -> DeviceSession:
-        """Its session, for who changes nothing of it: what comes next may still go ahead of it."""
-        if self.ahead.held:
-            self.take_in(self)
-        return self._session
-
-    @property
-    def behind(self) -> DeviceSession:
-        """Its session, perhaps without the last that was corrected ahead of it: for who has no time to wait for that."""
-        return self._session
-
-    @property
-    def source(self) -> Source:
-        """Whom it is heard from; as its session."""
-        self._look()
-        return self._source
-
-    def _look(self) -> None:
-        self.ahead.sure = False
-        if self.ahead.held:
-            self.take_in(self)
-
-    def leave_place(self, place: int) -> None:
-        """It is no more at this place among the senders."""
-        self._look()
-        if self.ahead.place == place:
-            self.ahead.place, self.ahead.correction = -1, None
-
-    @property
-    def heard(self) -> float:
-        """When it gave its last sign of life."""
-        return self.ahead.heard
-
-    @heard.setter
-    def heard(self, now: float) -> None:
-        self.ahead.heard = now
 
     @property
     def announced(self) -> bool:
@@ -149,23 +106,28 @@ class Device:
         """Whether nothing would be lost with it."""
         return self.session.calibration is None and self.session.prior is None and not self.unsaved
 
-    def say_corrected(self, batches: list[CorrectedBatch]) -> None:
-        """Publish, or keep the first few until it is clear that there is a device."""
-        if not self._publishers:
-            self._waiting += batches
-            if not self._announced():
-                return
-            batches, self._waiting = self._waiting, []
-        for batch in batches:
-            if not self._said_before(batch.boot, batch.sequence, len(batch)):
-                self.ahead.put(self._encoder.encode(batch))
-                self.published(len(batch))
+    def say_corrected(self, cut: Cut, rates: Rates) -> None:
+        """Publish what was due, or keep the first few until it is clear that there is a device."""
+        if self._foretold is not None and self._said_before(cut.samples.boot, cut.sequence, cut.n):
+            return
+        payload = self._encoder.encode(cut, rates)
+        if not self._publishers and not self._announced():
+            self._waiting.append((payload, cut.n))
+            return
+        if self._waiting:
+            for waited, _ in self._waiting:
+                self._put(waited)
+            self._waiting = []
+        self._put(payload)
+        if self._delay_s is None:
+            self._delay_s = (time.time_ns() - self.session.last_heard_ns) / 1e9
 
     def drop_waiting(self) -> None:
         """Another boot begins before it was clear that there is a device: what was not published is old."""
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting = sum(n for _, n in self._waiting), []
         if waiting:
-            self.session.sequence.drop(Reason.OLD_BOOT, sum(map(len, waiting)))
+            self.session.sequence.drop(Reason.OLD_BOOT, waiting)
+            self.told -= waiting
 
     def say_windows(self, batch: WindowBatch) -> None:
         """Publish windows, if they can be said."""
@@ -180,85 +142,57 @@ class Device:
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
 
-    def say_rates(self, boot: int, sequence: int, correction: Correction, samples: bytes, n: int) -> None:
-        """Publish n samples of a boot without flags, from this number on, that are corrected and encoded; see Encoder."""
-        if not self._said_before(boot, sequence, n):
-            self.ahead.put(self.stencil(boot, correction).enclose(samples))
-            self.published(n)
-
     def foretold(self, publisher: Publisher, boot: int, begin: int, end: int) -> None:
         """Samples of this boot from `begin` up to before `end` were published with it before there was a session."""
         self._publishers["corrected"], self._foretold = publisher, Foretold(boot, begin, end)
-        self.ahead.put = publisher.put
+        self._put = publisher.put
 
     def forget_said(self) -> None:
         """Another boot begins, or numbers begin anew: what comes was not published before."""
         self._foretold = None
 
-    def repeats(self, following: int) -> bool:
-        """Whether what comes from this number on was published before."""
-        return self._foretold is not None and self._foretold.reaches(following)
-
-    def known(self, batch: SampleBatch) -> bool:
+    def known(self, batch: Samples) -> bool:
         """Whether the session has no boot, as the one before it has failed, and that one had taken in all of the batch."""
         boot, following, received_ns = self._came_to
-        before = batch.boot == boot and batch.sequence + len(batch) <= following
-        return self._session.boot is None and before and batch.receive_time_ns <= received_ns
+        before = batch.boot == boot and batch.sequence + batch.n <= following
+        return self.session.boot is None and before and batch.receive_time_ns <= received_ns
 
-    def refuse(self, batch: SampleBatch, reason: str) -> None:
+    def refuse(self, batch: Samples, reason: str) -> None:
         """Count a batch that is not to be used at all, and was perhaps published before."""
-        sequence, n = self.session.sequence, len(batch)
+        sequence, n = self.session.sequence, batch.n
         if self._foretold is None or not self._foretold.has(batch.boot, batch.sequence, n):
             sequence.refuse(batch, reason)
             return
         sequence.samples_in += n
         sequence.samples_out += n
-        self._said += n
+        self.told += n
 
     def _said_before(self, boot: int, sequence: int, n: int) -> bool:
-        """Whether n samples were published before; then they are counted now."""
+        """Whether n samples were published before."""
         if self._foretold is None:
             return False
         if self._foretold.over(boot, sequence + n):
             self._foretold = None
             return False
-        if not self._foretold.has(boot, sequence, n):
-            return False
-        self._said += n
-        return True
-
-    def stencil(self, boot: int, correction: Correction) -> Stencil:
-        """What encloses samples of a boot that are corrected so."""
-        return self._encoder.stencil(self.name, boot, correction)
-
-    def published(self, n: int) -> None:
-        """So many corrected samples were."""
-        self._said += n
-        if self._delay_s is None:
-            self.delayed(self._session.last_heard_ns)
-
-    def delayed(self, received_ns: int) -> None:
-        """What was received then is published now; see delay."""
-        if self._delay_s is None:
-            self._delay_s = (time.time_ns() - received_ns) / 1e9
+        return self._foretold.has(boot, sequence, n)
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
         if not self._unsaid and (self._publishers or self._announced()):
             self.latest = self.status(time_ns)
-            self._put("status", codec.encode_status(self.latest))
+            self._say("status", codec.encode_status(self.latest))
             self._say_known()
 
     def say_calibration(self, calibration: str, payload: bytes) -> None:
         """Publish an encoded calibration of this id."""
         if self._publishers or self._announced():
             self._told = calibration
-            self._put("calibration", payload)
+            self._say("calibration", payload)
 
     def hold(self, calibration: str, payload: bytes) -> None:
         """Until an encoded calibration of this id is kept, rates that it corrected wait: nobody could ever look it up."""
         self._unsaid[calibration] = payload
-        self.ahead.put = self._held.append
+        self._put = self._held.append
 
     def let_go(self, calibration: str) -> bool:
         """Publish it, and what waited for it; whether it waited itself."""
@@ -270,7 +204,7 @@ class Device:
             held, self._held = self._held, []
             if self._announced():
                 for waited in held:
-                    self.ahead.put(waited)
+                    self._put(waited)
         return True
 
     def _say_unsaid(self) -> None:
@@ -281,7 +215,7 @@ class Device:
     def say_checkpoint(self, payload: bytes) -> None:
         """Tell the other estimators what they would need of it, encoded."""
         if self._publishers:
-            self._put("checkpoint", payload)
+            self._say("checkpoint", payload)
 
     def _say_known(self) -> None:
         """The calibration in use, where it was said by an estimator before us: whoever joins can look it up."""
@@ -293,13 +227,13 @@ class Device:
         """Publish what the bias of the past was, if there is anything in it that can be said."""
         fit = published.revision(revision)
         if fit is not None and (self._publishers or self._announced()):
-            self._put("revision", codec.encode_revision(fit))
+            self._say("revision", codec.encode_revision(fit))
 
     def say_note(self, time_ns: int, who: str, text: str) -> None:
         """Publish what somebody wrote of it."""
         if self._publishers or self._announced():
             note = Note(self.name, self.session.boot or 0, time_ns, who, text)
-            self._put("note", codec.encode_note(note))
+            self._say("note", codec.encode_note(note))
 
     def status(self, time_ns: int) -> Status:
         """All of it, fit for the wire."""
@@ -317,28 +251,21 @@ class Device:
         )
         return published.status(said)
 
-    @property
-    def told(self) -> int:
-        """Corrected samples that were published, or are kept until it is clear that there is a device."""
-        self._look()
-        return self._said + sum(map(len, self._waiting)) if self._waiting else self._said
-
     def delay(self) -> float:
         """Seconds from the receipt of a sample to its publication, once since the last call; NaN when none was published."""
-        self._look()  # what comes next is looked at
         delay_s, self._delay_s = self._delay_s, None
         return math.nan if delay_s is None else delay_s
 
-    def restart(self, lost: int, uncounted: int, follows: int = 0) -> None:
-        """A session without a boot: the next batch, with this number or a later one, begins it. See Sequence.anew."""
+    def restart(self, lost: int, uncounted: int) -> None:
+        """A session without a boot: the next batch that follows what came, or a later one, begins it. See Sequence.anew."""
         before = self.session.sequence
-        self.overtaken = Overtaken(max(follows, before.next or 0))
+        self.reorder_buffer = ReorderBuffer(before.next or 0)
         if before.boot is not None:
-            self._came_to = before.boot, max(follows, before.next or 0), self._session.last_heard_ns
+            self._came_to = before.boot, before.next or 0, self.session.last_heard_ns
         said = 0 if self._foretold is None else self._foretold.settle(before, lost, uncounted)
-        self._said += said
+        self.told += said
         sequence = before.anew(lost - said, uncounted)
-        self._session = DeviceSession(self.name, self._knobs, sequence=sequence)
+        self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; some may still be asked for."""
@@ -350,7 +277,6 @@ class Device:
 
     def close(self) -> None:
         """Take its publishers back."""
-        self._look()
         self._say_unsaid()
         for publisher in (*self._publishers.values(), *filter(None, [self._windowed])):
             publisher.close()
@@ -360,10 +286,10 @@ class Device:
         if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
             return False
         put = self._publisher("corrected").put
-        self.ahead.put = self._held.append if self._unsaid else put
+        self._put = self._held.append if self._unsaid else put
         return True
 
-    def _put(self, what: str, payload: bytes) -> None:
+    def _say(self, what: str, payload: bytes) -> None:
         self._publisher(what).put(payload)
 
     def _publisher(self, what: str) -> Publisher:
@@ -374,5 +300,5 @@ class Device:
         return publisher
 
 
-def _nobody(device: "Device") -> None:
-    raise RuntimeError(f"{device.name}: corrected ahead of its session by nobody")
+def _nowhere(payload: bytes) -> None:
+    raise RuntimeError(f"{len(payload)} bytes of a device that is not announced")

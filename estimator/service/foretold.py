@@ -1,6 +1,6 @@
 """Which samples of a device were published before it had a session: they come once more, to be taken in. Pure."""
 
-from estimator.sequence import Sequence
+from estimator.device.sequence import Sequence
 
 
 class Foretold:
@@ -18,10 +18,6 @@ class Foretold:
     def over(self, boot: int, following: int) -> bool:
         """Whether who has come so far has passed them all."""
         return boot != self._boot or following > self._end
-
-    def reaches(self, following: int) -> bool:
-        """Whether what comes of the boot from this number on is among them, or before them."""
-        return following < self._end
 
     def settle(self, sequence: Sequence, lost: int, uncounted: int) -> int:
         """A session fails: how many are among its last `lost` samples and the `uncounted` ones that it was about to take."""

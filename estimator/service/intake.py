@@ -1,7 +1,4 @@
-"""What devices send: in through the door, each batch in its turn, of the boot it belongs to; what comes of it is told.
-
-Batches that only go on take the fast lane; all else is handled here, one by one.
-"""
+"""What devices send: a round of messages decoded, each admitted in its turn, all of them corrected at once and published."""
 
 import logging
 import math
@@ -12,17 +9,18 @@ from functools import partial
 from bridge import rivals
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
-from bridge.wire.messages import DeviceInfo, SampleBatch
 from bridge.wire.refusal import Reason, Refusal
+from estimator.device.admission import Ruling
+from estimator.device.correct import Cut, correct
+from estimator.device.reorder_buffer import ReorderBuffer
+from estimator.device.samples import Samples
 from estimator.door import Door
 from estimator.outcome import Outcome
-from estimator.overtaken import Overtaken
 from estimator.service.boots import Boots
+from estimator.service.decode import decode
 from estimator.service.device import Device
-from estimator.service.isolation import Isolation
-from estimator.service.lane import Lane
+from estimator.service.isolation import Isolation, counted
 from estimator.service.roster import Roster
-from estimator.service.sources import Ruling
 from estimator.service.stock import Stock
 
 log = logging.getLogger(__name__)
@@ -32,7 +30,7 @@ MOVED = "moved to another estimator"
 
 
 class Intake:
-    """Messages of the roster's devices in, outcomes out to `tell`.
+    """Messages of the roster's devices in, corrected samples out to their publishers, and all else that comes of it to `tell`.
 
     newcomer makes a device of the first batch of one, that came under a key at a time; None where there is no room.
     """
@@ -44,23 +42,27 @@ class Intake:
         stock: Stock,
         guarded: Isolation,
         tell: Callable[[Device, Outcome], None],
-        newcomer: Callable[[SampleBatch, str, float], Device | None],
+        newcomer: Callable[[Samples, str, float], Device | None],
     ) -> None:
         self._devices, self._boots, self._guarded = devices, boots, guarded
-        self._tell, self._newcomer = tell, newcomer
-        self._samples = Door[SampleBatch]("sample", stock.decode, self._refused)
-        self._infos = Door[DeviceInfo]("info", codec.decode_info, self._refused)
-        self._lane = Lane(self._on_samples, guarded, tell, stock.came)
+        self._say, self._newcomer, self._came = tell, newcomer, stock.came
+        self._samples = Door("sample", codec.decode_samples, self._refused)
+        self._infos = Door("info", codec.decode_info, self._refused)
+        #: what of this round is to be corrected and published, in order
+        self._due: list[tuple[Device, Cut]] = []
         #: those with batches that wait for what is missing before them
         self._holding = dict[str, Device]()
 
     def take(self, messages: Sequence[Message]) -> None:
         """Messages of samples."""
-        self._lane.take(messages)
-
-    def settle(self) -> None:
-        """Before all devices are looked at; see Lane."""
-        self._lane.settle()
+        now = time.monotonic()
+        for message, samples in zip(messages, decode(messages), strict=True):
+            if isinstance(samples, Refusal):
+                self._samples.refuse(message.key, samples)
+                continue
+            self._came(samples.n)
+            self._on_samples(message.key, samples, now)
+        self._publish()
 
     def hear(self, message: Message) -> None:
         """What a bridge says of a device."""
@@ -83,15 +85,15 @@ class Intake:
         for device in list(self._holding.values()):
             if waits(device.key):
                 continue
-            self._handle(device, device.overtaken.overdue(now))
-            if not device.overtaken:
+            self._handle(device, device.reorder_buffer.overdue(now))
+            if not device.reorder_buffer:
                 del self._holding[device.name]
+        self._publish()
 
     def leave(self, device: Device) -> None:
         """It is another estimator's, and what waits for its turn is, too."""
-        self._lane.dismiss(device)
         self._holding.pop(device.name, None)
-        for late in device.overtaken.drop():
+        for late in device.reorder_buffer.drop():
             device.refuse(late, MOVED)
         device.drop_waiting()
 
@@ -111,62 +113,86 @@ class Intake:
         if device is not None:
             device.session.count_event(f"refused {refusal.reason}")
 
-    def _on_samples(self, message: Message) -> None:
-        batch = self._samples.take(message)
-        if batch is None:
-            return
-        now = time.monotonic()
-        device = self._devices.get(batch.device) or self._newcomer(batch, message.key, now)
+    def _on_samples(self, key: str, samples: Samples, now: float) -> None:
+        device = self._devices.get(samples.device) or self._newcomer(samples, key, now)
         if device is None:
             return
-        if device.source.owns(batch.bridge, now):
-            device.key = message.key
-            self._lane.admit(message.key, device, batch.bridge)
-            self._guarded(device, self._take, device, batch, now, came=len(batch))
+        if device.source.owns(samples.bridge, now):
+            device.key = key
+            before = counted(device)
+            try:
+                self._take(device, samples, now)
+            except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+                self._guarded.failed(device, error, before, came=samples.n)
             return
-        if device.session.sequence.events.add(device.source.label(batch.bridge, now), len(batch)) == len(batch):
+        if device.session.sequence.events.add(device.source.label(samples.bridge, now), samples.n) == samples.n:
             # How many there are of them stands in its status.
-            log.warning("%s (said once)", rivals.words([batch.device], device.source.owner, (batch.bridge,)))
+            log.warning("%s (said once)", rivals.words([samples.device], device.source.owner, (samples.bridge,)))
 
-    def _take(self, device: Device, batch: SampleBatch, now: float) -> None:
-        session, overtaken = device.session, device.overtaken
-        if device.known(batch):
+    def _take(self, device: Device, batch: Samples, now: float) -> None:
+        session, buffer = device.session, device.reorder_buffer
+        if session.sequence.boot is None and device.known(batch):
             session.sequence.refuse(batch, Reason.DUPLICATE)
             return
         ruling = device.source.judge(batch, session.sequence, now)
         if ruling is Ruling.LATE:  # what is only said again is no sign of life: it may be a recording
             device.outdated = batch.boot, now
-        else:
-            device.heard = now
+            session.sequence.fresh(batch)  # which counts it
+            return
+        device.heard = now
         if ruling is Ruling.RANGE:
             session.sequence.refuse(batch, Reason.RANGE)
             if session.count_event("refused leap") == 1:
                 log.warning("%s: sample %d, a leap no device makes, is refused", device.name, batch.sequence)
             return
-        if ruling is Ruling.LATE:
-            self._tell(device, session.take(batch))
-            return
         if ruling is Ruling.JUMP:
-            self._handle(device, overtaken.drop())
+            self._handle(device, buffer.drop())
             session.sequence.jump(batch)
         elif ruling is not Ruling.TAKE:
-            for late in overtaken.drop():
+            self._publish()  # what is of the boot before
+            for late in buffer.drop():
                 device.refuse(late, Reason.OLD_BOOT)
             if session.boot is not None:
                 device.forget_said()
-                device.overtaken = overtaken = Overtaken()  # where this one begins is not known
+                device.reorder_buffer = buffer = ReorderBuffer()  # where this one begins is not known
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))
-        self._handle(device, overtaken.feed(batch, session.sequence.next, now))
-        if overtaken:
+        if not buffer.held and batch.sequence == session.sequence.next:
+            self._handle_one(device, batch)
+            return
+        self._handle(device, buffer.feed(batch, session.sequence.next, now))
+        if buffer:
             self._holding[device.name] = device
 
-    def _handle(self, device: Device, batches: list[SampleBatch]) -> None:
+    def _handle(self, device: Device, batches: list[Samples]) -> None:
         """Batches in their turn; one that fails is not the others' fault."""
         for batch in batches:
-            self._guarded(device, partial(self._handle_one, device, batch), came=len(batch))
+            self._guarded(device, partial(self._handle_one, device, batch), came=batch.n)
 
-    def _handle_one(self, device: Device, batch: SampleBatch) -> None:
-        if device.session.boot is None or device.session.begins_earlier(batch):
+    def _handle_one(self, device: Device, batch: Samples) -> None:
+        session = device.session
+        if session.sequence.next is None and (session.boot is None or session.begins_earlier(batch)):
             self._boots.begin(device, batch)
-        self._tell(device, device.session.take(batch))
+        cuts = list[Cut]()
+        if (outcome := session.take(batch, cuts)) is not None:
+            self._tell(device, outcome)
+        for cut in cuts:
+            device.told += cut.end - cut.first
+            self._due.append((device, cut))
+
+    def _tell(self, device: Device, outcome: Outcome) -> None:
+        """What came of earlier samples is said after those, and before the first that it is applied to."""
+        if outcome.worded:
+            self._publish()
+        self._say(device, outcome)
+
+    def _publish(self) -> None:
+        """Correct all that is due, and publish it in its order."""
+        due, self._due = self._due, []
+        for (device, cut), rates in zip(due, correct([cut for _, cut in due]), strict=True):
+            try:
+                device.say_corrected(cut, rates)
+            except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
+                before = counted(device)
+                device.told -= cut.n
+                self._guarded.failed(device, error, before)

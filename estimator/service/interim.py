@@ -8,21 +8,21 @@ from collections.abc import Callable, Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
-import numpy as np
-
 from bridge.bus.contract import Bus, BusError, Message, Publisher
 from bridge.wire import keys
 from bridge.wire.messages import Checkpoint, DeviceInfo
-from bridge.wire.refusal import Tally
-from estimator.course import PLAIN_S
+from bridge.wire.refusal import Refusal, Tally
+from estimator.correction import Correction
+from estimator.device.admission import PLAIN_S
+from estimator.device.correct import Cut, correct
+from estimator.device.samples import Samples
 from estimator.remembered import correction
 from estimator.restore import changed
+from estimator.service.decode import decode
 from estimator.service.device import CACHES, Device
 from estimator.service.published import Encoder
-from estimator.service.ready import MOST, Applied, Ready
+from estimator.service.ready import Ready
 from estimator.service.replicas import Replicas
-from estimator.service.senders import Sender, Senders
-from estimator.service.together import Round, Span
 from estimator.session_knobs import SessionKnobs
 
 #: of a device that could not be corrected before its session is there
@@ -43,15 +43,10 @@ class Taken(NamedTuple):
     messages: list[Message]
 
 
-class _From(NamedTuple):
-    """What a device comes under, and its place among the senders."""
-
-    key: str
-    place: int
-
-
 class _Said(NamedTuple):
     publisher: Publisher
+    encoder: Encoder
+    applied: Correction
     boot: int
     #: the number of the first sample that was published, and the one that follows the last, which was taken at last_s
     begin: int
@@ -60,12 +55,10 @@ class _Said(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Messages of a round, from the first up to before the last, of one device that only goes on in them."""
+    """Messages of a device that follow each other, decoded."""
 
     device: str
-    boot: int
-    first: int
-    last: int
+    samples: list[Samples]
 
 
 class Interim:
@@ -87,20 +80,19 @@ class Interim:
         self._bus, self._ward, self._replicas, self._knobs = bus, ward, replicas, knobs
         self._now_ns, self._counts, self._info = now_ns, counts, info
         self._said = dict[str, _Said]()
-        self._senders, self._free, self._from = Senders(MOST), list(range(MOST)), dict[str, _From]()
         #: by their keys those that still only go on from what was published
         self._going = dict[str, str]()
         self.ready = Ready(replicas, self._declare, self._applied)
         #: what came before that, and is not published yet
-        self._older = list[tuple[Round, list[_Run]]]()
+        self._older = list[_Run]()
 
     def _declare(self, device: str) -> Publisher:
         return self._bus.publisher(keys.build(self._ward, "corrected", device=device), cache=CACHES["corrected"])
 
     def say(self, taken: Sequence[Taken]) -> None:
         """Publish what came of them last, of each up to the first message that is out of the ordinary."""
-        said = [self._say_recent(taken[at : at + AT_ONCE]) for at in range(0, len(taken), AT_ONCE)]
-        self._older += [(whole, older) for whole, older in said if older]
+        for at in range(0, len(taken), AT_ONCE):
+            self._say_recent(taken[at : at + AT_ONCE])
 
     @property
     def behind(self) -> bool:
@@ -113,8 +105,7 @@ class Interim:
         A subscriber waits for a tenth of a second for what is missing.
         """
         older, self._older = self._older, []
-        for whole, runs in older:
-            self._publish(whole, runs)
+        self._publish(older)
 
     def go_on(self, messages: Sequence[Message]) -> None:
         """Publish what comes of them until they have their sessions, of each as long as it only goes on."""
@@ -122,131 +113,111 @@ class Interim:
         for message in messages:
             if message.key in self._going:
                 by_key.setdefault(message.key, []).append(message)
-        if not by_key:
-            return
-        came = [(self._going[key], self._from[self._going[key]], these) for key, these in by_key.items()]
-        whole, runs = self._round([(of, these) for _, of, these in came]), list[_Run]()
-        begin = 0
-        for name, of, these in came:
-            said, end = self._said[name], begin + len(these)
-            run = _run(whole, name, begin, end)
-            goes_on = run is not None and _follows(whole, begin, said)
-            if run is not None and goes_on:
-                runs.append(run)
-            if run is None or not goes_on or run.last < end:
-                del self._going[of.key]
-            begin = end
-        self._publish(whole, runs)
+        runs = list[_Run]()
+        for key, these in by_key.items():
+            said = self._said[self._going[key]]
+            samples = _run(decode(these), said)
+            if samples:
+                runs.append(_Run(self._going[key], samples))
+            if len(samples) < len(these):
+                del self._going[key]
+        self._publish(runs)
 
-    def _say_recent(self, taken: Sequence[Taken]) -> tuple[Round, list[_Run]]:
-        """Publish what came last of some of them; what came before that, still to be published."""
-        came = [(self._admit(one.device), one.messages) for one in taken]
-        whole, runs, begin = self._round(came), list[_Run](), 0
-        for one, (of, messages) in zip(taken, came, strict=True):
-            end = begin + len(messages)
+    def _say_recent(self, taken: Sequence[Taken]) -> None:
+        """Publish what came last of some of them; what came before that is still to be published."""
+        recent = list[_Run]()
+        for one in taken:
             try:
-                run = None if of is None else _run(whole, one.device, begin, end)
-                if run is not None and of is not None and self._corrects(one.epoch, of.place, whole, run):
-                    runs.append(run)
-                    if run.last == end:
-                        self._going[of.key] = one.device
+                if (found := self._begun(one)) is None:
+                    continue
             except Exception:  # noqa: BLE001 - whatever it is, its session will meet it, too
                 self._counts.add(FAILED)
-            begin = end
-        recent = [run._replace(first=_recent(whole, run)) for run in runs]
-        try:
-            self._publish(whole, recent)
-        finally:
-            for one, (of, _) in zip(taken, came, strict=True):
-                if of is not None and one.device not in self._said:
-                    self._leave(one.device)
-        older = [run._replace(last=late.first) for run, late in zip(runs, recent, strict=True)]
-        return whole, [run for run in older if run.first < run.last and run.device in self._said]
+                continue
+            at = _recent(found)
+            recent.append(_Run(one.device, found[at:]))
+            if at:
+                self._older.append(_Run(one.device, found[:at]))
+        self._publish(recent)
 
-    def _round(self, came: Sequence[tuple[_From | None, Sequence[Message]]]) -> Round:
-        """What came of some devices; of one that has no place, or under another key, is nobody's."""
-        places = [of.place if of is not None and m.key == of.key else -1 for of, messages in came for m in messages]
-        return Round([m.payload for _, messages in came for m in messages], places, self._senders, goes_on=False)
-
-    def _admit(self, device: str) -> _From | None:
-        """Where it is from now on; None where that is not known, or something was published of it before."""
-        bridge = self._replicas.bridge(device)
-        if not bridge or device in self._from or not self._free:
+    def _begun(self, taken: Taken) -> list[Samples] | None:
+        """What of a device is to be published, where it is known what corrects it, and nothing of it was before."""
+        device, bridge = taken.device, self._replicas.bridge(taken.device)
+        if not bridge or device in self._said:
             return None
         self.ready.wanted.discard(device)  # it may be among what is still to be made ready
-        of = self._from[device] = _From(keys.build(self._ward, "raw", bridge=bridge, device=device), self._free.pop())
-        self._senders.admit(of.place, Sender.of(device, bridge))
-        return of
+        key = keys.build(self._ward, "raw", bridge=bridge, device=device)
+        samples = _run(decode([*takewhile(lambda message: message.key == key, taken.messages)]))
+        applied = self._corrects(device, samples) if samples else None
+        if applied is None:
+            return None
+        encoder, first = Encoder(device, taken.epoch), samples[0]
+        publisher = self.ready.publisher(device)
+        self._said[device] = _Said(
+            publisher, encoder, applied, first.boot, first.sequence, first.sequence, first.first_s
+        )
+        if len(samples) == len(taken.messages):
+            self._going[key] = device
+        return samples
 
-    def _leave(self, device: str) -> None:
-        if (of := self._from.pop(device, None)) is not None:
-            self._free.append(of.place)
-            self._going.pop(of.key, None)
-            for _, runs in self._older:  # its place is another's from now on
-                runs[:] = [run for run in runs if run.device != device]
-            self._older = [(whole, runs) for whole, runs in self._older if runs]
-
-    def _corrects(self, epoch: int, place: int, whole: Round, run: _Run) -> bool:
-        """Have what was said of a device last correct what comes of its place; whether it can."""
-        name, known = run.device, self._replicas.of(run.device)
-        if known is None or known.boot != run.boot:
-            return False
-        remembered = self._replicas.recall(name, run.boot, self._now_ns())
+    def _corrects(self, device: str, samples: Sequence[Samples]) -> Correction | None:
+        """What was said of a device last, where it corrects what comes of it now."""
+        known, boot = self._replicas.of(device), samples[0].boot
+        if known is None or known.boot != boot:
+            return None
+        remembered = self._replicas.recall(device, boot, self._now_ns())
         if known.calibration is not None and (remembered is None or remembered.calibration is None):
-            return False  # of an earlier boot: whether it still holds is for its session to say
-        info = self._info(known.bridge, name)
+            return None  # of an earlier boot: whether it still holds is for its session to say
+        info = self._info(known.bridge, device)
         used = None if remembered is None else remembered.calibration
-        if used is not None and info is not None and info.boot == run.boot and changed(used, info, within_boot=True):
-            return False
-        last_s = whole.span(run.last - 1).last_s
+        if used is not None and info is not None and info.boot == boot and changed(used, info, within_boot=True):
+            return None
+        last_s = samples[-1].last_s
         time_known = remembered is None or not remembered.lost_count(last_s)
-        applied = self.ready.applied(known, last_s) if time_known else self._applied(known, last_s)
-        return applied is not None and self._senders.corrects(place, applied.correction, applied.stencil.under(epoch))
+        return self.ready.correction(known, last_s) if time_known else self._applied(known, last_s)
 
-    def _applied(self, known: Checkpoint, time: float) -> Applied | None:
+    def _applied(self, known: Checkpoint, time: float) -> Correction | None:
         """What corrects a device at a device time by what was said of it last; None where that is not enough."""
         remembered = self._replicas.recall(known.device, known.boot, self._now_ns())
-        best = correction(remembered, time, self._knobs(known.device))
-        return None if best is None else Applied(best, Encoder().stencil(known.device, known.boot, best))
+        return correction(remembered, time, self._knobs(known.device))
 
-    def _publish(self, whole: Round, runs: Sequence[_Run]) -> None:
-        """Of each run up to what the wire does not take."""
-        numbers = [n for run in runs for n in range(run.first, run.last)]
-        said = dict(zip(numbers, whole.corrected_ahead(np.array(numbers, np.int64)), strict=True))
+    def _publish(self, runs: Sequence[_Run]) -> None:
+        cuts = [Cut(s, self._said[run.device].applied, 0, s.n) for run in runs for s in run.samples]
+        rates = iter(zip(cuts, correct(cuts), strict=True))
         for run in runs:
-            fit = list(takewhile(len, (said[n] for n in range(run.first, run.last))))
+            these = [next(rates) for _ in run.samples]
+            said, done = self._said[run.device], 0
             try:
-                self._put(whole, run, fit)
+                for done, (cut, rate) in enumerate(these, 1):  # noqa: B007 - how many were published
+                    said.publisher.put(said.encoder.encode(cut, rate))
             except BusError:
                 raise
             except Exception:  # noqa: BLE001 - as above
+                done -= 1
                 self._counts.add(FAILED)
-
-    def _put(self, whole: Round, run: _Run, said: Sequence[bytes]) -> None:
-        if not said:
-            return
-        name, before = run.device, self._said.get(run.device)
-        publisher = self.ready.publisher(name) if before is None else before.publisher
-        begin = whole.span(run.first).sequence
-        for at, payload in enumerate(said, run.first):
-            publisher.put(payload)
-            if before is None or begin == before.end:
-                first = begin if before is None else before.begin
-                self._said[name] = _Said(publisher, run.boot, first, whole.following(at), whole.span(at).last_s)
-        if before is not None and whole.following(run.first + len(said) - 1) == before.begin:
-            self._said[name] = before._replace(begin=begin)
+            if done:
+                first, last = run.samples[0], run.samples[done - 1]
+                end, whole = last.sequence + last.n, done == len(these)
+                if said.end in (first.sequence, said.begin):
+                    begin = first.sequence if said.begin == said.end else said.begin
+                    said = said._replace(begin=begin, end=end, last_s=last.last_s)
+                elif whole and end == said.begin:
+                    said = said._replace(begin=first.sequence)
+                self._said[run.device] = said
 
     def hand_over(self, device: Device) -> None:
         """Its session is there."""
-        if (said := self._said.pop(device.name, None)) is not None:
+        if (said := self._leave(device.name)) is not None:
             device.foretold(said.publisher, said.boot, said.begin, said.end)
-        self._leave(device.name)
 
     def drop(self, device: str) -> list[Publisher]:
         """It is another's before it had a session: what was said of it may still be asked for."""
-        said = self._said.pop(device, None)
-        self._leave(device)
+        said = self._leave(device)
         return [] if said is None else [said.publisher]
+
+    def _leave(self, device: str) -> _Said | None:
+        self._older = [run for run in self._older if run.device != device]
+        self._going = {key: name for key, name in self._going.items() if name != device}
+        return self._said.pop(device, None)
 
     def close(self) -> None:
         """Take back the publishers that nobody took over."""
@@ -256,36 +227,32 @@ class Interim:
         self.ready.close()
 
 
-def _run(whole: Round, device: str, begin: int, end: int) -> _Run | None:
-    """The messages of a device that begin there, up to the first that is unfit or does not go on from the one before."""
-    if begin == end or not whole.fit(begin):
-        return None
-    before, at = whole.span(begin), begin + 1
-    if before.last_s - before.first_s >= PLAIN_S:
-        return None
-    while at < end and whole.fit(at):
-        here = whole.span(at)
-        if here.sequence != whole.following(at - 1) or not _goes_on(here, before.boot, before.last_s):
+def _run(found: Sequence[Samples | Refusal], said: _Said | None = None) -> list[Samples]:
+    """The first of them, up to one that is refused or does not follow the one before, or what was said."""
+    run = list[Samples]()
+    for samples in found:
+        if isinstance(samples, Refusal):
             break
-        before, at = here, at + 1
-    return _Run(device, before.boot, begin, at)
+        if run:
+            before = run[-1]
+            boot, following, last_s = before.boot, before.sequence + before.n, before.last_s
+        elif said is not None:
+            boot, following, last_s = said.boot, said.end, said.last_s
+        else:
+            boot, following, last_s = samples.boot, samples.sequence, samples.first_s
+        if (samples.boot, samples.sequence) != (boot, following) or samples.last_s - last_s >= PLAIN_S:
+            break
+        if samples.first_s <= last_s and (run or said is not None):
+            break
+        run.append(samples)
+    return run
 
 
-def _follows(whole: Round, number: int, said: _Said) -> bool:
-    here = whole.span(number)
-    return here.sequence == said.end and _goes_on(here, said.boot, said.last_s)
-
-
-def _goes_on(here: Span, boot: int, last_s: float) -> bool:
-    """As Course.goes_on."""
-    return here.boot == boot and here.first_s > last_s and here.last_s < last_s + PLAIN_S
-
-
-def _recent(whole: Round, run: _Run) -> int:
-    """The first of its messages that are to be published before those of other devices."""
-    last_ns, first = whole.span(run.last - 1).received_ns, run.last
-    if last_ns - whole.span(run.first).received_ns > HUNG_NS:
-        return run.first
-    while first > run.first and whole.span(first - 1).received_ns >= last_ns - RECENT_NS:
+def _recent(samples: list[Samples]) -> int:
+    """The first of the messages of a device that are to be published before those of other devices."""
+    last_ns, first = samples[-1].receive_time_ns, len(samples)
+    if last_ns - samples[0].receive_time_ns > HUNG_NS:
+        return 0
+    while first > 0 and samples[first - 1].receive_time_ns >= last_ns - RECENT_NS:
         first -= 1
     return first

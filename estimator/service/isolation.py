@@ -24,31 +24,28 @@ class Isolation:
     def __init__(self, counts: Tally) -> None:
         self._counts = counts
 
-    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0, owed: int = 0) -> bool:
-        """Whether work(*args) went well; else the device's session begins anew. came, owed: see `failed`."""
+    def __call__(self, device: Device, work: Callable[[*Ts], object], *args: *Ts, came: int = 0) -> bool:
+        """Whether work(*args) went well; else the device's session begins anew. came: see `failed`."""
         before = counted(device)
         try:
             work(*args)
         except Exception as error:  # noqa: BLE001 - of whatever kind: see `failed`
-            self.failed(device, error, before, came=came, owed=owed)
+            self.failed(device, error, before, came=came)
             return False
         return True
 
-    def failed(
-        self, device: Device, error: Exception, before: Before, *, came: int = 0, owed: int = 0, follows: int = 0
-    ) -> None:
+    def failed(self, device: Device, error: Exception, before: Before, *, came: int = 0) -> None:
         """Work of a device has: its session begins anew. The service of all others must not end with it.
 
-        came: samples that the work was to take in. owed: samples that count as corrected before it, and only it could publish.
-        follows: the number that comes after those, if it is known. What was published before it was taken in is not lost.
+        came: samples that the work was to take in.
         """
         if isinstance(error, BusError):
             raise error  # the bus itself is gone: for all
         held, samples_in, samples_out, told = before
         sequence = device.session.sequence
         uncounted = held + came - (sequence.samples_in - samples_in)
-        unsaid = owed + sequence.samples_out - samples_out - (device.told - told)
-        device.restart(lost=unsaid, uncounted=max(0, uncounted), follows=follows)
+        unsaid = sequence.samples_out - samples_out - (device.told - told)
+        device.restart(lost=unsaid, uncounted=max(0, uncounted))
         self._counts.add("sessions failed")
         if device.session.count_event(FAILED) == 1:
             words = "%s: its session failed and begins anew (more of this device are only counted)"
@@ -58,4 +55,4 @@ class Isolation:
 def counted(device: Device) -> Before:
     """What `failed` needs to know."""
     sequence = device.session.sequence
-    return device.overtaken.samples, sequence.samples_in, sequence.samples_out, device.told
+    return device.reorder_buffer.samples, sequence.samples_in, sequence.samples_out, device.told

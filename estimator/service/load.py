@@ -73,7 +73,7 @@ class Load:
         for device in self._devices.values():
             device.overloaded_s, device.unkept = self._overload.seconds, unkept
             device.left_out = device.name in self._shedding
-            device.behind.coasts = device.name in self._coasting
+            device.session.coasts = device.name in self._coasting
 
     def tell(self, device: Device, now: float) -> None:
         """A device what of it was left out: it is heard, and not looked at."""
@@ -87,7 +87,7 @@ class Load:
 
     def _able(self) -> list[str]:
         """Devices that are heard, and whose bias may be only predicted for a while."""
-        return [device.name for device in self._heard() if not device.left_out and device.behind.may_coast]
+        return [device.name for device in self._heard() if not device.left_out and device.session.may_coast]
 
     def _heard(self) -> list[Device]:
         since = time.monotonic() - self._queue.waited_s - self._silence_s

@@ -243,7 +243,7 @@ class Peers:
         if taken:
             self._next_say = now
             # Before anything of them is: else we could die, and nobody would know the epoch.
-            self.say(devices, now, hurry=True)
+            self.say(devices, now)
         elif self._taking or (not self._came and self.cluster.settled(now)):
             self._taking, self._why = False, ""  # what comes later has another reason
         return taken
@@ -309,8 +309,8 @@ class Peers:
         """Whether it is time to say what is ours, or something was taken."""
         return now >= self._next_say or (self._came > 0 and not self.cluster.alone)
 
-    def say(self, devices: dict[str, Device], now: float, *, hurry: bool = False) -> None:
-        """Say what is ours, if it is time to; in a hurry of where they are no more than their sessions know."""
+    def say(self, devices: dict[str, Device], now: float) -> None:
+        """Say what is ours, if it is time to."""
         cluster = self.cluster
         if not self.due(now):
             return
@@ -318,7 +318,7 @@ class Peers:
         time_ns = self._now_ns()
         self._moved(time_ns)
         self._measure(now)
-        holdings = [_holding(name, epoch, devices.get(name), hurry=hurry) for name, epoch in cluster.held.items()]
+        holdings = [_holding(name, epoch, devices.get(name)) for name, epoch in cluster.held.items()]
         most = codec.MAX_HOLDINGS
         parts = max(1, -(-len(holdings) // most))
         for part in range(parts):
@@ -367,9 +367,9 @@ class Peers:
             self._load_since = now, time.process_time()
 
 
-def _holding(name: str, epoch: int, device: Device | None, *, hurry: bool) -> Holding:
+def _holding(name: str, epoch: int, device: Device | None) -> Holding:
     if device is None:
         return Holding(name, epoch, 0, 0)
-    session = device.behind if hurry else device.glance
+    session = device.session
     busy = bool(session.learnt.turned or session.learnt.asked) and not device.left_out
     return Holding(name, epoch, session.boot or 0, session.sequence.next or 0, busy)

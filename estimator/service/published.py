@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.wire import checks
-from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, Stencil
-from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag, Status, WindowBatch
+from bridge.wire.batches import MAX_CELSIUS, MAX_CORRECTED, MAX_RATE, MAX_SEQUENCE, MAX_STD, CorrectedEncoder
+from bridge.wire.messages import BiasRevision, SampleFlag, Status, WindowBatch
 from bridge.wire.revisions import MAX_ELEMENT, MAX_POINTS, MIN_POINTS
 from estimator.correction import Correction
+from estimator.device.correct import Cut, Rates
 
 MAX_SCALE, MAX_HZ, MAX_AGE_S, MAX_COUNT = 10.0, 1e6, 1e12, 2**64 - 1
 _OTHERS = "others"
-#: ticks, rate and flags where only what batches have in common is said
-_ANY = np.zeros(1, np.uint64), np.zeros((1, 3), np.float32), np.zeros(1, np.uint32)
 
 
 def status(said: Status) -> Status:
@@ -55,48 +54,43 @@ def _status_fits(said: Status) -> bool:
     )
 
 
-def corrected(batch: CorrectedBatch) -> CorrectedBatch:
-    """The batch with every number in the wire's range; a rate beyond it is marked as clipped."""
-    if _fit(batch) and _largest(batch.rate) <= MAX_CORRECTED:
-        return batch
-    beyond = ~(np.abs(batch.rate) <= MAX_CORRECTED).all(axis=1)
-    return replace(
-        batch,
-        rate=_clipped(batch.rate, -MAX_CORRECTED, MAX_CORRECTED),
-        flags=np.where(beyond, batch.flags | np.uint32(SampleFlag.CLIPPED), batch.flags).astype(np.uint32),
-        noise_std=_clipped(batch.noise_std, 0.0, MAX_STD),
-        bias_std=_clipped(batch.bias_std, 0.0, MAX_STD),
-        scale_std=_clipped(batch.scale_std, 0.0, MAX_STD),
-        bias=_clipped(batch.bias, -MAX_RATE, MAX_RATE),
-    )
-
-
 class Encoder:
-    """Corrected batches of one device to payloads fit for the wire; what they have in common is encoded when it changes."""
+    """Corrected samples of one device to payloads fit for the wire."""
 
-    def __init__(self, epoch: int = 0) -> None:
-        self._epoch = epoch
-        self._stencil: Stencil | None = None
-        self._bias: NDArray[np.float32] | None = None  # of the batches that fit the stencil: the very array
+    def __init__(self, device: str, epoch: int = 0) -> None:
+        self._encoder = CorrectedEncoder(device, epoch)
+        self._correction: Correction | None = None  # of what was encoded last
 
-    def encode(self, batch: CorrectedBatch) -> bytes:
-        """The payload of a batch."""
-        if self._stencil is not None and batch.bias is self._bias and _largest(batch.rate) <= MAX_CORRECTED:
-            return self._stencil.encode(batch)
-        fit = corrected(batch)
-        return self._anew(fit, batch.bias).encode(fit)
+    def under(self, epoch: int) -> None:
+        """What comes next is said under this epoch."""
+        self._encoder.under(epoch)
 
-    def stencil(self, device: str, boot: int, correction: Correction) -> Stencil:
-        """What encloses samples of this boot that are corrected so, and encoded already, without flags."""
-        stencil, bias = self._stencil, correction.told.bias
-        if stencil is None or bias is not self._bias:
-            how = {"quality": correction.quality, "calibration": correction.calibration, **correction.told._asdict()}
-            stencil = self._anew(corrected(CorrectedBatch(device, boot, 0, 0, 1.0, 1.0, *_ANY, **how)), bias)
-        return stencil
+    def encode(self, cut: Cut, rates: Rates) -> bytes:
+        """The payload of samples that were corrected so."""
+        samples, correction = cut.samples, cut.correction
+        if correction is not self._correction:
+            self._correction = correction
+            self._encoder.corrected_by(correction.quality, correction.calibration, _told(correction))
+        return self._encoder.encode(
+            samples.boot,
+            cut.sequence,
+            cut.start_time_ns,
+            samples.tick_period_s,
+            samples.clock_rate,
+            cut.ticks,
+            *rates,
+        )
 
-    def _anew(self, fit: CorrectedBatch, bias: NDArray[np.float32]) -> Stencil:
-        self._stencil, self._bias = Stencil(fit, self._epoch), bias
-        return self._stencil
+
+def _told(correction: Correction) -> dict[str, NDArray[np.float32]]:
+    """What is told of a correction, each number in the wire's range."""
+    told = correction.told._asdict()
+    if all(abs(value) <= min(MAX_RATE, MAX_STD) for column in told.values() for value in column.tolist()):
+        return told
+    return {
+        name: _clipped(value, -MAX_RATE, MAX_RATE) if name == "bias" else _clipped(value, 0.0, MAX_STD)
+        for name, value in told.items()
+    }
 
 
 def revision(said: BiasRevision) -> BiasRevision | None:
@@ -139,17 +133,6 @@ def windows(said: WindowBatch) -> WindowBatch | None:
         scale_std=_clipped(said.scale_std, 0.0, MAX_STD),
         bias=_clipped(said.bias, -MAX_RATE, MAX_RATE),
     )
-
-
-def _fit(said: CorrectedBatch) -> bool:
-    """Whether what all batches say that a correction has made is in the wire's range."""
-    stds = (*said.noise_std.tolist(), *said.bias_std.tolist(), *said.scale_std.tolist())
-    return all(abs(std) <= MAX_STD for std in stds) and all(abs(bias) <= MAX_RATE for bias in said.bias.tolist())
-
-
-def _largest(rate: NDArray[np.float32]) -> float:
-    """The largest magnitude; NaN where one is not a number."""
-    return float(np.maximum.reduce(np.abs(rate), axis=None))
 
 
 def _rising(numbers: NDArray[np.uint64] | NDArray[np.int64]) -> NDArray[np.bool_]:

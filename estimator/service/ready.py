@@ -9,7 +9,6 @@ from functools import partial
 from typing import NamedTuple
 
 from bridge.bus.contract import Publisher
-from bridge.wire.batches import Stencil
 from bridge.wire.messages import Checkpoint
 from estimator.correction import Correction
 from estimator.service.replicas import Replicas
@@ -20,16 +19,9 @@ MOST = 1024
 AHEAD_S = 8.0
 
 
-class Applied(NamedTuple):
-    """What corrects a device, and what encloses samples that are corrected so, of no epoch yet."""
-
-    correction: Correction
-    stencil: Stencil
-
-
 class _Corrected(NamedTuple):
     by: Checkpoint
-    applied: Applied | None
+    correction: Correction | None
 
 
 class Ready:
@@ -42,7 +34,7 @@ class Ready:
         self,
         replicas: Replicas,
         declare: Callable[[str], Publisher],
-        applies: Callable[[Checkpoint, float], Applied | None],
+        applies: Callable[[Checkpoint, float], Correction | None],
     ) -> None:
         self._replicas, self._declare, self._applies = replicas, declare, applies
         #: devices that are to be made ready for
@@ -85,11 +77,11 @@ class Ready:
         self._corrected.pop(device, None)
         return self.publishers.pop(device) if device in self.publishers else self._declare(device)
 
-    def applied(self, known: Checkpoint, time: float) -> Applied | None:
+    def correction(self, known: Checkpoint, time: float) -> Correction | None:
         """What corrects a device by the latest checkpoint of it, at a device time."""
         ready = self._corrected.get(known.device)
         if ready is not None and ready.by is known and 0.0 <= time - known.device_time_s <= AHEAD_S:
-            return ready.applied
+            return ready.correction
         return self._applies(known, time)
 
     def close(self) -> None:

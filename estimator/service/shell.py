@@ -12,13 +12,14 @@ from bridge.bus.contract import Bus, Message, Publisher
 from bridge.enrolled import Enrolment
 from bridge.router_watch import RouterWatch
 from bridge.wire import keys
-from bridge.wire.messages import Checkpoint, SampleBatch
+from bridge.wire.messages import Checkpoint
 from bridge.wire.refusal import Tally
 from estimator.config import Estimator
+from estimator.device.reorder_buffer import ReorderBuffer
+from estimator.device.samples import Samples
 from estimator.device_knobs import treatment
 from estimator.lifecycle import Event
 from estimator.outcome import Outcome
-from estimator.overtaken import Overtaken
 from estimator.restore import changed
 from estimator.service.boots import Boots
 from estimator.service.clerk import Writes
@@ -209,10 +210,8 @@ class Service:
                 device.heard = min(device.heard + now - began, now)
         if now >= self._next_status:
             self._next_status = now + STATUS_S
-            self._intake.settle()
             self._every_second(now)
         if self._peers.due(now):
-            self._intake.settle()
             self._peers.say(self._devices, now)
         self._quiet.work()
         return len(messages) + self._turns.waiting
@@ -240,7 +239,7 @@ class Service:
         self._interim.catch_up()
         if taken and self._devices.roomy(self._peers.waiting):
             self._interim.say(taken)
-        # The first of each device that comes first: then the others are known to the fast lane.
+        # The first of each device comes first: until then it is not known that there is one.
         self._turns.round([queue[0] for queue in queues if queue])
         return [message for queue in queues for message in queue[1:]]
 
@@ -291,20 +290,18 @@ class Service:
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def _newcomer(self, batch: SampleBatch, key: str, now: float) -> Device | None:
+    def _newcomer(self, batch: Samples, key: str, now: float) -> Device | None:
         """A device not known before: with the bridge another estimator heard it from, and from the first sample there is."""
-        if not self._devices.room(now, len(batch)):
+        if not self._devices.room(now, batch.n):
             self._left += [(now + LINGER_S, publisher) for publisher in self._interim.drop(batch.device)]
             return None
         name, knobs, epoch = batch.device, self._treatment.of(batch.device), self._peers.epoch(batch.device)
-        device = Device(
-            self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, float(batch.device_time[0])
-        )
+        device = Device(self._bus, self.ward, name, knobs, self.settings.silence_s, now, epoch, batch.first_s)
         lately = "" if name in self._silent else self._peers.replicas.lately_from(name, self._now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
             device.source.owns(known, now)
         if self._peers.company or self._resumed.goes_on(key):
-            device.overtaken = Overtaken(batch.sequence)
+            device.reorder_buffer = ReorderBuffer(batch.sequence)
         self._silent.drop(name)
         self._interim.hand_over(device)
         self._devices[name] = device
@@ -337,7 +334,6 @@ class Service:
             if device.session.calibration is made:
                 device.repeated = None
             self._record.calibration(device, made, time.monotonic())
-        device.say_corrected(outcome.corrected)
         if outcome.seconds:
             self._views.take(device, outcome.seconds)
         for revision in outcome.revisions:

@@ -2,14 +2,12 @@
 
 import logging
 
-from bridge.wire import codec
-from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
+from estimator.device.admission import ELSEWHERE
 from estimator.service.device import Device
 from estimator.service.law import EVENT, Account, Conservation
 from estimator.service.resumed import DONE
 from estimator.service.roster import TOO_MANY, Roster
-from estimator.service.sources import ELSEWHERE
 from estimator.service.vitals import DeviceVitals, Note, Vitals
 
 log = logging.getLogger(__name__)
@@ -23,12 +21,6 @@ class Stock:
         self._law = Conservation()
         self._decoded = 0
         self._seen: dict[str, DeviceVitals] = {}
-
-    def decode(self, key: str, payload: bytes) -> SampleBatch:
-        """A batch of samples, counted."""
-        batch = codec.decode_samples(key, payload)
-        self.came(len(batch))
-        return batch
 
     def came(self, samples: int) -> None:
         """So many samples came in."""
@@ -67,4 +59,6 @@ class Stock:
 def _account(device: Device) -> Account:
     sequence = device.session.sequence
     dropped, refused = sequence.dropped.total(), sequence.events.total(ELSEWHERE)
-    return Account(sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.overtaken.samples)
+    return Account(
+        sequence.samples_in, sequence.samples_out, dropped, device.told, refused, device.reorder_buffer.samples
+    )

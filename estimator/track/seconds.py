@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.block import ACCEL, GYRO, TIME
+from estimator.device.samples import ACCEL, GYRO, TIME
 from estimator.gyro import COARSE_STEP
 from estimator.loops import second as loop
 from estimator.loops.cut import cut, let_go, nothing_gathered
@@ -81,7 +81,7 @@ class Seconds:
         self._numbers = (self.knobs.length_s, self.knobs.least_s, self.knobs.settle_s)
         self._state, self._waiting = nothing_gathered()
         self._parts: list[tuple[int, Floats]] = []  # samples of windows, and the number of the first of them
-        self._before: Floats | None = None  # the last sample before the second that is gathered, (8,)
+        self._before: Floats | None = None  # the last sample before the second that is gathered, (9,)
         self._step = np.full(3, np.inf)  # the least ever seen
         self._noisy = np.zeros(3, bool)  # axes that never repeat themselves at rest
         self._all_noisy = False
@@ -110,7 +110,7 @@ class Seconds:
         self._parts, self._before = [], windows.samples[1][-1]
 
     def _between(self, begin: int, end: int) -> Floats:
-        """(n, 8) samples by their numbers; those before are forgotten."""
+        """(n, 9) samples by their numbers; those before are forgotten."""
         parts = self._parts
         first, rows = parts[0]
         while first + len(rows) <= begin:

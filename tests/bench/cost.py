@@ -36,14 +36,14 @@ class One:
         self.tracker = Tracker(TrackKnobs(history=history), 0.0, model, np.full(3, np.radians(5.0)))
 
     def take(self, rows: Floats) -> None:
-        """Take rows of samples (n, 7), as a session's blocks are."""
-        self.tracker.take(self.stillness.take([rows]))
+        """Take rows of samples (n, 9), as a session's blocks are."""
+        self.tracker.take(self.stillness.feed_rows(rows))
 
 
 def rows_of(day: Day, *, aided: bool) -> Floats:
-    """(n, 7) of all its samples, as a session has them."""
+    """(n, 9) of all its samples, as a session has them."""
     accel = day.accel if aided else np.full_like(day.accel, np.nan)
-    return np.column_stack([day.time_s, day.gyro, accel])
+    return np.column_stack([day.time_s, day.gyro, accel, np.zeros(len(accel)), day.temperature_c])
 
 
 def run(days: list[Day], make: Callable[[], One], *, aided: bool) -> tuple[float, list[One]]:
@@ -75,7 +75,7 @@ def resting(days: list[Day]) -> float:
     rests = 0
     for day in days:
         one = One()
-        for window in one.stillness.take([rows_of(day, aided=True)]).each():
+        for window in one.stillness.feed_rows(rows_of(day, aided=True)).each():
             receipts = one.tracker.take(window)
             rests += len({receipt.time for receipt in receipts if receipt.kind.startswith("zaru level")})
     return rests / (SECONDS * len(days))

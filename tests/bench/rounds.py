@@ -34,15 +34,14 @@ _NOW_NS = 1_700_000_000_000_000_000
 _WARM_S = 15.0
 _ROUNDS = "drain, gate, turns"
 _PARTS = {
-    "estimator.service.lane:Lane.take": "lane",
-    "estimator.service.together:Round.__init__": "lane: read and checked",
-    "estimator.service.lane:Lane._take_in": "lane: taken in",
-    "estimator.session:DeviceSession.end_block": "a block's end",
-    "estimator.service.lane:Lane._send": "corrected",
-    "estimator.service.together:Round.corrected_ahead": "corrected",
-    "estimator.service.published:Encoder.stencil": "encoded",
+    "estimator.service.intake:Intake.take": "admitted",
+    "estimator.service.intake:decode": "decoded",
+    "estimator.session:DeviceSession._put": "put in its buffer",
+    "estimator.session:DeviceSession._end_block": "a block's end",
+    "estimator.service.intake:Intake._publish": "published",
+    "estimator.service.intake:correct": "corrected",
+    "estimator.service.published:Encoder.encode": "encoded",
     "estimator.service.shell:Service._learn": "learnt: around it",
-    "estimator.held:Held.put": "learnt: blocks joined",
     "estimator.learnt:Learnt.learn": "learnt: of each window",
     "estimator.stillness:Stillness.take": "learnt: stillness",
     "estimator.track.seconds:Seconds.take": "learnt: tracker",

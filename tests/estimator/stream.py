@@ -12,6 +12,9 @@ from bridge.sim.imperfection import Imperfection, ImuSpec, Truth
 from bridge.sim.motion import Motion, Piece, Still
 from bridge.sim.script import SessionPlan, TurnPlan, flat, session
 from bridge.wire.messages import BootCause, Calibration, CorrectedBatch, DeviceInfo, SampleBatch
+from estimator.correction import Correction
+from estimator.device.correct import Cut, batch_of, correct
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
@@ -156,6 +159,12 @@ def feed(device: DeviceSession, batches: Iterable[SampleBatch], remembered: Reme
             total.changed |= outcome.changed
             total.said += outcome.said
     return total
+
+
+def corrected_by(correction: Correction, batch: SampleBatch, first: int = 0, end: int | None = None) -> CorrectedBatch:
+    """Samples first to end of a batch, as they are published."""
+    cut = Cut(Samples.of(batch), correction, first, len(batch) if end is None else end)
+    return batch_of(cut, *correct([cut]))
 
 
 def rates(corrected: Iterable[CorrectedBatch]) -> NDArray[np.float32]:

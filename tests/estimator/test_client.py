@@ -13,7 +13,7 @@ from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality,
 from bridge.wire.refusal import Refusal
 from estimator.client import NONE_S, Client
 from estimator.session import DeviceSession
-from tests.estimator.stream import NAME, info, stream
+from tests.estimator.stream import NAME, corrected_by, info, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
 from tests.estimator.test_revision import revision
 
@@ -32,7 +32,7 @@ def client(broker: MemoryBroker) -> Client:
 
 def corrected(start: int, end: int, boot: int = 1) -> CorrectedBatch:
     (batch,) = stream([], 3.0).part(start, end).batches([], boot=boot, first=start)
-    return chosen(CALIBRATION).apply(batch, 0, len(batch))
+    return corrected_by(chosen(CALIBRATION), batch)
 
 
 def publisher(broker: MemoryBroker, what: str = "corrected") -> Publisher:

@@ -8,7 +8,7 @@ from estimator.batch.carry import MATRIX_PARAMETERS
 from estimator.batch.result import PARAMETERS
 from estimator.correction import Correction, Floats, believed, choose
 from estimator.gyro import PriorKnobs
-from tests.estimator.stream import stream
+from tests.estimator.stream import corrected_by, stream
 
 KNOBS = PriorKnobs()
 CALIBRATION = Calibration(
@@ -116,13 +116,13 @@ def test_a_full_matrix_is_applied_whole() -> None:
     np.testing.assert_allclose(best.model.scale_std, np.array([1e-3, 2e-3, 3e-3]) / [0.9, 1.0, 1.1])
     (batch,) = stream([], 0.2).batches([])
     expected = (batch.gyro.astype(float) - BIAS) @ matrix.T
-    np.testing.assert_array_equal(best.apply(batch, 0, len(batch)).rate, expected.astype(np.float32))
+    np.testing.assert_array_equal(corrected_by(best, batch).rate, expected.astype(np.float32))
 
 
 def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
     (batch,) = stream([], 1.0).batches([])
     batch = replace(batch, clock_rate=1.01, sequence=70)
-    part = chosen(CALIBRATION).apply(batch, 20, 50)
+    part = corrected_by(chosen(CALIBRATION), batch, 20, 50)
     assert part.sequence == 90
     assert len(part) == 30
     expected = (batch.gyro[20:50].astype(float) - BIAS) * [0.9, 1.0, 1.1]
@@ -136,7 +136,7 @@ def test_a_run_of_a_batch_is_corrected_and_placed_in_time() -> None:
 def test_published_deviations_add_up() -> None:
     (batch,) = stream([], 0.1).batches([])
     corrected = replace(
-        chosen(CALIBRATION).apply(batch, 0, 2),
+        corrected_by(chosen(CALIBRATION), batch, 0, 2),
         rate=np.array([[1.0, -2.0, 0.0], [0.0, 0.0, 0.0]], np.float32),
     )
     noise_bias = np.array([0.9, 1.0, 1.1]) * np.sqrt(0.001**2 + 1e-4**2 + FLICKER**2)

@@ -6,13 +6,14 @@ from typing import Any
 import pytest
 
 from bridge.wire import codec
-from estimator.sequence import Sequence
+from estimator.device.admission import Source
+from estimator.device.blocks import Blocks
+from estimator.device.sequence import Sequence
+from estimator.learnt import Learnt
 from estimator.service.device import Device
 from estimator.service.law import EVENT
+from estimator.service.published import Encoder
 from estimator.service.record import Record
-from estimator.service.senders import Senders
-from estimator.service.sources import Source
-from estimator.service.together import Round
 from estimator.session import DeviceSession
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
@@ -23,24 +24,13 @@ PLACES: list[tuple[type[Any], str]] = [
     (Sequence, "fresh"),
     (DeviceSession, "begin_boot"),
     (DeviceSession, "take"),
-    (DeviceSession, "_take"),
+    (DeviceSession, "learn"),
+    (Blocks, "put"),
+    (Blocks, "end_block"),
+    (Learnt, "learn"),
+    (Encoder, "encode"),
     (Device, "say_corrected"),
     (Device, "say_status"),
-    # on the fast lane
-    (Source, "went_on"),
-    (DeviceSession, "keep"),
-    (DeviceSession, "end_block"),
-    (DeviceSession, "learn"),
-    (DeviceSession, "_learn"),
-    (Device, "say_rates"),
-    (Device, "stencil"),
-    (Device, "published"),
-    (DeviceSession, "plain"),
-    (DeviceSession, "ends_block"),
-    (Sequence, "went_on"),
-    (Round, "come"),
-    (Round, "span"),
-    (Senders, "stands"),
 ]
 
 
@@ -77,8 +67,7 @@ def test_a_fault_anywhere_leaves_no_sample_uncounted(
     assert EVENT not in mine.events
     assert mine.samples_in == mine.samples_out + sum(mine.dropped.values())
     assert mine.samples_out == devices[NAME].told
-    if (owner, name) != (Device, "published"):  # it says so
-        assert mine.samples_out == sum(len(batch) for batch in ward.subscriber if batch.device == NAME)
+    assert mine.samples_out == sum(len(batch) for batch in ward.subscriber if batch.device == NAME)
     assert mine.samples_in == 800 + 400 + 120
     assert devices["other"].status(1).samples_out == 10
 
@@ -115,7 +104,7 @@ def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_o
     for batch in batches[:40]:
         ward.send([batch], info(1))
     device = ward.service._devices[NAME]
-    put, calls = device.ahead.put, [0]
+    put, calls = device._put, [0]
 
     def failing(payload: bytes) -> None:
         calls[0] += 1
@@ -123,10 +112,10 @@ def test_a_message_that_cannot_be_published_is_counted_and_those_before_it_are_o
             raise FloatingPointError("singular")
         put(payload)
 
-    device.ahead.put = failing
+    device._put = failing
     for batch in batches[40:]:
         ward.send([batch])
-        assert not device.overtaken, "what follows waits for nothing"
+        assert not device.reorder_buffer, "what follows waits for nothing"
     mine = ward.latest()
     assert mine.events["session failed"] == 1
     assert EVENT not in mine.events

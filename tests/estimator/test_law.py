@@ -2,8 +2,9 @@
 
 import pytest
 
-from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally
+from estimator.device.correct import Cut
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service.device import Device
 from estimator.service.intake import Intake
@@ -67,14 +68,11 @@ def test_a_service_in_which_samples_vanish_says_so(
     assert EVENT not in ward.latest().events
     handle = DeviceSession.take
 
-    def forgetful(self: DeviceSession, batch: SampleBatch) -> Outcome:
-        outcome = handle(self, batch)
-        outcome.corrected = outcome.corrected[:-1]
-        return outcome
+    def forgetful(self: DeviceSession, samples: Samples, cuts: list[Cut]) -> Outcome | None:
+        return handle(self, samples, [])
 
     with monkeypatch.context() as patch:
         patch.setattr(DeviceSession, "take", forgetful)
-        patch.setattr(DeviceSession, "plain", lambda *_: False)
         ward.send(batches[100:110])
     ward.latest()
     status = ward.latest()
@@ -98,19 +96,18 @@ def test_batches_that_never_reach_a_session_are_missed_by_the_ward(
     ward.send(batches[:50], info(1))
     take = Intake._take
 
-    def forgetful(self: Intake, device: Device, batch: SampleBatch, now: float) -> None:
+    def forgetful(self: Intake, device: Device, batch: Samples, now: float) -> None:
         if batch.sequence != 500:
             take(self, device, batch, now)
 
     monkeypatch.setattr(Intake, "_take", forgetful)
-    monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     ward.send(batches[50:60])
     ward.latest()
     assert "the ward: conservation law broken: 10 samples came" in caplog.text
     assert ward.latest().events[EVENT] == 1
 
 
-def test_what_takes_the_fast_lane_is_in_the_account(ward: Ward, once: Stream) -> None:
+def test_every_sample_is_in_the_account(ward: Ward, once: Stream) -> None:
     batches = once.batches()
     ward.send(batches, info(1))
     status = ward.latest()

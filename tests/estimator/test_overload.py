@@ -8,7 +8,10 @@ from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox
 from bridge.wire.messages import State
 from estimator import glance
+from estimator.device.correct import Cut
+from estimator.device.samples import Samples
 from estimator.lifecycle import Event
+from estimator.outcome import Outcome
 from estimator.service import overload
 from estimator.service.lost import ASIDE_S
 from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
@@ -91,15 +94,14 @@ def test_a_slow_service_says_so_wherever_one_looks(monkeypatch: pytest.MonkeyPat
     served.raw = Waiting(served)
     handle, batches = DeviceSession.take, calibration(seed=1).batches()
 
-    def slow(self: DeviceSession, batch):  # type: ignore[no-untyped-def]
+    def slow(self: DeviceSession, samples: Samples, cuts: list[Cut]) -> Outcome | None:
         served.now += 0.4
-        return handle(self, batch)
+        return handle(self, samples, cuts)
 
     with served:
         vitals = Vitals(expects=True, clock=lambda: served.now)
         served.service._stock._vitals = vitals
         monkeypatch.setattr(DeviceSession, "take", slow)
-        monkeypatch.setattr("estimator.service.lane._plain", lambda *_: None)  # each takes the slow way
 
         def busy() -> float:
             [ratio] = [f for f in vitals.families() if f.name == "busy_ratio"]

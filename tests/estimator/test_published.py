@@ -9,16 +9,19 @@ from hypothesis import strategies as st
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
+from bridge.wire.batches import MAX_CORRECTED
 from bridge.wire.checks import MAX_COUNTS, MAX_TIME_NS
 from bridge.wire.messages import BiasRevision, SampleBatch, SampleFlag, Status
 from bridge.wire.refusal import Refusal
 from estimator.config import Estimator
+from estimator.device.correct import Cut, correct
+from estimator.device.samples import Samples
 from estimator.service import published
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from estimator.session import DeviceSession
-from tests.estimator.stream import NAME
-from tests.estimator.test_client import corrected
+from tests.estimator.stream import NAME, stream
+from tests.estimator.test_correction import CALIBRATION, chosen
 from tests.estimator.test_revision import revision
 
 KEY = keys.build("w", "status", device=NAME)
@@ -111,24 +114,26 @@ def test_any_status_is_made_fit(
     assert sum(fit.events.values()) == labels * (labels + 1) // 2 + 3 + 2**64 - 1
 
 
-def test_a_plain_status_and_batch_are_left_as_they_are() -> None:
+def test_a_plain_status_is_left_as_it_is() -> None:
     status = DeviceSession(NAME).status(5)
     assert published.status(status) is status
-    batch = corrected(0, 20)
-    assert published.corrected(batch) is batch
 
 
-@pytest.mark.parametrize("value", [2500.0, -np.inf, np.nan])
-def test_a_rate_that_cannot_be_is_said_as_clipped(value: float) -> None:
-    batch = corrected(0, 20)
-    rate = batch.rate.copy()
-    rate[3, 1] = value
-    fit = codec.decode_corrected(
-        keys.build("w", "corrected", device=NAME),
-        codec.encode_corrected(published.corrected(replace(batch, rate=rate, bias_std=np.full(3, 1e9, np.float32)))),
-    )
-    assert list(np.flatnonzero(fit.flags & SampleFlag.CLIPPED)) == [3]
-    np.testing.assert_array_equal(fit.rate[:3], batch.rate[:3])
+@pytest.mark.parametrize("scale", [3.0, np.inf, np.nan])
+def test_a_rate_that_cannot_be_is_said_as_clipped(scale: float) -> None:
+    (batch,) = stream([], 3.0).part(0, 20).batches([])
+    batch.gyro[3, 1] = 900.0
+    right = chosen(CALIBRATION)
+    model = replace(right.model, matrix=np.diag([1.0, scale, 1.0]), bias=np.zeros(3))
+    cut = Cut(Samples.of(batch), replace(right, model=model, bias_std=np.full(3, 1e9)), 0, 20)
+    encoder = published.Encoder(NAME)
+    with np.errstate(all="ignore"):
+        payload = encoder.encode(cut, *correct([cut]))
+    fit = codec.decode_corrected(keys.build("w", "corrected", device=NAME), payload)
+    clipped = np.flatnonzero(fit.flags & SampleFlag.CLIPPED).tolist()
+    assert clipped == ([3] if scale == 3.0 else list(range(20)))
+    assert abs(fit.rate[3, 1]) == MAX_CORRECTED
+    np.testing.assert_array_equal(fit.rate[:3, 0], batch.gyro[:3, 0])
     assert fit.start_time_ns < MAX_TIME_NS
 
 

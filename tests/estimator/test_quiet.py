@@ -7,6 +7,8 @@ import pytest
 
 from bridge.sim.motion import Still
 from bridge.wire.messages import CorrectedBatch, Quality
+from estimator.device.correct import Cut, batch_of, correct
+from estimator.device.samples import Samples
 from estimator.service.quiet import AT_ONCE_S, LATE_AFTER_S, LATE_S, Kind, Quiet
 from estimator.session import DeviceSession
 from tests.estimator.stream import NAME, calibration
@@ -99,7 +101,11 @@ def test_when_it_is_learnt_changes_nothing(late: float) -> None:
         told.append([])
         waits = 0
         for batch in batches:
-            told[-1] += (device.take if patient else device.handle)(batch).corrected
+            if patient:
+                device.take(Samples.of(batch), cuts := list[Cut]())
+                told[-1] += [batch_of(cut, rates) for cut, rates in zip(cuts, correct(cuts), strict=True)]
+            else:
+                told[-1] += device.handle(batch).corrected
             waits += device.to_learn
             if device.to_learn and rng.random() > late:
                 device.learn()

@@ -8,7 +8,7 @@ import pytest
 from bridge.sim.imperfection import DEMO_SPEC
 from bridge.sim.script import demo_script
 from bridge.sim.source import SimulatedSource
-from estimator.block import temperature_at
+from estimator.device.samples import Samples
 from estimator.remembered import Remembered
 from estimator.session import DeviceSession
 from estimator.track.bias_filter import BiasState
@@ -39,7 +39,7 @@ def surprise(of: Stream, device: DeviceSession, kept: BiasState) -> float:
     batches = [b for b in batches if kept.time - _AGAIN_S <= b.device_time[0] < kept.time - 1.0]
     again, first = DeviceSession(NAME), batches[0]
     again.begin_boot(
-        1, float(first.device_time[0]), Remembered(device.calibration, kept), None, temperature_at(first, 0)
+        1, float(first.device_time[0]), Remembered(device.calibration, kept), None, Samples.of(first).celsius
     )
     corrected = feed(again, batches).corrected
     off = [(batch.bias - of.bias[batch.sequence]) / batch.bias_std for batch in corrected]
@@ -75,7 +75,7 @@ def test_what_was_restored_and_is_not_reached_yet_is_kept_with_its_lag(
     assert kept.lag_k > 0.3
     again, batch = DeviceSession(NAME), of.batches()[of.at(kept.time - _AGAIN_S) // 10]
     again.begin_boot(
-        1, float(batch.device_time[0]), Remembered(device.calibration, kept), None, temperature_at(batch, 0)
+        1, float(batch.device_time[0]), Remembered(device.calibration, kept), None, Samples.of(batch).celsius
     )
     feed(again, [batch])
     found = again.checkpoint()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, Quality
 from estimator.revision import covers, revised
-from tests.estimator.stream import NAME, stream
+from tests.estimator.stream import NAME, corrected_by, stream
 from tests.estimator.test_correction import BIAS, CALIBRATION, chosen
 
 START_NS = 1_700_000_000_000_000_000
@@ -66,7 +66,7 @@ def test_it_is_what_the_readings_give_with_the_revised_bias() -> None:
     after = replace(
         then, model=replace(then.model, bias=BIAS + np.array([0.02, -0.01, 0.005])), bias_std=np.full(3, 2e-5)
     )
-    old, new = then.apply(samples, 0, 40), after.apply(samples, 0, 40)
+    old, new = corrected_by(then, samples), corrected_by(after, samples)
     level = revision(
         device=NAME, boot=samples.boot, matrix=CALIBRATION.matrix, sequences=np.array([0, 39], np.uint64),
         times_ns=old.sample_time_ns[[0, 39]], bias=np.tile(new.bias, (2, 1)), bias_std=np.full((2, 3), 2e-5, np.float32),

@@ -10,8 +10,10 @@ import pytest
 from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
-from bridge.wire.messages import Note, Quality, SampleBatch, State, Verdict
+from bridge.wire.messages import Note, Quality, State, Verdict
 from estimator import history
+from estimator.device.correct import Cut
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession
@@ -162,9 +164,10 @@ def test_revisions_are_published_after_what_they_revise(
     handle = DeviceSession.take
     batches = once.part(0, 40).batches()
 
-    def revising(session: DeviceSession, batch: SampleBatch) -> Outcome:
-        outcome = handle(session, batch)
+    def revising(session: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
+        outcome = handle(session, batch, cuts)
         if batch.sequence == 30:
+            outcome = outcome or Outcome()
             outcome.revisions += [replace(REVISION, device=NAME, reason=reason) for reason in ("one", "another")]
         return outcome
 

@@ -5,6 +5,7 @@ import socket
 import time
 from contextlib import closing
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,11 @@ from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
 from estimator.database.owner import owned
+from estimator.device import admission
+from estimator.device.correct import Cut
+from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service import roster, serve, sources
+from estimator.service import roster, serve
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.service.store import StoreError
 from estimator.session import DeviceSession
@@ -35,8 +39,9 @@ def once() -> Stream:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The service's steady clock, to be set by hand."""
+    """The service's steady clock, to be set by hand; how busy this machine is makes no difference."""
     now = [1000.0]
+    monkeypatch.setattr("estimator.service.overload.BUSY", inf)
     monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
     return now
 
@@ -53,14 +58,13 @@ def test_a_session_that_fails_is_begun_anew_and_the_others_go_on(
     assert list(ward.subscriber)[-1].quality is Quality.GOOD
     whole = DeviceSession.take
 
-    def failing(self: DeviceSession, batch: SampleBatch) -> Outcome:
-        outcome = whole(self, batch)
+    def failing(self: DeviceSession, batch: Samples, cuts: list[Cut]) -> Outcome | None:
+        outcome = whole(self, batch, cuts)
         if batch.sequence in (batches[-20].sequence, batches[-18].sequence):
             raise FloatingPointError("singular")
         return outcome
 
     monkeypatch.setattr(DeviceSession, "take", failing)
-    monkeypatch.setattr(DeviceSession, "plain", lambda *_: False)
     (other,) = once.part(0, 10).batches([])
     put(ward, replace(other, device="other"))
     ward.send(batches[-20:])
@@ -118,7 +122,7 @@ def test_a_second_bridge_silences_nobody(
 def test_a_device_that_moves_to_another_bridge_goes_on(ward: Ward, once: Stream, clock: list[float]) -> None:
     batches = once.batches()
     ward.send(batches[:200], info(1))
-    clock[0] += ward.service.settings.silence_s + sources.OWNED_S + 0.1
+    clock[0] += ward.service.settings.silence_s + admission.OWNED_S + 0.1
     for batch in batches[200:]:
         put(ward, batch, "second")
     status = ward.latest()

@@ -6,11 +6,13 @@ Caches and the past that is kept for smoothing fill for five minutes: whether me
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -38,6 +40,7 @@ def main() -> int:
     """Print two tables; 1 when a goal is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two loads and one burst only")
+    parser.add_argument("--json", action="store_true", help="print all that was measured as one JSON object, last")
     parser.add_argument("--seconds", type=float, default=10.0, help="of each paced run")
     parser.add_argument("--warm", type=float, default=CROWD.warm_s, help="seconds before that")
     parser.add_argument("--bursts", type=int, default=3, help="how often each burst is made")
@@ -78,7 +81,7 @@ def main() -> int:
             table.add_row(*_words(paced, took, middle))
             console.print(f"{paced.devices} x {paced.rate_hz:g} Hz, {middle}: done", style="dim")
     console.print(table)
-    missed = unreached(found, args.warm)
+    missed, measured = unreached(found, args.warm), dict[str, Any](paced=_paced(found), bursts=[])
     bursts = Table(
         title=f"As fast as it goes: bursts of {BURST:,} messages of 10 samples, medians of {args.bursts}, in turn"
     )
@@ -89,6 +92,14 @@ def main() -> int:
         most = [median(took.messages_per_s for took in each) for each in zip(*runs, strict=True)]
         shares = ratios(runs)
         lost = sum(turn[-1].lost for turn in runs)
+        measured["bursts"].append(
+            {
+                "devices": devices,
+                "messages_per_s": dict(zip(Middle, most, strict=True)),
+                "of_bare_relay": shares[-1],
+                "lost": lost,
+            }
+        )
         bursts.add_row(
             str(devices),
             *(f"{each / 1e3:.1f}" for each in most),
@@ -106,7 +117,29 @@ def main() -> int:
     if not args.quick:
         _draw(found)
         console.print(f"drawn: {OUT}")
+    if args.json:
+        print(json.dumps(measured | {"not_reached": missed}))
     return _said(console, missed)
+
+
+def _paced(found: Mapping[tuple[Load, Middle], Took]) -> list[dict[str, Any]]:
+    """Each paced run, beside the bare relay's of the same load."""
+    return [
+        {
+            "devices": load.devices,
+            "rate_hz": load.rate_hz,
+            "batch": load.batch,
+            "middle": middle,
+            "cpu": took.cpu,
+            "cpu_of_bare_relay": took.cpu / found[load, Middle.RELAY].cpu,
+            "p50_ms": 1e3 * took.p50_s,
+            "p50_added_ms": 1e3 * (took.p50_s - found[load, Middle.RELAY].p50_s),
+            "p99_ms": 1e3 * took.p99_s,
+            "lost": took.lost,
+            "rss_mb": took.rss_mb,
+        }
+        for (load, middle), took in found.items()
+    ]
 
 
 def ratios(runs: Sequence[Sequence[Took]]) -> list[float]:

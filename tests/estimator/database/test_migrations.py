@@ -102,7 +102,7 @@ def test_a_bias_as_any_truerate_kept_it_is_gone_on_with_or_left(
     session = DeviceSession(NAME, SessionKnobs())
     session.begin_boot(1, 6.0, remembered)
     assert session.calibration is not None
-    assert [session.take(batch) for batch in once.batches()[:20]]
+    assert [session.handle(batch) for batch in once.batches()[:20]]
     store.close()
 
 

@@ -118,7 +118,7 @@ class Both:
 @pytest.fixture
 def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
     made = Both()
-    for module in ("shell", "intake", "peers", "device", "lane"):
+    for module in ("shell", "intake", "peers", "device"):
         monkeypatch.setattr(f"estimator.service.{module}.time", Clock(made))
     yield made
     for pair in made.buses.values():

@@ -3,6 +3,7 @@
 import threading
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,14 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBus
 from bridge.wire import codec, keys
-from bridge.wire.batches import MAX_RATE
-from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch, SampleFlag
+from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from estimator.service.boots import Boots
 from estimator.service.device import Device
 from estimator.service.intake import Intake
 from estimator.service.interim import FAILED, HUNG_NS, RECENT_NS, Taken
-from estimator.service.lane import Lane
 from estimator.service.roster import TOO_MANY
 from tests.estimator.shared.conftest import LAST, SECOND, WARD, Ward
-from tests.estimator.stream import NAME, info
+from tests.estimator.stream import NAME, corrected_by, info
 
 
 def numbers(said: list[CorrectedBatch]) -> list[int]:
@@ -115,18 +114,16 @@ def test_what_comes_until_there_is_a_session_is_published_as_it_comes(ward: Ward
     assert {b.epoch for b in at_once} == {ward.first._peers.cluster.held[NAME]}
     assert {b.quality for b in at_once} == {Quality.GOOD}
     assert ward.go_on() == []
-    assert not ward.first._interim._from
+    assert not ward.first._interim._said
     assert numbers(ward.both.stream.drain()) == list(range(numbers(batches)[-1] + 1))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("odd", ["marked", "missing", "another boot", "again"])
+@pytest.mark.parametrize("odd", ["missing", "another boot", "again"])
 def test_from_what_is_out_of_the_ordinary_then_on_all_waits_for_its_session(
     ward: Ward, batches: list[SampleBatch], odd: str
 ) -> None:
     begun, (first, then, *after) = batches[-LAST:-8], batches[-8:]
-    if odd == "marked":
-        then = replace(then, flags=np.full(len(then), SampleFlag.CLIPPED, np.uint32))
-    elif odd == "another boot":
+    if odd == "another boot":
         then, *after = (replace(batch, boot=then.boot + 1) for batch in (then, *after))
     later = [[first], after] if odd == "missing" else [[first], [first if odd == "again" else then], after]
     at_once = ward.kill(begun, *later)
@@ -134,11 +131,11 @@ def test_from_what_is_out_of_the_ordinary_then_on_all_waits_for_its_session(
     said = [(batch.boot, n) for batch in ward.go_on() for n in numbers([batch])]
     expected = after if odd in {"missing", "again"} else [then, *after]
     assert said == [(batch.boot, n) for batch in expected for n in numbers([batch])]  # type: ignore[list-item]
-    assert not ward.first._interim._from
+    assert not ward.first._interim._said
 
 
 def test_it_is_corrected_as_who_had_it_did(ward: Ward, batches: list[SampleBatch]) -> None:
-    at_once, of = ward.kill(batches[-LAST:])[-1], ward.theirs.applied.apply(batches[-1], 0, len(batches[-1]))
+    at_once, of = ward.kill(batches[-LAST:])[-1], corrected_by(ward.theirs.applied, batches[-1])
     for what in ("rate", "bias"):
         assert (np.abs(getattr(at_once, what) - getattr(of, what)) < at_once.bias_std).all()
     # What was said of it last is some seconds old.
@@ -149,23 +146,14 @@ def test_it_is_corrected_as_who_had_it_did(ward: Ward, batches: list[SampleBatch
     ward.go_on()
 
 
-@pytest.mark.parametrize("odd", ["marked", "missing", "another boot", "beyond the wire"])
-def test_what_is_out_of_the_ordinary_waits_for_its_session(
-    ward: Ward, batches: list[SampleBatch], odd: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("odd", ["missing", "another boot"])
+def test_what_is_out_of_the_ordinary_waits_for_its_session(ward: Ward, batches: list[SampleBatch], odd: str) -> None:
     last, at = batches[-LAST:], 12
     one = last[at]
-    if odd == "marked":
-        last[at] = replace(one, flags=one.flags | np.uint32(SampleFlag.CLIPPED))
-    elif odd == "missing":
+    if odd == "missing":
         del last[at]
-    elif odd == "another boot":
-        last[at:] = [replace(batch, boot=batch.boot + 1) for batch in last[at:]]
     else:
-        gyro = one.gyro.copy()
-        gyro[3] = MAX_RATE
-        last[at] = replace(one, gyro=gyro)
-        monkeypatch.setattr("estimator.service.together.MAX_CORRECTED", 0.9 * MAX_RATE)
+        last[at:] = [replace(batch, boot=batch.boot + 1) for batch in last[at:]]
     at_once = ward.kill(last)
     assert numbers(at_once)[-1] == one.sequence - 1
     later = ward.go_on()
@@ -218,7 +206,7 @@ def test_what_was_said_of_one_that_is_anothers_before_it_has_a_session_may_still
 def test_one_that_cannot_be_published_does_not_end_the_service(
     ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ward.first._interim, "_put", fails)
+    monkeypatch.setattr("estimator.service.interim.Encoder", lambda *_: SimpleNamespace(encode=fails))
     assert ward.kill(batches[-LAST:]) == []
     assert ward.first.counts.as_dict()[FAILED] == 1
     assert numbers(ward.go_on())[-1] == numbers(batches)[-1]  # type: ignore[arg-type]
@@ -235,7 +223,7 @@ def test_a_leap_of_its_clock_waits_for_its_session(ward: Ward, batches: list[Sam
 
 @pytest.mark.parametrize(
     ("of", "name", "after"),
-    [(Lane, "_go_on", 8), (Lane, "_stand", 0), (Intake, "_handle_one", 0), (Device, "say_rates", 8)],
+    [(Intake, "_handle_one", 0), (Intake, "_handle_one", 8), (Device, "say_corrected", 8)],
 )
 def test_what_a_session_that_fails_had_not_taken_in_yet_is_not_lost_where_it_was_published(
     ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch, of: type, name: str, after: int

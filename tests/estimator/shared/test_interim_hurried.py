@@ -70,7 +70,7 @@ def test_one_of_which_nothing_could_be_said_leaves_nothing_to_be_said_from_anoth
 ) -> None:
     """Lost, and taken again before the rest of it was said, that rest stood where another device is by then."""
     interim, replicas, other = ward.first._interim, ward.first._peers.replicas, "other"
-    say, put = interim.say, interim._put
+    say = interim.say
 
     def fails(*_: object) -> None:
         raise ZeroDivisionError
@@ -89,9 +89,9 @@ def test_one_of_which_nothing_could_be_said_leaves_nothing_to_be_said_from_anoth
         known = replicas.of(NAME)
         assert known is not None
         replicas.note(replace(known, device=other))
-        monkeypatch.setattr(interim, "_put", fails)
-        say(taken)
-        monkeypatch.setattr(interim, "_put", put)
+        with monkeypatch.context() as failing:
+            failing.setattr("estimator.service.published.Encoder.encode", fails)
+            say(taken)
         say([renamed(*taken)])
         interim.drop(NAME)
         say(taken)

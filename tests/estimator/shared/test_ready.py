@@ -7,11 +7,12 @@ import pytest
 
 from bridge.bus.contract import Publisher
 from bridge.wire.messages import Checkpoint, SampleBatch
+from estimator.correction import Correction
 from estimator.remembered import correction
 from estimator.service import interim
 from estimator.service.interim import FAILED
 from estimator.service.ownership import owner
-from estimator.service.ready import AHEAD_S, Applied
+from estimator.service.ready import AHEAD_S
 from estimator.service.shell import Service
 from tests.estimator.shared.conftest import FIRST, LAST, SECOND, Both, Ward
 from tests.estimator.stream import NAME
@@ -51,7 +52,7 @@ def test_where_nothing_could_be_said_it_is_given_up(
     ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, closed = ward.first._interim, []
-    monkeypatch.setattr(ours, "_corrects", lambda *_: False)
+    monkeypatch.setattr(ours, "_corrects", lambda *_: None)
     monkeypatch.setattr(ours.ready.publishers[NAME], "close", lambda: closed.append(NAME))
     assert ward.kill(batches[-LAST:]) == []
     assert ward.go_on()
@@ -179,7 +180,7 @@ def test_what_corrects_it_is_made_ready_anew_after_each_checkpoint_and_not_often
     first, made = _shared(both, batches), list[Checkpoint]()
     ready, applies = first._interim.ready, first._interim.ready._applies
 
-    def counted(known: Checkpoint, at_s: float) -> Applied | None:
+    def counted(known: Checkpoint, at_s: float) -> Correction | None:
         made.append(known)
         return applies(known, at_s)
 
@@ -200,14 +201,14 @@ def test_what_was_made_ready_holds_for_its_time_only(both: Both, batches: list[S
     both.pass_(6.0)
     ready, known = first._interim.ready, first._peers.replicas.of(NAME)
     assert known is not None
-    during = ready.applied(known, known.device_time_s + 0.1)
-    assert during is ready.applied(known, known.device_time_s + AHEAD_S - 0.1)
-    other = ready.applied(known, known.device_time_s + after_s)
+    during = ready.correction(known, known.device_time_s + 0.1)
+    assert during is ready.correction(known, known.device_time_s + AHEAD_S - 0.1)
+    other = ready.correction(known, known.device_time_s + after_s)
     assert other is not None
     assert during is not None
-    assert other.correction.bias_std.tolist() != during.correction.bias_std.tolist()
+    assert other.bias_std.tolist() != during.bias_std.tolist()
     again = replace(known, time_ns=known.time_ns + 1)
-    assert ready.applied(again, known.device_time_s + 0.1) is not during, "of another checkpoint"
+    assert ready.correction(again, known.device_time_s + 0.1) is not during, "of another checkpoint"
 
 
 def test_a_device_that_nothing_can_be_made_ready_for_costs_nobody_anything(
@@ -215,7 +216,7 @@ def test_a_device_that_nothing_can_be_made_ready_for_costs_nobody_anything(
 ) -> None:
     first = _shared(both, batches)
 
-    def broken(*_: object) -> Applied | None:
+    def broken(*_: object) -> Correction | None:
         raise ValueError("a fault")
 
     monkeypatch.setattr(first._interim.ready, "_applies", broken)

@@ -65,7 +65,7 @@ class Worn:
         """Take all of a stream, cut before each of the edges."""
         clipped = np.zeros(len(of), bool) if clipped is None else clipped
         bounds = [0, *(range(500, len(of), 500) if edges is None else edges), len(of)]
-        fed = self.stillness._count + len(self.stillness._held)
+        fed = self.stillness.fed
         for a, b in itertools.pairwise(bounds):
             force = of.accel[a:b] if accel else None
             for windows in self.stillness.feed(of.time[a:b], of.gyro[a:b], force, clipped[a:b]).each():

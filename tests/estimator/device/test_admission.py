@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.wire.messages import SampleBatch
-from estimator.sequence import Sequence
-from estimator.service.sources import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
+from estimator.device.admission import NAMED_BRIDGES, PERSISTS_S, Ruling, Source
+from estimator.device.samples import Samples
+from estimator.device.sequence import Sequence
 from tests.estimator.stream import Stream, stream
 
 R = Ruling
@@ -24,7 +25,7 @@ def source() -> Stream:
 def rule(source: Source, sequence: Sequence, batches: Iterable[SampleBatch], *, at: float, step: float) -> list[Ruling]:
     """As the service does, one batch each `step` seconds."""
     rulings = []
-    for n, batch in enumerate(batches):
+    for n, batch in enumerate(map(Samples.of, batches)):
         ruling = source.judge(batch, sequence, at + n * step)
         rulings.append(ruling)
         if ruling is R.JUMP:

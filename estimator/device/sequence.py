@@ -1,9 +1,9 @@
-"""Exactly once: which samples of a stream are new, by boot and sequence number. What is not new is counted."""
+"""Exactly once: which samples of a device are new, by boot and sequence number; those that are not are counted."""
 
 from collections.abc import Callable, Iterable
 
-from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Reason, Tally
+from estimator.device.samples import Samples
 
 _REMEMBERED_BOOTS = 64
 
@@ -17,7 +17,8 @@ class Sequence:
         self.dropped, self.events = Tally(), Tally()
         self._past: dict[int, int] = {}  # earlier boots, latest last, each with the number it had come to
         self._before: Callable[[], Iterable[int] | None] | None = None
-        self._next: int | None = None
+        #: the number that the next sample has; None before the first
+        self.next: int | None = None
         self._first = 0
 
     def is_new_boot(self, boot: int) -> bool:
@@ -32,12 +33,12 @@ class Sequence:
     def begin(self, boot: int) -> None:
         """A new boot, or one of the past that is back: what still comes of the one before it is late."""
         if self.boot is not None:
-            self._past[self.boot] = self._next or 0
+            self._past[self.boot] = self.next or 0
         self._past.pop(boot, None)
         while len(self._past) > _REMEMBERED_BOOTS:
             del self._past[next(iter(self._past))]
         self.boot = boot
-        self._next = None
+        self.next = None
 
     def recall(self, boots: Callable[[], Iterable[int] | None]) -> None:
         """Boots, latest last, that were heard before anything is known of here: what comes of them is of the past.
@@ -47,33 +48,22 @@ class Sequence:
         """
         self._before = boots
 
-    @property
-    def next(self) -> int | None:
-        """The number that the next sample has; None before the first."""
-        return self._next
-
-    def went_on(self, n: int) -> None:
-        """So many samples came, in their order and without a hole."""
-        self.samples_in += n
-        self.samples_out += n
-        self._next = (self._next or 0) + n
-
-    def follows(self, batch: SampleBatch) -> bool:
+    def follows(self, batch: Samples) -> bool:
         """Whether its numbers go on from where its boot, this one or a past one, had come to."""
-        came_to = self._next if batch.boot == self.boot else self._past.get(batch.boot)
-        return came_to is None or batch.sequence + len(batch) > came_to
+        came_to = self.next if batch.boot == self.boot else self._past.get(batch.boot)
+        return came_to is None or batch.sequence + batch.n > came_to
 
-    def jump(self, batch: SampleBatch) -> None:
+    def jump(self, batch: Samples) -> None:
         """The numbers go on from here, how many samples were missed is not known."""
-        if self._next is not None and batch.sequence > self._next:
-            self._first += batch.sequence - self._next
-            self._next = batch.sequence
+        if self.next is not None and batch.sequence > self.next:
+            self._first += batch.sequence - self.next
+            self.next = batch.sequence
         self.events.add("stream jumped")
 
-    def refuse(self, batch: SampleBatch, reason: str) -> None:
+    def refuse(self, batch: Samples, reason: str) -> None:
         """Count a batch that is not to be used at all."""
-        self.samples_in += len(batch)
-        self.dropped.add(reason, len(batch))
+        self.samples_in += batch.n
+        self.dropped.add(reason, batch.n)
 
     def drop(self, reason: str, n: int) -> None:
         """So many samples that `fresh` had let through are not to be used after all."""
@@ -94,26 +84,30 @@ class Sequence:
             fresh.dropped.add("session failed", lost + uncounted)
         return fresh
 
-    def fresh(self, batch: SampleBatch) -> int:
-        """How many samples at the start of the batch are not to be used; len(batch) when none is."""
-        n = len(batch)
+    def fresh(self, batch: Samples) -> int:
+        """How many samples at the start of the batch are not to be used; all of them when none is."""
+        n = batch.n
         self.samples_in += n
+        if batch.sequence == self.next and batch.boot == self.boot:
+            self.next += n
+            self.samples_out += n
+            return 0
         if batch.boot != self.boot:
             self.dropped.add(Reason.OLD_BOOT, n)
             return n
-        if self._next is None:
-            self._next = self._first = batch.sequence
-        known = max(0, min(self._next - batch.sequence, n))
-        if batch.sequence > self._next:
+        if self.next is None:
+            self.next = self._first = batch.sequence
+        known = max(0, min(self.next - batch.sequence, n))
+        if batch.sequence > self.next:
             self.events.add("gaps")
-            self.events.add("missing_samples", batch.sequence - self._next)
+            self.events.add("missing_samples", batch.sequence - self.next)
         if known:
             self.dropped.add(Reason.DUPLICATE, known)
-        self._next = max(self._next, batch.sequence + n)
+        self.next = max(self.next, batch.sequence + n)
         self.samples_out += n - known
         return known
 
     @property
     def seen(self) -> int:
         """Samples the device has made in this boot since it was first heard."""
-        return 0 if self._next is None else self._next - self._first
+        return 0 if self.next is None else self.next - self._first

@@ -3,7 +3,8 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from estimator.sequence import Sequence
+from estimator.device.samples import Samples
+from estimator.device.sequence import Sequence
 from tests.estimator.stream import Stream, stream
 
 
@@ -21,9 +22,9 @@ def begun(boot: int = 1) -> Sequence:
 def take(sequence: Sequence, source: Stream, parts: Iterable[tuple[int, int]], boot: int = 1) -> list[int]:
     used: list[int] = []
     for start, end in parts:
-        (batch,) = source.part(start, end).batches([], boot=boot, first=start)
+        batch = Samples.of(*source.part(start, end).batches([], boot=boot, first=start))
         first = sequence.fresh(batch)
-        assert 0 <= first <= len(batch)
+        assert 0 <= first <= batch.n
         used += range(start + first, end)
     assert sequence.samples_in == sequence.samples_out + sequence.dropped.total()
     return used
@@ -66,7 +67,7 @@ def test_boots_of_before_are_asked_for_once_another_than_the_present_one_comes(s
     assert sequence.is_new_boot(4)
     sequence.begin(4)
     assert [sequence.is_new_boot(boot) for boot in (1, 2, 3, 4, 5)] == [False, False, False, False, True]
-    (batch,) = source.part(0, 10).batches([], boot=3, first=0)
+    batch = Samples.of(*source.part(0, 10).batches([], boot=3, first=0))
     assert not sequence.follows(batch), "how far the one before had come is not forgotten"
     assert len(asked) == 1
 
@@ -102,8 +103,8 @@ def test_a_boot_of_the_past_can_begin_again(source: Stream) -> None:
     sequence = begun(1)
     take(sequence, source, [(0, 20)])
     sequence.begin(2)
-    (old,) = source.part(0, 10).batches([], boot=1)
-    (further,) = source.part(20, 30).batches([], boot=1, first=20)
+    old = Samples.of(*source.part(0, 10).batches([], boot=1))
+    further = Samples.of(*source.part(20, 30).batches([], boot=1, first=20))
     assert sequence.follows(further)
     assert not sequence.follows(old)
     sequence.begin(1)
@@ -114,7 +115,7 @@ def test_a_boot_of_the_past_can_begin_again(source: Stream) -> None:
 def test_a_jump_is_no_gap_of_known_size(source: Stream) -> None:
     sequence = begun()
     take(sequence, source, [(0, 10)])
-    (far,) = source.part(10, 20).batches([], first=2**61)
+    far = Samples.of(*source.part(10, 20).batches([], first=2**61))
     sequence.jump(far)
     assert sequence.fresh(far) == 0
     assert sequence.events.as_dict() == {"stream jumped": 1}

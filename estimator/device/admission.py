@@ -1,15 +1,15 @@
-"""Whom a device is heard from and what of it can be: one bridge at a time, and no leap that no device could make.
+"""Which messages of a device are taken: those of one bridge at a time that go on, begin a boot, or leap no further than it can.
 
 Pure: time is an argument. One bad message must not silence a device; a bad sender must not silence it for ever.
 """
 
+from dataclasses import dataclass
 from enum import Enum, auto
-from typing import NamedTuple
 
 from bridge.wire.batches import MAX_SEQUENCE
 from bridge.wire.checks import MAX_TIME_NS
-from bridge.wire.messages import SampleBatch
-from estimator.sequence import Sequence
+from estimator.device.samples import Samples
+from estimator.device.sequence import Sequence
 
 #: a bridge keeps its devices this much longer than a device may be silent
 OWNED_S = 1.0
@@ -19,6 +19,8 @@ PERSISTS_S, PERSISTS_BATCHES = 3.0, 5
 FASTEST_HZ, CACHE_S = 1e4, 60.0
 #: of samples closer to each other than these so many are taken; what waits for its device's time to go on would have no end
 CROWD, CROWD_HZ = 4096, 2e5
+#: device time that may pass between the ends of two batches and be looked at no further
+PLAIN_S = 60.0
 #: no batch is of a longer time: each second of it is work of its own
 BATCH_S = 600.0
 #: device time may run this much ahead of what the clock's rate says: a replay's rate is only learnt after a while
@@ -46,7 +48,8 @@ class Ruling(Enum):
     REPEAT = auto()
 
 
-class Mark(NamedTuple):
+@dataclass(slots=True)
+class Mark:
     """The end of what was taken last: number and device time, s, when it was received, and heard."""
 
     sequence: int
@@ -94,13 +97,11 @@ class Source:
             bridge for bridge, at in self._others.items() if bridge != self.owner and now - at <= self._owned_s
         )
 
-    def went_on(self, latest: Mark, earliest_ns: int) -> None:
-        """Batches of the owner's came that only go on, the first of them received then."""
-        self._heard_s, self._refused, self._latest = latest.heard_s, 0, latest
-        self._booted_ns = min(self._booted_ns, earliest_ns)  # its host's clock may be set back
-
-    def judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
+    def judge(self, batch: Samples, sequence: Sequence, heard_s: float) -> Ruling:
         """What to do with a batch of the owner's."""
+        if self._goes_on(batch, sequence):
+            self._took(batch, heard_s)
+            return Ruling.TAKE
         ruling = self._judge(batch, sequence, heard_s)
         if ruling is not Ruling.LATE and self._crowds(batch):
             return Ruling.RANGE
@@ -118,12 +119,22 @@ class Source:
         self._took(batch, heard_s)
         return ruling
 
-    def _took(self, batch: SampleBatch, heard_s: float) -> None:
+    def _took(self, batch: Samples, heard_s: float) -> None:
         self._refused = 0
-        self._latest = _marked(batch, heard_s)
+        self._latest = Mark(batch.sequence + batch.n, batch.last_s, batch.receive_time_ns, heard_s)
         self._booted_ns = min(self._booted_ns, batch.receive_time_ns)  # its host's clock may be set back
 
-    def _judge(self, batch: SampleBatch, sequence: Sequence, heard_s: float) -> Ruling:
+    def _goes_on(self, batch: Samples, sequence: Sequence) -> bool:
+        """Whether it plainly follows what was taken last, which is all that most do: then nothing else needs to be looked at."""
+        latest, n = self._latest, batch.n
+        if latest is None or batch.boot != sequence.boot or not sequence.next == batch.sequence == latest.sequence:
+            return False
+        passed_s = batch.last_s - latest.device_s
+        if not (batch.first_s > latest.device_s and n / CROWD_HZ <= passed_s < PLAIN_S):
+            return False
+        return batch.sequence + n <= MAX_SEQUENCE
+
+    def _judge(self, batch: Samples, sequence: Sequence, heard_s: float) -> Ruling:
         boots = sequence.is_new_boot(batch.boot)
         if boots and sequence.boot is not None and self._older(batch):
             return Ruling.LATE
@@ -133,9 +144,8 @@ class Source:
             return Ruling.RANGE
         return Ruling.BOOT if boots else Ruling.TAKE
 
-    def _leaps(self, batch: SampleBatch, heard_s: float, *, anew: bool) -> bool:
-        begin_s = int(batch.ticks[0]) * batch.tick_period_s
-        end_s = int(batch.ticks[-1]) * batch.tick_period_s
+    def _leaps(self, batch: Samples, heard_s: float, *, anew: bool) -> bool:
+        begin_s, end_s = batch.first_s, batch.last_s
         mark = Mark(batch.sequence, begin_s, batch.receive_time_ns, heard_s)
         if self._latest is not None and not anew:
             mark = self._latest
@@ -144,24 +154,24 @@ class Source:
         device_s = passed_s / min(1.0, batch.clock_rate)
         return batch.sequence - mark.sequence > FASTEST_HZ * device_s or end_s - mark.device_s > CLOCK_SLACK * device_s
 
-    def _crowds(self, batch: SampleBatch) -> bool:
+    def _crowds(self, batch: Samples) -> bool:
         """Whether its samples are closer together, or further apart, than those of any device."""
-        begin_s, end_s = (int(tick) * batch.tick_period_s for tick in (batch.ticks[0], batch.ticks[-1]))
+        begin_s, end_s = batch.first_s, batch.last_s
         since_s = begin_s if self._latest is None else min(begin_s, self._latest.device_s)
-        room = min(CROWD, self._room + (end_s - since_s) * CROWD_HZ) - len(batch)
+        room = min(CROWD, self._room + (end_s - since_s) * CROWD_HZ) - batch.n
         if room < 0 or end_s - begin_s > BATCH_S:
             return True
         self._room = room
         return False
 
-    def _older(self, batch: SampleBatch) -> bool:
+    def _older(self, batch: Samples) -> bool:
         """Whether a boot that was never heard is one before the present one: its samples were received earlier.
 
         Or its host's clock was set back; then nothing else comes of the device, and it persists.
         """
         return batch.receive_time_ns < self._booted_ns
 
-    def _is_news(self, batch: SampleBatch, sequence: Sequence) -> bool:
+    def _is_news(self, batch: Samples, sequence: Sequence) -> bool:
         """Whether what persists was received after all that was taken: else somebody plays a recording of it.
 
         A boot that was never heard may be older: there is no recording of it that we know of, and a host's clock may be set back.
@@ -169,23 +179,17 @@ class Source:
         latest_ns = self._latest.receive_ns if self._latest is not None else 0
         return sequence.is_new_boot(batch.boot) or batch.receive_time_ns > latest_ns
 
-    def _persists(self, batch: SampleBatch, heard_s: float) -> bool:
+    def _persists(self, batch: Samples, heard_s: float) -> bool:
         """Whether batches were refused for long enough, each going on where the one before ended: no shuffled recording."""
         goes_on = (batch.boot, batch.sequence) >= self._refused_next and batch.boot == self._refused_next[0]
         if not self._refused or heard_s - self._refused_last_s > PERSISTS_S or not goes_on:
             self._refused, self._refused_since_s = 0, heard_s
         self._refused += 1
         self._refused_last_s = heard_s
-        self._refused_next = batch.boot, batch.sequence + len(batch)
+        self._refused_next = batch.boot, batch.sequence + batch.n
         return self._refused >= PERSISTS_BATCHES and heard_s - self._refused_since_s >= PERSISTS_S
 
 
-def _marked(batch: SampleBatch, heard_s: float) -> Mark:
-    end_s = int(batch.ticks[-1]) * batch.tick_period_s
-    return Mark(batch.sequence + len(batch.ticks), end_s, batch.receive_time_ns, heard_s)
-
-
-def _publishable(batch: SampleBatch) -> bool:
+def _publishable(batch: Samples) -> bool:
     """Whether its last sample, too, can be said on the wire: a corrected batch may be cut anywhere."""
-    span_s = int(batch.ticks[-1] - batch.ticks[0]) * batch.tick_period_s * batch.clock_rate
-    return batch.start_time_ns + span_s * 1e9 < MAX_TIME_NS and batch.sequence + len(batch) <= MAX_SEQUENCE
+    return batch.last_ns < MAX_TIME_NS and batch.sequence + batch.n <= MAX_SEQUENCE

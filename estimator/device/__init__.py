@@ -1,0 +1,1 @@
+"""One device: its samples, and what is made of them."""
