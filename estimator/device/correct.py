@@ -52,12 +52,13 @@ def correct(cuts: Sequence[Cut]) -> list[Rates]:
     """
     if not cuts:
         return []
-    rows = np.concatenate([samples.rows[first:end] for samples, _, first, end in cuts])
+    parts = [samples.rows if end - first == samples.n else samples.rows[first:end] for samples, _, first, end in cuts]
+    rows = np.concatenate(parts)
     parameters = np.concatenate([correction.parameters for _, correction, _, _ in cuts]).reshape(-1, 12)
     counts = [end - first for _, _, first, end in cuts]
-    rate, beyond = np.empty((len(rows), 3), np.float32), np.zeros(len(rows), np.bool_)
-    corrected(rows, np.array(counts), parameters, MAX_CORRECTED, rate, beyond)
-    packed, clips, found, at = rate.tobytes(), beyond.any(), list[Rates](), 0
+    rate, beyond = np.empty((len(rows), 3), np.float32), np.empty(len(rows), np.bool_)
+    clips = corrected(rows, np.array(counts), parameters, MAX_CORRECTED, rate, beyond)
+    packed, found, at = rate.tobytes(), list[Rates](), 0
     for cut, n in zip(cuts, counts, strict=True):
         flags = cut.samples.flags[4 * cut.first : 4 * cut.end]
         if clips and beyond[at : at + n].any():

@@ -82,23 +82,25 @@ def unpacked(
         flags += numbers[FLAGS, message] // 4
 
 
-@compiled("void(f8[:, :], i8[:], f8[:, :], f8, f4[:, :], b1[:])")
+@compiled("b1(f8[:, :], i8[:], f8[:, :], f8, f4[:, :], b1[:])")
 def corrected(
     rows: Floats, counts: Wholes, parameters: Floats, limit: float, rate: Float32s, beyond: NDArray[np.bool_]
-) -> None:
-    """Writes corrected rates (n, 3) of rows (n, 9), and which are beyond the limit (n,), at which they then stand.
+) -> bool:
+    """Whether any rate is beyond the limit. Writes corrected rates (n, 3) of rows (n, 9), and which are (n,): those stand at it.
 
     The first of counts (m,) are corrected by the first of parameters (m, 12), matrix and bias, and so on: rate = matrix
     (reading - bias), summed from the left as gyro.py does. The bits are the same however many are corrected at once.
     """
-    at = 0
+    at, found = 0, False
     for m in range(len(counts)):
         own = parameters[m]
         for i in range(at, at + counts[m]):
+            beyond[i] = False
             x, y, z = rows[i, 1] - own[9], rows[i, 2] - own[10], rows[i, 3] - own[11]
             for r in range(3):
                 turn = np.float32(own[3 * r] * x + own[3 * r + 1] * y + own[3 * r + 2] * z)
                 if not abs(turn) <= limit:
-                    turn, beyond[i] = np.float32(-limit if turn < 0 else limit), True
+                    turn, beyond[i], found = np.float32(-limit if turn < 0 else limit), True, True
                 rate[i, r] = turn
         at += counts[m]
+    return found

@@ -78,11 +78,8 @@ class Commands:
         """Called by the service: do what is waiting and was not given up."""
         while self._refused:
             self._counted(f"refused, {self._refused.popleft()}")
-        while True:
-            try:
-                asked = self._waiting.get_nowait()
-            except queue.Empty:
-                return
+        while not self._waiting.empty():
+            asked = self._waiting.get_nowait()  # nobody else takes any
             if asked.decide():
                 self._once(asked, do)
 

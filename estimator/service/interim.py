@@ -109,6 +109,8 @@ class Interim:
 
     def go_on(self, messages: Sequence[Message]) -> None:
         """Publish what comes of them until they have their sessions, of each as long as it only goes on."""
+        if not self._going:
+            return
         by_key = dict[str, list[Message]]()
         for message in messages:
             if message.key in self._going:
