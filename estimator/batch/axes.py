@@ -30,6 +30,8 @@ MAPPINGS: Floats = np.array(
     )
 )
 _STEP_S = 0.04
+#: keeps an offset small that a movement shows little of
+_UNKNOWN = 1e-3
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
 #: how much better another mapping must fit, in natural logarithms over all movements: beyond rounding. A right gyro leads by
@@ -42,7 +44,7 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> s
 
     movements: the rest before each and its samples; matrix (3, 3) takes readings to rates in the gyro's own axes.
     """
-    seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and samples.accel is not None]
+    seen = [(rest, samples) for rest, samples in movements if rest.accel is not None and _moves(samples.accel)]
     if not seen:
         return None
     score = sum((np.log(misfit(rest, samples, matrix) + _FLOOR) for rest, samples in seen), np.zeros(len(MAPPINGS)))
@@ -53,7 +55,11 @@ def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> s
 
 
 def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
-    """(48,) mean squared difference of gravity carried and measured under each mapping, in units of gravity squared."""
+    """(48,) mean squared difference of gravity carried and measured under each mapping, in units of gravity squared.
+
+    An accelerometer's offset o is measured too, and does not turn with the device: measured - C a = (I - C) o, a the reading at
+    rest. Each mapping is given the offset under which it fits best.
+    """
     if rest.accel is None or samples.accel is None:
         raise ValueError("gravity is measured by an accelerometer only")
     dt = rotation.intervals(samples.time)
@@ -63,12 +69,22 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
     measured = samples.accel[: n * block].reshape(n, block, 3).mean(axis=1)
     vectors = np.einsum("mij,tj->mti", MAPPINGS, turned).reshape(-1, 3)
     steps = scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix().reshape(len(MAPPINGS), n, 3, 3)
-    gravity = np.broadcast_to(rest.accel, (len(MAPPINGS), 3))
-    total = np.zeros(len(MAPPINGS))
+    turn = np.broadcast_to(np.eye(3), (len(MAPPINGS), 3, 3))
+    by_offset, both, total = np.zeros((len(MAPPINGS), 3, 3)), np.zeros((len(MAPPINGS), 3)), np.zeros(len(MAPPINGS))
     for t in range(n):
-        gravity = np.einsum("mji,mj->mi", steps[:, t], gravity)  # a fixed vector, seen from the body one step later
-        total += np.sum((measured[t] - gravity) ** 2, axis=1)
+        turn = np.einsum("mji,mjk->mik", steps[:, t], turn)  # takes a fixed vector to the body one step later
+        missed, slope = measured[t] - turn @ rest.accel, np.eye(3) - turn
+        by_offset += slope.swapaxes(1, 2) @ slope
+        both += np.einsum("mij,mi->mj", slope, missed)
+        total += np.sum(missed**2, axis=1)
+    offset = np.linalg.solve(by_offset + _UNKNOWN * n * np.eye(3), both[..., None])[..., 0]
+    total -= np.sum(offset * (2 * both - np.einsum("mij,mj->mi", by_offset, offset)), axis=1)
     return np.asarray(total / n / (rest.accel @ rest.accel))
+
+
+def _moves(accel: Floats | None) -> bool:
+    """Whether there is an accelerometer, and one that is not frozen."""
+    return accel is not None and bool(np.ptp(accel, axis=0).any())
 
 
 def in_words(mapping: Floats) -> str:

@@ -2,7 +2,8 @@
 
 Known: readings at 99 % of it. A reading beyond it shows that the device is set to another range, which is then unknown.
 Unknown: the largest reading of a movement comes up again and again, where a hand's fastest moment is passed once. The peak of
-any smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself.
+any smooth movement spends 1.45 times as long in the five steps below its highest step as in the highest step itself. A step
+is the gyro's own, or a thousandth of the reading where that is more: a matrix or a filter after the cut blurs it a little.
 """
 
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ class ClippingKnobs:
     #: so many samples at the largest reading are needed, and so many times those in the five steps below it
     samples: int = 5
     times: float = 2.0
+    #: of the largest reading, the least step
+    blur: float = 1e-3
 
 
 def clipped(samples: Samples, knobs: ClippingKnobs) -> Flags:
@@ -50,8 +53,8 @@ def _repeated(gyro: Floats, knobs: ClippingKnobs) -> Flags:
     """(n,) the samples at the largest reading of readings (n, 3), if it is repeated as only the end of a range is."""
     at, axis = np.unravel_index(int(np.argmax(np.abs(gyro))), gyro.shape)
     reading = np.copysign(1.0, gyro[at, axis]) * gyro[:, axis]
-    step = float(least_step(gyro)[axis])
+    step = max(float(least_step(gyro)[axis]), knobs.blur * float(reading.max()))
     below = (reading.max() - reading) / step
-    at_the_end, just_below = below < 0.5, (below >= 0.5) & (below < 5.5)
+    at_the_end, just_below = below < 1.0, (below >= 1.0) & (below < 6.0)
     enough = np.count_nonzero(at_the_end) >= max(knobs.samples, knobs.times * np.count_nonzero(just_below) + 1)
     return at_the_end if enough else np.zeros(len(gyro), bool)

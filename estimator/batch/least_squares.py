@@ -64,7 +64,7 @@ def shown_size(fit: Callable[[float], Solved], told: float, worst: float) -> flo
     The root of the posterior mean of its square, from the restricted likelihood of `fit` under each size and a log-normal
     prior, on a grid from a tenth of what was told.
     """
-    sizes = np.geomspace(0.1 * told, worst, 13)
+    sizes = np.geomspace(0.1 * told, worst, 19)
     cost = np.array([fit(float(size)).cost for size in sizes]) + (np.log(sizes / told) / log(_FACTOR)) ** 2
     weight = np.exp((cost.min() - cost) / 2)
     return float(np.sqrt(weight @ sizes**2 / weight.sum()))

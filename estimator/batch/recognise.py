@@ -85,10 +85,13 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     else:
         reason = _rests(movement, knobs) or _tilt(movement, knobs)
     turn = TurnCapture(axis, samples, movement.before, movement.after)
-    if reason is None and knobs.horizontal and movement.before.accel is not None and not turn.checked_by_gravity:
-        reason = (
-            f"gravity does not check a turn about the vertical: stand the device so that {AXES[axis]} is level first"
-        )
+    if reason is None and knobs.horizontal and samples.accel is not None and not turn.checked_by_gravity:
+        if movement.before.accel is None or movement.after.accel is None:
+            reason = (
+                "the accelerometer does not read gravity at rest, so it checks no turn: check its unit and its range"
+            )
+        else:
+            reason = f"gravity does not check a turn about the vertical: stand the device so that {AXES[axis]} is level first"
     return turn if reason is None else NoTurn(reason, attempt=angle > low / 2)
 
 

@@ -162,7 +162,8 @@ def _unchecked(turns: Sequence[TurnCapture]) -> str:
     if any(turn.before.accel is None for turn in unchecked):
         return "right if each turn was exactly 360°"
     names = ", ".join(AXES[turn.axis] for turn in unchecked)
-    return f"right if the vertical turn about {names} was exactly 360°: made with the device on its side, gravity checks it"
+    exactly = f"right if the turn about {names}, made about the vertical, was exactly 360°"
+    return f"{exactly}: gravity checks turns about a level axis alone"
 
 
 def _library(k: Floats) -> str:

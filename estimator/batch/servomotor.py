@@ -34,7 +34,7 @@ class ServoKnobs:
 
     #: relative error of each spin's mean rate, within a factor of ten; the spins show it, up to `worst_share`
     rate_share: float = 2e-4
-    worst_share: float = 3e-3
+    worst_share: float = 2e-2
     #: rad, each off-diagonal element that takes the gyro's axes to orthogonal ones: taken for zero
     misalignment: float = 0.01
 

@@ -37,7 +37,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
     "open": (rf"the turn did not end where it began: .*Repeat axis {_AXES}", ("axes",)),
     "loose": (rf"the turns leave the scale uncertain\. Repeat axis {_AXES}", ("axes",)),
     "outside": (r"scale factor (.+) outside", ("values",)),
-    "accelerometer": (rf"the accelerometer reads {_N} m/s² at rest", ("reading",)),
+    "accelerometer": (r"the accelerometer (?:reads [\d.]+ m/s² at rest|does not read gravity)", ()),
     "foreign": (r"the gyro's axes are not the accelerometer's", ()),
     "cancelled": (r"calibration cancelled by (.+?);", ("who",)),
     "moved": (rf"the turns about {_AXES} were taken by an estimator that does not have it now", ("axes",)),
