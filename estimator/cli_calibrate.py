@@ -24,6 +24,7 @@ METHODS = f"""{HOLDS}
 A ward's recording (.mcap) may hold the calibration that was made of this boot while the ward ran: it is shown,
 unless a method or a model is named.
 
+result: corrected rate = k x (reading - bias), or matrix x (reading - bias); the bias is the reading at zero rate.
 methods:
   closure      (default) three full turns by hand on a table edge, one about each axis, still for 3 s between: bias and
                scale by maximum likelihood; every rest, and gravity where there is an accelerometer, has its say.

@@ -34,9 +34,9 @@ _STEP_S = 0.04
 _UNKNOWN = 1e-3
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
-#: how much better another mapping must fit, in natural logarithms over all movements: beyond rounding. A right gyro leads by
-#: 0.1 and more if its only turn about z was vertical, by 4 and more otherwise. A perfectly steady vertical turn shows nothing.
-_LEAD = 0.01
+#: how much better another mapping must fit, in natural logarithms over all movements. Where the only turn about an axis was
+#: vertical and steady, the axis and its mirror image fit alike; elsewhere the right mapping leads by 0.25 and more.
+_LEAD = 0.1
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:

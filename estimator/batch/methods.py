@@ -6,7 +6,7 @@ from math import radians
 import numpy as np
 
 from bridge.wire.messages import Verdict
-from estimator.batch import accel_aided, closure, servomotor, transitions, turn360, turntable
+from estimator.batch import accel_aided, closure, misalignment, servomotor, transitions, turn360, turntable
 from estimator.batch.bias_wander import WanderKnobs
 from estimator.batch.capture import Capture, Samples
 from estimator.batch.names import BY_HAND
@@ -42,6 +42,7 @@ def by_closure(capture: Capture) -> Result:
         turn_bias=found.turn_bias,
         unclosed=np.linalg.norm(found.residual, axis=1),
         bias_time=found.time,
+        note=misalignment.said(found.misalignment_std, float(np.max(np.sqrt(np.diag(found.covariance)[3:]) / found.k))),
     )
 
 

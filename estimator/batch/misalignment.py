@@ -6,18 +6,21 @@ of the size that hands make are put down to the hand; what is beyond is put down
 """
 
 from collections.abc import Sequence
-from math import sqrt
+from math import degrees, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.batch.capture import TurnCapture
+from estimator.gyro import SIGMAS
 
 Floats = NDArray[np.float64]
 #: rms tilt of a turn's axis that a hand makes, relative to 1 rad
 HAND = 0.03
 #: the least standard deviation of an element
 LEAST = 0.0015
+#: from which on a result says so
+_WORTH_SAYING = 0.01
 
 
 def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) -> float:
@@ -27,3 +30,11 @@ def estimate(rate: Floats, dt: Floats, k: Floats, turns: Sequence[TurnCapture]) 
     tilt = turned / np.abs(turned[range(3), axes])[:, None]
     tilt[range(3), axes] = 0.0
     return sqrt(LEAST**2 + max(0.0, float(np.sum(tilt**2)) / 6 - HAND**2))
+
+
+def said(std: float, scale_std: float) -> str:
+    """What to add to a result whose scale, of relative standard deviation scale_std, is unsure because its turns were tilted."""
+    if std < _WORTH_SAYING:
+        return ""
+    tilt, sure = degrees(sqrt(std**2 - LEAST**2 + HAND**2)), 100 * SIGMAS * scale_std
+    return f"sure to {sure:.1f} %: the turns were tilted by {tilt:.0f}°, or the gyro's axes are. Turn it about one axis only"

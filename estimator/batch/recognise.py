@@ -85,13 +85,8 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
     else:
         reason = _rests(movement, knobs) or _tilt(movement, knobs)
     turn = TurnCapture(axis, samples, movement.before, movement.after)
-    if reason is None and knobs.horizontal and samples.accel is not None and not turn.checked_by_gravity:
-        if movement.before.accel is None or movement.after.accel is None:
-            reason = (
-                "the accelerometer does not read gravity at rest, so it checks no turn: check its unit and its range"
-            )
-        else:
-            reason = f"gravity does not check a turn about the vertical: stand the device so that {AXES[axis]} is level first"
+    if reason is None and knobs.horizontal and samples.accel is not None:
+        reason = _unchecked(turn)
     return turn if reason is None else NoTurn(reason, attempt=angle > low / 2)
 
 
@@ -138,3 +133,13 @@ def _tilt(movement: Movement, knobs: TurnKnobs) -> str | None:
     if tilt <= knobs.tilt:
         return None
     return f"ended tilted {degrees(tilt):.1f}° from where it began: put it back against the same edge"
+
+
+def _unchecked(turn: TurnCapture) -> str | None:
+    if turn.checked_by_gravity:
+        return None
+    if turn.before.accel is None or turn.after.accel is None:
+        return "the accelerometer does not read gravity at rest, so it checks no turn: check its unit and its range"
+    return (
+        f"gravity does not check a turn about the vertical: stand the device so that {AXES[turn.axis]} is level first"
+    )

@@ -95,12 +95,13 @@ def judge(
     turn_bias: Floats | None = None,
     unclosed: Floats | None = None,
     bias_time: float | None = None,
+    note: str = "",
 ) -> Result:
     """Put a verdict on scale factors k (3,) and bias (3,) with covariance (6, 6).
 
     A method may know better than one bias and closed turns: turn_bias (3, 3) rad/s, the bias during each turn;
     unclosed (3,) rad, by what each misses.
-    bias_time: when the bias was so, by default in the middle of the first rest.
+    bias_time: when the bias was so, by default in the middle of the first rest. note: what to add to the reason for accepting.
     """
     knobs = knobs or VerdictKnobs()
     turn_bias = np.tile(bias, (3, 1)) if turn_bias is None else turn_bias
@@ -123,7 +124,7 @@ def judge(
     else:
         verdict, repeat = Verdict.ACCEPTED, ()
         worst = max(degrees(t.closure_error) for t in turns)
-        said = (f"three turns closed to {worst:.2f}°", _unchecked(capture.turns), _library(k))
+        said = (f"three turns closed to {worst:.2f}°", _unchecked(capture.turns), note, _library(k))
         reason = "; ".join(filter(None, said))
     bias_time = capture.rest.middle if bias_time is None else bias_time
     return Result(method, verdict, reason, matrix, bias, covariance, noise_std, turns, repeat, bias_time)
@@ -162,8 +163,10 @@ def _unchecked(turns: Sequence[TurnCapture]) -> str:
     if any(turn.before.accel is None for turn in unchecked):
         return "right if each turn was exactly 360°"
     names = ", ".join(AXES[turn.axis] for turn in unchecked)
-    exactly = f"right if the turn about {names}, made about the vertical, was exactly 360°"
-    return f"{exactly}: gravity checks turns about a level axis alone"
+    return (
+        f"right if the turn about {names}, made about the vertical, was exactly 360°: "
+        "gravity checks turns about a level axis alone"
+    )
 
 
 def _library(k: Floats) -> str:

@@ -46,7 +46,7 @@ _SAID: dict[str, tuple[str, tuple[str, ...]]] = {
 #: what it says when nothing is wrong: the steps themselves tell that
 _USUAL = re.compile(
     r"still: now turn it|turn about [xyz] taken(?!; the turn)|hold the device still|a nudge, not a turn|warming up|never seen"
-    r"|calibrated|three turns closed|right if |all scale factors near|recalibration asked|the device was restarted"
+    r"|calibrated|three turns closed|right if |sure to |all scale factors near|recalibration asked|the device was restarted"
     r"|bias of this boot"
 )
 _PATTERNS = {key: (re.compile(pattern), names) for key, (pattern, names) in _SAID.items()}

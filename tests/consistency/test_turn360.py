@@ -64,4 +64,4 @@ def test_no_bad_protocol_is_accepted_wrong(kind: str, method: str) -> None:
 def test_what_nothing_shows_is_said(kind: str) -> None:
     for seed in range(8):
         result, _ = offline.calibrate(protocols.UNDETECTABLE[kind](seed).recording)
-        assert result.verdict is not Verdict.ACCEPTED or "was exactly 360°" in result.reason
+        assert result.verdict is not Verdict.ACCEPTED or "exactly 360°" in result.reason
