@@ -48,7 +48,7 @@ class Movements:
     def _whole(self, movement: Movement) -> bool:
         time = movement.samples.time
         if (
-            clipped(movement.samples, self._knobs.clipping).any()
+            clipped(movement.samples, movement.before.std, self._knobs.clipping).any()
             or movement.after.start - movement.before.end > LONGEST_S
             or len(time) < 3
         ):

@@ -65,7 +65,7 @@ def recognise(movement: Movement, k: Floats, knobs: TurnKnobs) -> TurnCapture | 
         small = low < degrees(angle) < high and share > knobs.axis_share and way < knobs.detour * angle
         return NoTurn("a nudge, not a turn", attempt=False, unit_axis=axis if small else None)
     reason = None
-    if (spoilt := clipped(samples, knobs.clipping)).any():
+    if (spoilt := clipped(samples, movement.before.std, knobs.clipping)).any():
         reason = _spoilt(samples.gyro[spoilt])
     elif dt.max() > max(knobs.gap_s, 2.5 * float(np.median(dt))):
         reason = f"{dt.max():.2f} s of samples are missing in the turn: check the connection and repeat"
