@@ -45,7 +45,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb.add_argument(
         "--runs", type=_at_least_one, default=10_000, help="good sessions, and as many bad ones (default: %(default)s)"
     )
-    verb.add_argument("--method", default="closure")
+    verb.add_argument("--method", default="closure", help="of calibration by hand (default: %(default)s)")
     verb.add_argument("--workers", type=_at_least_one, default=None, help=_WORKERS)
     does = "how many estimators a ward needs, and how many a region"
     _add_scaling(add_verb(inner, "scaling", _study_scaling, does))

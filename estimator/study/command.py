@@ -58,6 +58,8 @@ def run_all(
     report.write(path, done, quick=quick)
     runner.forget_parts()
     console.print(report.summary(report.rows(done)), highlight=False)
+    if quick:
+        console.print("A quick look: with so few runs the verdicts say little", highlight=False)
     if recording is None:
         console.print("`real` was left out: give imucal's session by --recording FILE", highlight=False)
     console.print(f"Report: {path}", highlight=False)

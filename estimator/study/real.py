@@ -15,7 +15,7 @@ from estimator.study.study import Arrays, Job, Parts, Scenario, Study
 METHODS = ("turn360", "closure", "transitions", "accel_aided")
 WORDS = {
     "readings": "readings",
-    "imucal": "imucal",
+    "imucal": "imucal, its session",
     "turn360": "Algorithm 1",
     "closure": "closure",
     "transitions": "transitions",

@@ -67,11 +67,21 @@ class Runner:
         parts = {job: part for job in jobs if (part := _kept(folder, job)) is not None}
         missing = [(study.work, inputs, job) for job in jobs if job not in parts]
         with _spread(self._workers, missing) as done:
-            for job, part in track(
-                done, study.name, total=len(missing), console=self._console, transient=True, disable=not missing
-            ):
-                _keep(folder, job, part)
-                parts[job] = part
+            try:
+                for job, part in track(
+                    done,
+                    study.name,
+                    total=len(jobs),
+                    completed=len(parts),
+                    console=self._console,
+                    transient=True,
+                    disable=not missing,
+                ):
+                    _keep(folder, job, part)
+                    parts[job] = part
+            except KeyboardInterrupt:
+                self._console.print(f"{study.name}: stopped; the same command goes on from here", highlight=False)
+                raise
         return {job: parts[job] for job in jobs}
 
 
