@@ -35,8 +35,9 @@ _UNKNOWN = 1e-3
 #: misfit (of gravity squared) below which differences are noise
 _FLOOR = 3e-4
 #: how much better another mapping must fit, in natural logarithms over all movements. Where the only turn about an axis was
-#: vertical and steady, the axis and its mirror image fit alike; elsewhere the right mapping leads by 0.25 and more.
-_LEAD = 0.1
+#: vertical and steady, the axis and its mirror image fit alike, but for up to 0.7 by forces on a sensor off the centre of a fast
+#: turn. Elsewhere the right mapping leads by 2 and more.
+_LEAD = 1.0
 
 
 def foreign_axes(movements: Sequence[tuple[Rest, Samples]], matrix: Floats) -> str | None:

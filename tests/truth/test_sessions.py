@@ -1,0 +1,51 @@
+"""Sessions of another simulator that are easily judged wrongly: what each is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.recording import load
+from bridge.wire.messages import Verdict
+from estimator import offline
+from estimator.batch.result import Result
+
+pytestmark = pytest.mark.data
+
+
+def calibrated(folder: Path, name: str) -> tuple[Result, list[str], np.ndarray]:
+    """The result, why movements were passed over, and the true scale factors (3,)."""
+    path = folder / "sessions" / f"{name}.npz"
+    result, passed_over = offline.calibrate(load(path))
+    with np.load(path) as data:
+        return result, passed_over, data["true_k"]
+
+
+def test_pushes_that_were_cut_off_are_refused_though_no_range_is_told(shared_data: Path) -> None:
+    result, passed_over, _ = calibrated(shared_data, "clipped_pushes_250dps")
+    assert result.verdict is Verdict.REPEAT
+    assert sum("faster than the gyro's range" in words for words in passed_over) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("turn_350_gyro_only", "right if each turn was exactly 360°"),
+        ("turn_355_vertical_with_accel", "right if the turn about z, made about the vertical, was exactly 360°"),
+    ],
+)
+def test_a_wrong_angle_that_nothing_shows_is_a_condition_of_the_result(
+    shared_data: Path, name: str, words: str
+) -> None:
+    result, _, k = calibrated(shared_data, name)
+    assert result.verdict is Verdict.ACCEPTED
+    assert words in result.reason
+    assert np.all(np.abs(result.scale - k)[:2] < 4 * result.scale_std[:2]), "the other two turns were right"
+
+
+def test_a_turn_that_was_dropped_is_named_with_the_reason(shared_data: Path) -> None:
+    result, passed_over, _ = calibrated(shared_data, "warm_up_0")
+    assert result.verdict is Verdict.REPEAT
+    assert result.repeat == (0,)
+    assert "the turn about x no longer counts: the bias has moved by 0.2 °/s since" in result.reason
+    assert any("no longer counts" in words for words in passed_over)
