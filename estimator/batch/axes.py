@@ -84,7 +84,7 @@ def misfit(rest: Rest, samples: Samples, matrix: Floats) -> Floats:
 
 
 def _moves(accel: Floats | None) -> bool:
-    """Whether there is an accelerometer, and one that is not frozen."""
+    """Tell an accelerometer that works from none, and from a frozen one."""
     return accel is not None and bool(np.ptp(accel, axis=0).any())
 
 

@@ -24,7 +24,7 @@ _SIZES, _FACTOR = np.geomspace(0.05, 20.0, 61), 3.0
 
 @dataclass(frozen=True, slots=True)
 class WanderKnobs:
-    """What is known of the device's bias beforehand; the defaults are those of the device model `generic`."""
+    """Prior knowledge of how the bias wanders; the defaults are those of the device model `generic`."""
 
     #: rad/s, B; the flat of the Allan deviation is 0.664 B
     bias_instability: float = radians(0.014)
