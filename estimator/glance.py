@@ -9,7 +9,7 @@ from typing import Any
 from bridge import rivals
 from bridge.wire.messages import DeviceInfo, State, Status
 from bridge.wire.refusal import in_words
-from estimator.device.admission import ELSEWHERE
+from estimator.device.source import ELSEWHERE
 from estimator.service import overload
 from estimator.service.law import EVENT
 from estimator.service.quota import FLOODED

@@ -296,7 +296,7 @@ class Record:
         self._noting.add(device.name)
         doubted, used = session.tracker.doubt.stands, session.calibration
         calibration = "" if used is None else used.id
-        row, learnt, bridge = (device.name, boot, self._now_ns(), state), session.learnt, device.source.owner
+        row, learnt, bridge = (device.name, boot, self._now_ns(), state), session.learnt, device.admission.source.owner
         asked, reached = learnt.asked, None if learnt.turned else learnt.reached
         self._keep(
             session,

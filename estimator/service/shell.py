@@ -15,7 +15,6 @@ from bridge.wire import keys
 from bridge.wire.messages import Checkpoint
 from bridge.wire.refusal import Tally
 from estimator.config import Estimator
-from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
 from estimator.device_knobs import treatment
 from estimator.lifecycle import Event
@@ -288,9 +287,9 @@ class Service:
         device = self._made(name, now, batch.first_s)
         lately = self._cluster.replicas.lately_from(name, self._now_ns())
         if known := lately or self._resumed.bridge(name, batch.receive_time_ns):
-            device.source.owns(known, now)
+            device.admission.source.owns(known, now)
         if self._cluster.company:
-            device.reorder_buffer = ReorderBuffer(batch.sequence)
+            device.admission.begin_at(batch.sequence)
         self._devices[name] = device
         return device
 
@@ -343,7 +342,7 @@ class Service:
                 # Who was silent before is no more so by that, and no less.
                 was_silent = now - device.heard > self.settings.silence_s + STATUS_S
                 device.heard = min(now, device.heard + now - self._looked) if was_silent else now
-                device.source.hold(now)
+                device.admission.source.hold(now)
                 if not connected:
                     device.session.silence("the router is gone: whether it still sends is not known", Event.UNREACHABLE)
         self._looked = now
