@@ -10,7 +10,7 @@ from estimator.gyro import GyroModel
 from estimator.stillness import Windows
 from estimator.strapdown import Span, sum_up
 from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, start
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, Step, start
 from estimator.track.bounded import Bounded, BoundedKnobs
 from estimator.track.doubt import Doubt, DoubtKnobs
 from estimator.track.evidence import GATES, Evidence, Receipt
@@ -242,9 +242,9 @@ class Tracker:
         self.seconds.skip(windows)
         end = windows.ended
         self._lost_way(end - self.time)
-        steps = self._filter.predict(end, self.thermometer.at(end))
-        if steps is not None:
-            self._history.add(end, self._filter.x, self._filter.cov, steps, self._filter.bent)
+        step = self._filter.predict(end, self.thermometer.at(end))
+        if step is not None:
+            self._history.add(end, self._filter.x, self._filter.cov, step, self._filter.bent)
         self.doubt.interrupted()
 
     def take(self, windows: Windows) -> list[Receipt]:
@@ -279,19 +279,19 @@ class Tracker:
             off = np.abs(second.gyro - self._filter.x[BIAS]).max() if second.flaw == CLIPPED else 0.0
             self._lost_way(second.end - second.start, turned=bool(off > self.knobs.quiet_gyro))
         # Known whole only later, over a gap much later: it was as warm as it was then.
-        steps = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
+        step = self._filter.predict(second.end, self.thermometer.at(second.end), carried)
         receipts = [] if second.flaw else self._evidence(second, span)
-        if steps is not None:
+        if step is not None:
             since, widened = min(self._evidence_time, second.start), self._filter.widened
             since = since if self._evidenced else -np.inf
-            Q = steps[len(self._filter.x) + 1 :]
+            Q = step.Q
             if self._filter.against_law > self.knobs.refuted_sigmas:
                 Q[SLOPE, SLOPE] += self._filter.unlearn()
                 self._law, self.law_refuted = None, True
             if widened is not None:
                 Q[BIAS, BIAS] += widened * (second.end - second.start) / (second.end - since)
                 self._history.doubt(widened, since, second.end)
-            self._history.add(second.end, self._filter.x, self._filter.cov, steps, self._filter.bent)
+            self._history.add(second.end, self._filter.x, self._filter.cov, step, self._filter.bent)
         if receipts and any(r.accepted and r.reason != UNPROVEN for r in receipts):
             if second.end - self._evidence_time >= self.knobs.gap_s:
                 begin = self._evidence_time if self._gap is None else self._gap[0]
@@ -320,7 +320,7 @@ class Tracker:
             since = min(self._evidence_time, now - self.knobs.seconds.length_s)
             self._history.doubt(doubt, since if self._evidenced else -np.inf, now)
 
-    def _carried(self, second: Second) -> tuple[Span | None, Floats | None]:
+    def _carried(self, second: Second) -> tuple[Span | None, Step | None]:
         """The way of a second, and where it takes gravity; None where the way it went is not known."""
         if second.flaw or second.accel is None:
             self._gravity.lose()

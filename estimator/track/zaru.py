@@ -207,19 +207,16 @@ class Zaru:
     def _level(
         self, evidence: Evidence, gravity: Evidence | None, second: Second, bias: BiasFilter
     ) -> tuple[Receipt, Receipt | None]:
-        """The two parts across gravity, after what gravity says, in one step as a rule.
+        """The two parts across gravity, after what gravity says.
 
         A bias that surprises there has moved, along the vertical as far as anyone knows.
         """
         self._adapt(evidence, bias)
-        both = None if gravity is None else bias.update_both(gravity, evidence)
-        if both is not None:
-            return both[1], both[0]
         said = None if gravity is None else bias.update(gravity)
-        weighed = bias.weigh(evidence)
-        if 1 < weighed.test_ratio < np.inf and self._checked(second, weighed.innovation):
-            return self._believed(weighed, evidence, bias, JUMPED), said
-        return bias.update(evidence, weighed), said
+        receipt = bias.update(evidence)
+        if 1 < receipt.test_ratio < np.inf and self._checked(second, receipt.innovation):
+            return self._believed(receipt, evidence, bias, JUMPED), said
+        return receipt, said
 
     def _gated(self, evidence: Evidence, second: Second, bias: BiasFilter) -> list[Receipt]:
         """What nothing checks must lie inside its gate, on the mean of some seconds where one is too noisy, or insist."""
@@ -229,7 +226,7 @@ class Zaru:
             self._waiting.clear()  # the accelerometer came or went
             bias.forget()
         evidence = self._questioned(evidence)
-        late = Evidence(*evidence[:-1], bias.since())
+        late = evidence._replace(walk=bias.walk())
         self._waiting.append((late, second.start, second.end))
         weighed = bias.weigh(_mean(evidence, self._waiting) if len(self._waiting) > 1 else evidence)
         if weighed.accepted:
