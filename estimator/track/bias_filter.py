@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.walk import Walk
+from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
+from estimator.track.walk import Walk
 
 Floats = NDArray[np.float64]
 
@@ -94,6 +95,13 @@ def start(
     return BiasState(np.concatenate([bias, np.zeros(3)]), P, time, temperature_c, powered)
 
 
+class FilterState(StateStruct):
+    """now, and unsure (3,): variance of the slope as the law had it; the walks of what waits are saved with the evidence."""
+
+    now: BiasState
+    unsure: Floats
+
+
 class Step(NamedTuple):
     """A step of the state x (n,) by F (n, n), with Q (n, n) added to its covariance."""
 
@@ -131,6 +139,23 @@ class BiasFilter:
         """Forget all that came since, and go on from a state."""
         self._take(state)
         self._unsure = self._law_var(self.temperature_c)
+
+    @property
+    def saved(self) -> FilterState:
+        """All that evolves from second to second, beside the walks."""
+        return FilterState(self.state, self._unsure)
+
+    def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
+        """Go on from what was saved, under a law. Raises ValueError."""
+        n = len(saved.now.x)
+        shaped(saved.now.x, n, finite=True)
+        shaped(saved.now.P, n, n, finite=True)
+        shaped(saved.unsure, 3)
+        if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
+            raise ValueError("damaged state: no state of a bias filter")
+        self.law = law
+        self._take(saved.now)
+        self._unsure = saved.unsure
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
         """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
@@ -188,6 +213,10 @@ class BiasFilter:
             if first and self.law is not None:
                 self.expect(self.law)
         return step
+
+    def settle(self) -> None:
+        """A second is over: leave nothing of rounding between both triangles of the covariance."""
+        self._kf.P = (self._kf.P + self._kf.P.T) / 2
 
     def _step(self, step: Step) -> None:
         self._kf.predict(F=step.F, Q=step.Q)

@@ -27,7 +27,8 @@ from estimator.loops.span import DRIFT, END, PUSH
 from estimator.strapdown import Span
 from estimator.track.bias_filter import OWN, BiasFilter, BiasState, Step
 from estimator.track.evidence import Evidence, Receipt
-from estimator.track.lasting import Lasting, LastingKnobs
+from estimator.track.lasting import Lasting, LastingKnobs, LastingState
+from estimator.track.state import StateStruct
 
 Floats = NDArray[np.float64]
 
@@ -68,6 +69,13 @@ class GravityKnobs:
     first: float = 4.0
 
 
+class GravityState(StateStruct):
+    """known: whether g and v in the filter's state are of now."""
+
+    known: bool
+    lasting: LastingState
+
+
 class Gravity:
     """Carries gravity along in one filter."""
 
@@ -89,6 +97,15 @@ class Gravity:
         P[MATRIX, MATRIX] = np.diag(std**2)
         self.lose()
         return replace(state, x=x, P=P)
+
+    @property
+    def state(self) -> GravityState:
+        """All that evolves, beside what is in the filter's state."""
+        return GravityState(self.known, self._lasting.state)
+
+    def restore(self, state: GravityState) -> None:
+        """Go on from a state."""
+        self.known, self._lasting.state = state.known, state.lasting
 
     def lose(self) -> None:
         """The way gravity went is not known."""

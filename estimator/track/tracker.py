@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 from estimator.gyro import GyroModel
 from estimator.stillness import Windows
 from estimator.strapdown import Span, sum_up
-from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs
-from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, Step, start
-from estimator.track.bounded import Bounded, BoundedKnobs
-from estimator.track.doubt import Doubt, DoubtKnobs
+from estimator.track.accelerometer import Accelerometer, AccelerometerKnobs, AccelerometerState
+from estimator.track.bias_filter import BIAS, OWN, SLOPE, BiasFilter, BiasKnobs, BiasState, FilterState, Step, start
+from estimator.track.bounded import Bounded, BoundedKnobs, BoundedState
+from estimator.track.doubt import Doubt, DoubtKnobs, DoubtState
 from estimator.track.evidence import GATES, Evidence, Receipt
-from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, Gravity, GravityKnobs
-from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds
+from estimator.track.gravity import ACCEL_BIAS, GRAVITY, MATRIX, SIZE, Gravity, GravityKnobs, GravityState
+from estimator.track.seconds import CLIPPED, Second, SecondKnobs, Seconds, SecondsState
 from estimator.track.smoother import History, Smoothed
+from estimator.track.state import StateStruct
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.thermometer import Thermometer, ThermometerKnobs
-from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs
+from estimator.track.thermometer import Thermometer, ThermometerKnobs, ThermometerState
+from estimator.track.zaru import UNPROVEN, Zaru, ZaruKnobs, ZaruState
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +68,25 @@ class RestBias:
     end: float
 
 
+class TrackerState(StateStruct):
+    """All of a tracker that evolves, but for the smoother's history: what is smoothed later begins here."""
+
+    filter: FilterState
+    law: TemperatureLaw | None
+    law_refuted: bool
+    gravity: GravityState
+    zaru: ZaruState
+    bounded: BoundedState
+    seconds: SecondsState
+    thermometer: ThermometerState
+    accelerometer: AccelerometerState
+    doubt: DoubtState
+    evidenced: bool
+    evidence_time: float
+    gap: tuple[float, float] | None
+    kept: BiasState | None
+
+
 class Tracker:
     """Windows in; the bias, and a reason to doubt or to trust it, out.
 
@@ -99,6 +119,40 @@ class Tracker:
         known = bool((state.std < self.knobs.bias_std).all())
         self._zaru, self._bounded = Zaru(self.knobs.zaru, known=known), Bounded(self.knobs.bounded)
         self._kept: BiasState | None = None  # what was restored, while seconds come that it knows of
+
+    def saved(self) -> TrackerState:
+        """All that evolves: for `encode`, at once, as it goes on to evolve."""
+        return TrackerState(
+            self._filter.saved,
+            self._law,
+            self.law_refuted,
+            self._gravity.state,
+            self._zaru.saved(self._filter),
+            self._bounded.state,
+            self.seconds.state,
+            self.thermometer.state,
+            self._accelerometer.state,
+            self.doubt.state,
+            self._evidenced,
+            self._evidence_time,
+            self._gap,
+            self._kept,
+        )
+
+    def go_on(self, saved: TrackerState, model: GyroModel, first: int, samples: Floats) -> None:
+        """Go on from what was saved, bit for bit; samples: see Seconds.restore. Raises ValueError, and is then of no use."""
+        self._model, self._law, self.law_refuted = model, saved.law, saved.law_refuted
+        self._filter.resume(saved.filter, saved.law)
+        if len(self._filter.x) not in (OWN, SIZE):
+            raise ValueError("damaged state: no state of a bias filter")
+        self._gravity.restore(saved.gravity)
+        self._zaru.restore(saved.zaru, self._filter)
+        self._bounded.restore(saved.bounded)
+        self.seconds.restore(saved.seconds, first, samples)
+        self.thermometer.state, self._accelerometer.state = saved.thermometer, saved.accelerometer
+        self.doubt.restore(saved.doubt)
+        self._evidenced, self._evidence_time, self._gap = saved.evidenced, saved.evidence_time, saved.gap
+        self._kept = saved.kept
 
     # ---- what is known --------------------------------------------------------------------------------------------
 
@@ -156,7 +210,7 @@ class Tracker:
     @property
     def events(self) -> dict[str, int]:
         """What was found wrong with the readings, counted."""
-        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.disbelieved else {}
+        disbelieved = {"accelerometer disbelieved": 1} if self._accelerometer.state.disbelieved else {}
         spikes = {"spike": self.seconds.spikes} if self.seconds.spikes else {}
         return {**spikes, **disbelieved}
 
@@ -209,7 +263,7 @@ class Tracker:
     def restored(self, model: GyroModel, state: BiasState, now: float, temperature_c: float | None = None) -> None:
         """Go on from a state that was kept, at a temperature; what comes of the time before it teaches nothing of the bias."""
         self._believe(model, state)
-        self._zaru.rested = False
+        self._zaru.state.rested = False
         self.doubt.anew()
         self._evidence_time = min(state.time, now)
         self._kept = replace(self._filter.state, lag_k=state.lag_k) if now < state.time else None
@@ -258,7 +312,7 @@ class Tracker:
         """Learn from the next of its seconds; receipts of what rest there was."""
         receipts = self._second(second)
         if heard := [*self._zaru.judged(), *receipts]:
-            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.rested)
+            self.doubt.take(heard, self._zaru.surprises(), rested=self._zaru.state.rested)
         return heard
 
     def _second(self, second: Second) -> list[Receipt]:
@@ -297,6 +351,7 @@ class Tracker:
                 begin = self._evidence_time if self._gap is None else self._gap[0]
                 self._gap = begin, second.end
             self._evidence_time, self._evidenced = second.end, True
+        self._filter.settle()
         return receipts
 
     def _lost_way(self, seconds: float, *, turned: bool = False) -> None:
@@ -311,7 +366,7 @@ class Tracker:
     def _without_accelerometer(self) -> None:
         """Go on with the gyro alone; one that was given up has misled the bias by nobody knows how much."""
         self._gravity.lose()
-        if self._accelerometer.disbelieved and len(self._filter.x) > OWN:
+        if self._accelerometer.state.disbelieved and len(self._filter.x) > OWN:
             state, doubt = self._filter.state, self.knobs.bias_std**2 * np.eye(3)
             self._believe(self._model, state)
             self._filter.widen(doubt)

@@ -325,12 +325,12 @@ def test_what_is_quiet_behind_a_hole_but_no_rest_insists_on_nothing() -> None:
     rest = Rest()
     rest.lives(30.0)
     rest.lives(14.0, 0.5)
-    before = rest.zaru._contradiction
+    before = rest.zaru.state.contradiction
     assert before is not None
     rest.zaru.unseen(rest.filter, 1.0)
     for _ in range(150):
         rest.zaru.interrupted(rest.filter, 1.0)
-    after = rest.zaru._contradiction
+    after = rest.zaru.state.contradiction
     assert after is not None
     assert after[0] == pytest.approx(before[0] + 151.0)
 
