@@ -21,7 +21,7 @@ from bridge.scan.ports import find
 from bridge.transport import serial_state
 from estimator.client import Client
 from estimator.config import Ward
-from estimator.loops.compiled import kept
+from estimator.loops.compiled import cache_folder
 from estimator.service import overload
 
 _MARKS = {Level.OK: ("✓", "green"), Level.WARNING: ("!", "yellow"), Level.TROUBLE: ("✗", "red")}
@@ -52,7 +52,7 @@ def _doctor(given: argparse.Namespace) -> int:
 
 
 def _loops() -> Finding:
-    if (folder := kept()) is not None:
+    if (folder := cache_folder()) is not None:
         return ok("loops", f"what is compiled for this machine is kept in {folder}")
     said = "what is compiled for this machine is kept nowhere: every start takes up to a minute longer"
     return warning(

@@ -105,11 +105,11 @@ def test_late_it_is_worth_what_it_was_in_time() -> None:
     for seconds in (1, 5):
         bias = BiasFilter(start(np.zeros(3), P0 * np.eye(3), 0.0, knobs), knobs)
         bias.predict(1.0)
-        then = bias.since()
+        then = bias.walk()
         z = np.radians(0.01) * rng.normal(size=3)
         for second in range(seconds):
             bias.predict(2.0 + second)
-        bias.update(Evidence("late", z, np.eye(3, OWN), R * np.eye(3), GATES[3], since=then))
+        bias.update(Evidence("late", z, np.eye(3, OWN), R * np.eye(3), GATES[3], walk=then))
         before, shared = P0 + walk, P0 + walk / 2  # of the bias as the measurement ended; and what its mean has of it
         S = P0 + walk / 3 + R
         np.testing.assert_allclose(bias.x[:3], shared / S * z)
@@ -125,7 +125,7 @@ def test_late_it_knows_what_warmth_has_moved_meanwhile() -> None:
     measured = Evidence("zaru", BIAS + np.radians(0.01), np.eye(3, OWN), np.radians(0.006) ** 2 * np.eye(3), GATES[3])
     in_time.predict(1.0, 25.2)
     late.predict(1.0, 25.2)
-    waiting = measured._replace(since=late.since())
+    waiting = measured._replace(walk=late.walk())
     in_time.update(measured)
     for second in range(1, 9):
         in_time.predict(1.0 + second, 25.2 + 0.02 * second)
@@ -325,12 +325,12 @@ def test_what_is_quiet_behind_a_hole_but_no_rest_insists_on_nothing() -> None:
     rest = Rest()
     rest.lives(30.0)
     rest.lives(14.0, 0.5)
-    before = rest.zaru._contradiction
+    before = rest.zaru.state.contradiction
     assert before is not None
     rest.zaru.unseen(rest.filter, 1.0)
     for _ in range(150):
         rest.zaru.interrupted(rest.filter, 1.0)
-    after = rest.zaru._contradiction
+    after = rest.zaru.state.contradiction
     assert after is not None
     assert after[0] == pytest.approx(before[0] + 151.0)
 
@@ -454,7 +454,7 @@ def test_late_no_more_is_known_than_all_that_was_measured_says(leap: float, wait
         if now:
             bias.update(Evidence("now", np.zeros(2), np.eye(2, OWN), now_R * np.eye(2), np.inf))
         H = np.pad(along, ((0, 0), (0, OWN - 3)))
-        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf, since=bias.since()))
+        waiting.append(Evidence("late", np.zeros(1), H, R * np.eye(1), np.inf, walk=bias.walk()))
         while len(waiting) > waits:
             bias.update(waiting.pop(0))
     for evidence in waiting:
