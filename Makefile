@@ -80,7 +80,6 @@ bench-load: setup-dev
 # Who suffers when a subscriber freezes, a device floods, a disk is slow, fifty calibrate at once; and an estimator killed 200 times.
 bench-faults: setup-dev
 	-$(BIN)/python -m tests.bench.suffering
-	-$(BIN)/python -m tests.bench.crowded
 	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
 
 # Three estimators share a ward: one is killed, one hangs; what a subscriber notices. ARGS='--devices 60 --rounds 1' for a short look.

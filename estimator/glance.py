@@ -12,7 +12,7 @@ from bridge.wire.refusal import in_words
 from estimator.device.admission import ELSEWHERE
 from estimator.service import overload
 from estimator.service.law import EVENT
-from estimator.service.turns import FLOODED
+from estimator.service.quota import FLOODED
 from estimator.ward_view import LOW_BATTERY_PERCENT, charge_it
 
 _MOST = 3  # reasons

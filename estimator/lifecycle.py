@@ -27,7 +27,6 @@ class Event(StrEnum):
     SILENT = "silent"
     UNREACHABLE = "unreachable"
     OUTDATED = "outdated"
-    SHED = "shed"
     HEARD = "heard"
 
 
@@ -54,7 +53,6 @@ CAUSES: dict[Event, str] = {
         "its bridge hears it, and all that comes was received before what was taken: "
         "a clock was set back, or a recording is played"
     ),
-    Event.SHED: "too much comes for the estimator: until there is room again it does not look at what this device sends",
     Event.HEARD: "samples of the same boot came",
 }
 
@@ -78,7 +76,6 @@ TABLE: dict[tuple[State, Event], State | type[Back]] = {
     **{(state, E.SILENT): S.LOST for state in (S.UNKNOWN, *_ALIVE)},
     **{(state, E.UNREACHABLE): S.UNKNOWN for state in _ALIVE},
     **{(state, E.OUTDATED): S.UNKNOWN for state in (S.LOST, *_ALIVE)},
-    **{(state, E.SHED): S.UNKNOWN for state in (S.LOST, *_ALIVE)},
     **{(state, E.HEARD): Back for state in AWAY},
     **{(state, E.CHANGED): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},
     **{(state, E.RECALIBRATE): S.AWAITING_STILL for state in _ALIVE if state is not S.WARMING},

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bridge.wire.messages import Calibration
-from estimator.correction import Correction, believed, choose
-from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BIAS, BiasFilter, BiasKnobs, BiasState, start
 from estimator.track.temperature import TemperatureLaw
 
@@ -45,27 +43,6 @@ class Remembered:
             return False
         passed = now - self.bias.time
         return passed < -CACHE_S or self.age_s - passed > CACHE_S
-
-
-def correction(remembered: Remembered | None, time: float, knobs: SessionKnobs) -> Correction | None:
-    """What a session that begins with it applies at first, at a device time; None where more than this is needed to say so.
-
-    For who has no time for a session. What the session would read of how warm it is has no part in it.
-    """
-    calibration = None if remembered is None else remembered.calibration
-    belief, doubt_std = believed(calibration, None, knobs.prior), knobs.track.bias_std
-    kept = None if remembered is None else remembered.bias_at(time, doubt_std)
-    if remembered is None or kept is None:
-        nothing = belief.model.bias, belief.bias_std, None, knobs.track.bias.flicker
-        return None if calibration is not None else choose(belief, *nothing, sure=False)
-    tracked = BiasFilter(kept, knobs.track.bias)
-    if time < kept.time:
-        tracked.look_back(kept, time, kept.temperature_c)
-    else:
-        tracked.predict(time, kept.temperature_c)
-    std = np.sqrt(tracked.cov.diagonal()[BIAS])
-    sure = bool((std < doubt_std).all()) and not remembered.doubted
-    return choose(belief, tracked.x[BIAS], std, None, knobs.track.bias.flicker, sure=sure)
 
 
 def calibrated_bias(

@@ -307,7 +307,7 @@ class DeviceSession:
     def silence(self, reason: str, event: Event = Event.SILENT) -> bool:
         """No samples come any more that can be used, as the event says, for this reason as it is now; True when that is news."""
         if not self.life.on(event, reason):
-            unknown = (Event.OUTDATED, Event.SHED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
+            unknown = (Event.OUTDATED, Event.UNREACHABLE) if self.life.state is State.UNKNOWN else ()
             if event in unknown or (self.life.state, event) == (State.LOST, Event.SILENT):
                 self.life.reason = reason
             return False

@@ -1,312 +1,288 @@
-"""Which devices are ours, among several estimators, as one of them knows it. Pure: `now` is monotonic seconds.
+"""The other estimators of the ward, over the bus: who is alive, who has what, and what is needed to go on with their devices."""
 
-An estimator takes a device when it is the owner of those that are alive, and keeps it until it hears another say that it has it,
-under a higher epoch: so nothing stops while a device moves, and of two that have it one always gives way.
-"""
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
-from functools import lru_cache
-from math import isnan, nan
-from typing import NamedTuple
+from bridge.bus.contract import Bus, Message
+from bridge.wire import codec, keys
+from bridge.wire.messages import Checkpoint, Holding, Move, Owned
+from bridge.wire.refusal import Refusal, Tally
+from estimator.door import Door
+from estimator.service.device import Device
+from estimator.service.membership import LEASE_S, Membership
+from estimator.service.replay import ReplayLog
+from estimator.service.replicas import Replicas, checkpoint_of
+from estimator.service.roster import MAX_DEVICES
 
-from bridge.wire.messages import Holding, Owned
-from estimator.service.epochs import BEYOND, OWN, epoch_after, own_bits
-from estimator.service.ownership import owner
+log = logging.getLogger(__name__)
 
-#: more than a ward has
-MAX_PEERS = 64
-#: devices whose owner is asked for again and again, as long as the same are alive
-_ASKED = 1 << 14
-#: what is left of a pause with each word that follows: half after 70, 14 s
-_FADES = 0.99
-
-
-@dataclass(frozen=True, slots=True)
-class ClusterKnobs:
-    """Seconds."""
-
-    #: who starts looks round for so long
-    settle_s: float = 1.0
-    #: where the router was away: until everybody has had the time to come back, nobody is taken for gone
-    return_s: float = 2.0
-    #: who still reads what was said before waits for this much longer, and no longer than that in all
-    behind_s: float = 0.3
-    most_s: float = 15.0
-    #: one whose connection lives and that says nothing for this long hangs; of one that spoke with longer pauses lately, over a
-    #: bad line or because it has too much to do, for so many times as long as those, and at most
-    hangs_s: float = 1.0
-    pauses: float = 3.0
-    hangs_most_s: float = 2.5
-    #: as long of one that was not there before, for so long: on a busy machine loading still keeps it from speaking
-    fresh_s: float = 8.0
-    #: a device that another has under a higher epoch, and that we think is ours, is not taken before; twice as long each time
-    #: that ours are taken again, until it has been calm: over a bad line they would go to and fro
-    retry_s: float = 3.0
-    retry_most_s: float = 48.0
-    calm_s: float = 120.0
-    #: where who took it has ended it is taken at once, unless it has come to that so often: a line that breaks looks the same
-    at_once_s: float = 12.0
-    #: but after so long where who has it does nothing with what comes of it here: its line carries what it says, and it hears
-    #: nothing of the device. Then it is the next one's if that has it who should. Sooner than what came meanwhile is kept no more
-    stands_s: float = 6.0
-    #: a device that is being calibrated is left to who does it, for so long; where that one says nothing, for `hangs_most_s`
-    busy_s: float = 600.0
-
-
-class Taker(NamedTuple):
-    """An estimator that took something from us, and since when it is there; NaN where we know no such one."""
-
-    name: str
-    since_s: float
-
-
-class _Lost(NamedTuple):
-    """A device that was taken from us: when, not taken back before, and by whom."""
-
-    at_s: float
-    until_s: float
-    taker: Taker
-
-
-@dataclass(slots=True)
-class _Peer:
-    heard_s: float
-    since_s: float
-    born_s: float
-    said_s: float = float("-inf")
-    alive: bool = True
-    pause_s: float = 0.0
-    parts: dict[int, dict[str, Holding]] = field(default_factory=dict)  # by device
-    busy: dict[int, frozenset[str]] = field(default_factory=dict)  # devices, by part
+#: how often an estimator says what it has, beside others and alone, s
+SAY_S, SAY_ALONE_S = 0.25, 1.0
+#: devices taken in one round: samples of those we have do not wait for hundreds
+TAKEN_AT_ONCE = 32
+#: a round that begins so long after the last was held up; nobody else is to blame for that, s
+HELD_UP_S = 0.5
+_MOVES, _TOKENS, _KEYS, _SAID = 8, 65536, 16384, 64
+#: messages of another estimator that has our id are counted under this name
+DOUBLE = "messages of another estimator with our id"
 
 
 class Cluster:
-    """peers: the others that are known to be there at the start; without any, nobody is waited for."""
+    """Used from the service's own thread, but for `answers` and the handler of tokens. peers: ids seen at the start."""
 
     def __init__(
-        self, own: str, peers: Collection[str] = (), now: float = 0.0, knobs: ClusterKnobs | None = None
+        self,
+        ward: str,
+        own: str,
+        data: Bus,
+        control: Bus,
+        now_ns: Callable[[], int],
+        counts: Tally,
+        peers: Collection[str],
     ) -> None:
-        self.own, self.knobs = own, knobs or ClusterKnobs()
-        #: our devices, each with the epoch of our turn
-        self.held: dict[str, int] = {}
-        #: the highest epoch that was heard of, or used
-        self.highest = 0
-        self._turn = 0
-        self._peers = {name: _Peer(now, now, now) for name in peers if name != own}
-        self._settled_s = now + self.knobs.settle_s if self._peers else float("-inf")
-        self._settled_by_s = now + self.knobs.most_s
-        self._slept_s = float("-inf")
-        #: what was said before is no proof that nobody else has a device
-        self._woke_s = now
-        self._lost: dict[str, _Lost] = {}
-        self._retry_s, self._robbed_s = self.knobs.retry_s, float("-inf")
-        self._spared: dict[str, float] = {}
-        self._owner = lru_cache(maxsize=_ASKED)(owner)
-        #: all estimators that are taken for alive, ourselves among them
-        self.members: tuple[str, ...] = tuple(sorted({own, *self._peers}))
+        now = time.monotonic()
+        self.membership = Membership(own, peers, now)
+        self.replicas = Replicas(MAX_DEVICES)
+        self._buses, self._now_ns, self._counts = (data, control), now_ns, counts
+        self._replay = ReplayLog()
+        #: whether there ever was another estimator
+        self.company = not self.membership.alone
+        #: called on a thread of the bus when an estimator has come or gone
+        self.on_token: Callable[[], None] = lambda: None
+        self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
+        self._owned = Door[Owned]("ownership", codec.decode_owned)
+        self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
+        self._own_key = keys.build(ward, "owned", estimator=own)
+        self._said, self._mine = data.publisher(self._own_key), deque[int](maxlen=_SAID)
+        self._heard = data.subscribe(keys.pattern(ward, "owned"))
+        self._kept = data.subscribe(keys.pattern(ward, "checkpoint"), history=True)
+        self._watch = control.watch_alive(keys.pattern(ward, "alive/estimator"), self._token)
+        self._looked, self._deaf_s, self._next_say, self._scan = now, 0.0, 0.0, True
+        self._devices = dict[str, str | None]()  # by key
+        self._moves: deque[Move] = deque(maxlen=_MOVES)
+        self._why, self._came = "", False
+        self._calibrated: list[Checkpoint] = []
+        self._load, self._load_since = 0.0, (now, time.process_time())
 
-    @property
-    def alone(self) -> bool:
-        """Whether all devices are ours."""
-        return len(self.members) == 1
+    def close(self) -> None:
+        """Listen no more."""
+        for thing in (self._watch, self._heard, self._kept, self._said):
+            thing.close()
 
-    @property
-    def undisputed(self) -> bool:
-        """Whether nobody says to have any of them."""
-        return self.alone and not self._lost
+    def refused(self) -> dict[str, int]:
+        """Messages of other estimators that were not understood, counted by reason."""
+        return {
+            f"{door.name} messages refused, {why}": n
+            for door in (self._owned, self._checkpoints)
+            for why, n in door.refused.as_dict().items()
+        }
 
-    def settled(self, now: float) -> bool:
-        """Whether it is known who is there."""
-        return now >= self._settled_s
+    # ---- what the others say ----------------------------------------------------------------------------------------
 
-    def change(self, name: str, now: float, *, alive: bool) -> None:
-        """An estimator's token was born or has died."""
-        if name == self.own:
+    def look(self, now: float, *, heard: bool) -> list[str]:
+        """Take in what the others said, once a round; returns devices of ours that another has taken. heard: samples came."""
+        membership = self.membership
+        said = self._heard.drain(512, 0.0)
+        self._excuse(now, heard=heard or any(message.key != self._own_key for message in said))
+        if self._tokens and not all(bus.connected for bus in self._buses):
+            membership.hold_off(now)  # all tokens died with the router
+        while self._tokens:
+            self._changed(*self._tokens.popleft(), now)
+        lost: dict[str, str] = {}
+        for message in said:
+            if message.key == self._own_key:
+                self._look_for_double(message)
+            elif (owned := self._owned.take(message)) is not None:
+                self.company |= owned.estimator != membership.own
+                lost |= dict.fromkeys(membership.said(owned, now), owned.estimator)
+        for message in self._kept.drain(4096, 0.0):
+            if (checkpoint := self._checkpoints.take(message)) is not None:
+                self._note(checkpoint)
+        self._notice(*membership.look(now))
+        for device, taker in lost.items():
+            membership.lose(device, taker, now)
+        for name in sorted(set(lost.values())):
+            left = sum(taker == name for taker in lost.values())
+            self._moves.append(Move(self._now_ns(), 0, left, f"{name} has taken them"))
+        return list(lost)
+
+    def look_round(self, now: float, devices: Collection[str]) -> None:
+        """Once a second: forget devices that are gone, and look for some that nobody has."""
+        self.membership.keep(devices)
+        if not all(bus.connected for bus in self._buses):
+            self.membership.hold_off(now)
+        self._scan = True
+
+    def newcomer(self) -> bool:
+        """Whether another estimator has come since this was asked last: it needs to know of our devices."""
+        came, self._came = self._came, False
+        return came
+
+    def calibrated(self) -> list[Checkpoint]:
+        """Checkpoints with a calibration, said of our devices by their former estimators after we took them."""
+        found, self._calibrated = self._calibrated, []
+        return found
+
+    def _note(self, checkpoint: Checkpoint) -> None:
+        self.membership.hear(checkpoint.epoch)
+        self.replicas.note(checkpoint)
+        if checkpoint.calibration is not None and checkpoint.epoch < self.membership.held.get(checkpoint.device, 0):
+            self._calibrated.append(checkpoint)
+
+    def _excuse(self, now: float, *, heard: bool) -> None:
+        """Nobody is silent while we do not listen, nor while nothing at all comes over our own line."""
+        late_s, self._looked = now - self._looked, now
+        if late_s > HELD_UP_S or self._deaf_s > HELD_UP_S:
+            self.membership.excuse(late_s)
+        if late_s > LEASE_S and self.company:
+            self.membership.hold_off(now)
+        self._deaf_s = 0.0 if heard else self._deaf_s + late_s
+
+    def _look_for_double(self, message: Message) -> None:
+        if hash(message.payload) in self._mine or self._counts.add(DOUBLE) > 1:
             return
-        if alive and name not in self._peers and len(self._peers) >= MAX_PEERS:
+        log.error(
+            "another estimator says to be %s, too, and both correct its devices: stop one, or give it another id and a store"
+            " of its own (more is only counted)",
+            self.membership.own,
+        )
+
+    def _token(self, key: str, alive: bool) -> None:  # noqa: FBT001 - the bus's contract
+        self._tokens.append((key, alive))
+        self.on_token()
+
+    def _changed(self, key: str, alive: bool, now: float) -> None:  # noqa: FBT001
+        try:
+            name = keys.parse(key).ids["estimator"]
+        except Refusal as refusal:
+            self._counts.add(f"tokens refused, {refusal.reason}")
             return
-        peer = self._peers.setdefault(name, _Peer(now, now, now))
-        if alive and not peer.alive:
-            peer.since_s = peer.born_s = now
-        peer.alive, peer.heard_s = alive, now
+        self.membership.token(name, now, alive=alive)
+        if alive and name != self.membership.own:
+            self.company = self._came = True
 
-    def unreachable(self, now: float) -> None:
-        """There is no router now, and what became of the others is not known: it stays as it is."""
-        self._woke_s = now
-        self._settled_s, self._settled_by_s = now + self.knobs.return_s, now + self.knobs.most_s
+    def _notice(self, came: list[str], gone: list[str]) -> None:
+        for name in came:
+            log.info("estimator %s is here: devices are shared with it", name)
+        for name in gone:
+            log.warning("estimator %s is gone: its devices are taken over", name)
+        if came or gone:
+            self._scan, self._next_say = True, 0.0
+            self._why = ", ".join([*(f"{name} has come" for name in came), *(f"{name} is gone" for name in gone)])
 
-    def behind(self, now: float) -> None:
-        """There is more to be read than we got round to: who takes a device now would go on with what is long past."""
-        if not self.settled(now):
-            self._woke_s = now
-            self._settled_s = max(self._settled_s, min(now + self.knobs.behind_s, self._settled_by_s))
+    # ---- whose messages are ours --------------------------------------------------------------------------------------
 
-    def held_up(self, seconds: float, now: float) -> None:
-        """We did not get round to listening for so long: nobody's silence.
+    def sift(self, messages: Sequence[Message], now: float) -> tuple[list[Message], dict[str, list[Message]]]:
+        """The messages of our devices; and devices to be taken now, each with the messages from which to go on."""
+        held, ours = self.membership.held, list[Message]()
+        others: dict[str, list[Message]] = {}
+        for message in messages:
+            device = self._device(message.key)
+            if device is None or device in held:
+                ours.append(message)  # what is no key is refused at the door, and counted
+            else:
+                others.setdefault(device, []).append(message)
+            if device is not None and self.company:
+                self._replay.add(device, message, now)
+        self._replay.tidy(now)
+        wanted = [device for device in others if self.membership.wants(device, now)]
+        if self._scan and self.membership.ready(now):
+            known = {known.device for known in self.replicas} | self._replay.devices()
+            wanted = list(dict.fromkeys([*wanted, *(d for d in sorted(known) if self.membership.wants(d, now))]))
+            self._scan = False
+            self._why = self._why if wanted else ""
+        if not wanted:
+            return ours, {}
+        # Alone, nobody has the messages of a device that is not taken.
+        taken = wanted[:TAKEN_AT_ONCE] if self.company else wanted
+        self._scan |= len(wanted) > len(taken)
+        for device in taken:
+            self.membership.take(device, self._now_ns())
+        again = any(self.replicas.of(device) is not None for device in taken)
+        self._moved(len(taken), self._why or ("shared out anew" if again else "heard for the first time"))
+        return ours, self._replay.of(taken) if self.company else {device: others[device] for device in taken}
 
-        Who slept for longer than it would wait for another has much to read first, not all of it came: it waits as at the start.
-        Its router may have dropped it meanwhile, and with that line all tokens die, perhaps before it is seen to be gone.
-        """
-        for peer in self._peers.values():
-            peer.heard_s += seconds
-            if seconds > self.knobs.hangs_s:
-                peer.since_s = peer.heard_s
-        if seconds > self.knobs.hangs_s:
-            if now - seconds - self._slept_s > self.knobs.most_s:  # who sleeps again and again has to go on some time
-                self._settled_by_s = now + self.knobs.most_s
-            self._slept_s = self._woke_s = now
-            self._settled_s = max(self._settled_s, min(now + self.knobs.return_s, self._settled_by_s))
-
-    def look(self, now: float) -> tuple[list[str], list[str]]:
-        """Who has come, and who is gone, since the last look."""
-        there = {self.own}
-        for name, peer in list(self._peers.items()):
-            if peer.alive and now - peer.heard_s <= self._patience_s(peer, now):
-                there.add(name)
-            elif self.settled(now) and not peer.alive:
-                del self._peers[name]
-        before = set(self.members)
-        if not self.settled(now):
-            there |= before
-        if there == before:
-            return [], []
-        self.members = tuple(sorted(there))
-        return sorted(there - before), sorted(before - there)
-
-    def _patience_s(self, peer: _Peer, now: float) -> float:
-        if now - peer.since_s < self.knobs.fresh_s:
-            return self.knobs.hangs_most_s
-        return min(max(self.knobs.hangs_s, self.knobs.pauses * peer.pause_s), self.knobs.hangs_most_s)
-
-    def hear(self, *epochs: int) -> None:
-        """Of turns that there were; of one that cannot have been it is not known how to go above it, and it is passed over."""
-        self.highest = max(self.highest, *(epoch for epoch in epochs if epoch < BEYOND), 0)
-
-    def said(self, owned: Owned, now: float) -> list[str]:
-        """What another says to have; our devices that it has taken."""
-        if owned.estimator == self.own:
-            return []
-        peer = self._peers.get(owned.estimator)
-        if peer is not None:
-            peer.pause_s = max(now - peer.heard_s, _FADES * peer.pause_s)
-            peer.heard_s = now
-            peer.parts[owned.part] = {h.device: h for h in owned.holdings}
-            peer.busy[owned.part] = frozenset(h.device for h in owned.holdings if h.busy)
-            for part in [part for part in peer.parts if part >= owned.parts]:
-                del peer.parts[part], peer.busy[part]
-            if owned.part + 1 >= owned.parts and len(peer.parts) >= owned.parts:  # all of it
-                peer.said_s = now
-        self.hear(owned.epoch, *(h.epoch for h in owned.holdings))
-        return [h.device for h in owned.holdings if BEYOND > h.epoch > self.held.get(h.device, h.epoch)]
-
-    def wants(self, device: str, now: float, waits_s: float = 0.0) -> bool:
-        """Whether a device that is not ours is to be taken now; who has it has done nothing with what came of it for so long."""
-        if self._owner(device, self.members) != self.own and not self._steps_in(device, waits_s):
-            return False
-        if not self.settled(now) and not self._nobodys(device):
-            return False
-        lost = self._lost.get(device)
-        if lost is not None and self._is_left(device, lost, waits_s, now):
-            return False
-        self._lost.pop(device, None)
-        return not self._busy(device, now)
-
-    def _is_left(self, device: str, lost: _Lost, waits_s: float, now: float) -> bool:
-        """Whether what was taken from us stays with who took it: not where that one has ended, or does nothing with it."""
-        if now >= lost.until_s or min(waits_s, now - lost.at_s) >= self.knobs.stands_s:
-            return False
-        ended = not isnan(lost.taker.since_s) and self.taker(lost.taker.name) != lost.taker
-        return not (ended and self._retry_s <= self.knobs.at_once_s and not self._claimed(device))
-
-    def _nobodys(self, device: str) -> bool:
-        """Whether all others have told what they have since we came to know too little of that, and it is not among it.
-
-        Who begins, on a busy machine, is held up again and again: a device that is switched on meanwhile need not wait.
-        """
-        others = [self._peers.get(name) for name in self.members if name != self.own]
-        since_s = self._woke_s + self.knobs.behind_s
-        told = bool(others) and all(peer is not None and peer.said_s > since_s for peer in others)
-        return told and not self._claimed(device)
-
-    def _steps_in(self, device: str, waits_s: float) -> bool:
-        """Whether the one that should have a device hears nothing of it, and we are the next."""
-        if waits_s < self.knobs.stands_s:
-            return False
-        return self._next(device)
-
-    def _next(self, device: str) -> bool:
-        first = self._owner(device, self.members)
-        others = tuple(name for name in self.members if name != first)
-        return bool(others) and self._owner(device, others) == self.own
-
-    def near(self, device: str) -> bool:
-        """Whether a device that another has is ours as soon as that one is gone."""
-        return device not in self.held and (self._owner(device, self.members) == self.own or self._next(device))
-
-    def _busy(self, device: str, now: float) -> bool:
-        """Whether another is about to calibrate it, and lives."""
-        living = (p for p in self._peers.values() if p.alive and now - p.heard_s <= self.knobs.hangs_most_s)
-        if not any(device in busy for peer in living for busy in peer.busy.values()):
-            self._spared.pop(device, None)
-            return False
-        return now - self._spared.setdefault(device, now) < self.knobs.busy_s
-
-    def take(self, device: str, now_ns: int) -> int:
-        """A device is ours from now on: the epoch of our turn, the same for all until another has had one."""
-        if not self._turn or self.highest != self._turn:
-            self.highest = self._turn = epoch_after(self.highest, now_ns, self.own)
-        self.held[device] = self._turn
-        self._spared.pop(device, None)
-        return self._turn
-
-    def taker(self, name: str) -> Taker:
-        """Who takes what is ours now under this name."""
-        peer = self._peers.get(name)
-        return Taker(name, nan if peer is None else peer.born_s)
-
-    def lose(self, device: str, taker: Taker, now: float) -> None:
-        """Another has it."""
-        self.held.pop(device, None)
-        if self._owner(device, self.members) == self.own:
-            self._lost[device] = _Lost(now, now + self._wait_s(now), taker)
-
-    def _wait_s(self, now: float) -> float:
-        since_s = now - self._robbed_s
-        if since_s > self.knobs.retry_s:  # else it is the same time still
-            again = since_s < self.knobs.calm_s
-            self._retry_s = min(2 * self._retry_s, self.knobs.retry_most_s) if again else self.knobs.retry_s
-            self._robbed_s = now
-        return self._retry_s
-
-    def keep(self, devices: Collection[str]) -> None:
-        """Of our devices there are these."""
-        self.held = {device: epoch for device, epoch in self.held.items() if device in devices}
-
-    def leaving(self) -> list[str]:
-        """Our devices that are to be another's, and are ours until it says so."""
-        return [] if self.alone else [device for device in self.held if self._owner(device, self.members) != self.own]
+    def epoch(self, device: str) -> int:
+        """Under which a device is held; from now on it is, if it was not."""
+        return self.membership.held.get(device) or self.membership.take(device, self._now_ns())
 
     def answers(self, device: str) -> bool:
-        """Whether it is for us to speak of a device: it is ours, or would be, and nobody else has it. From any thread."""
-        if device in self.held or self.alone:
-            return True
-        return self._owner(device, self.members) == self.own and not self._claimed(device)
+        """Whether it is for us to answer a command; from any thread."""
+        return self.membership.answers(device)
 
-    def orphaned(self, device: str, epoch: int) -> bool:
-        """Whether a device of which another spoke last, under this epoch, is nobody's now, and ours to speak of."""
-        ours = device in self.held or epoch & OWN == own_bits(self.own)
-        return not ours and self._owner(device, self.members) == self.own and self.answers(device)
+    def _device(self, key: str) -> str | None:
+        if key in self._devices:
+            return self._devices[key]
+        if len(self._devices) >= _KEYS:
+            self._devices.clear()
+        try:
+            device = self._devices[key] = keys.parse(key).device
+        except Refusal:
+            device = None
+        return device
 
-    def claims(self) -> Iterator[Holding]:
-        """What the others said last to have, of those that are taken for alive."""
-        for part in self._parts():
-            yield from part.values()
+    # ---- what is said of ours -----------------------------------------------------------------------------------------
 
-    def _claimed(self, device: str) -> bool:
-        return any(device in part for part in self._parts())
+    def say(self, devices: dict[str, Device], now: float) -> None:
+        """Say what is ours, where it is time to: an estimator that holds off says nothing, so nobody waits for it."""
+        membership = self.membership
+        if now < self._next_say or not membership.ready(now):
+            return
+        self._next_say = now + (SAY_ALONE_S if membership.alone else SAY_S)
+        self._measure(now)
+        holdings = [_holding(name, epoch, devices.get(name)) for name, epoch in membership.held.items()]
+        most = codec.MAX_HOLDINGS
+        parts = max(1, -(-len(holdings) // most))
+        for part in range(parts):
+            some = tuple(holdings[part * most : (part + 1) * most])
+            payload = codec.encode_owned(
+                Owned(
+                    membership.own,
+                    self._now_ns(),
+                    membership.highest,
+                    self._load,
+                    some,
+                    tuple(self._moves),
+                    part,
+                    parts,
+                )
+            )
+            self._mine.append(hash(payload))
+            self._said.put(payload)
 
-    def _parts(self) -> Iterator[dict[str, Holding]]:
-        for name in self.members:
-            peer = self._peers.get(name)
-            yield from list(peer.parts.values()) if peer is not None else ()
+    def tell(self, device: Device) -> None:
+        """Say what another would need of a device; alone, keep it where another had the device before."""
+        alone = not self.company
+        if alone and self.replicas.of(device.name) is None:
+            return
+        checkpoint = checkpoint_of(device, self._now_ns(), self.replicas.answers(device.name))
+        if checkpoint is None:
+            return
+        if alone:
+            self.replicas.note(checkpoint)
+        else:
+            device.say_checkpoint(codec.encode_checkpoint(checkpoint))
+
+    def _moved(self, came: int, why: str) -> None:
+        if self._moves and self._moves[-1].came and self._moves[-1].reason == why:
+            came += self._moves.pop().came
+        self._moves.append(Move(self._now_ns(), came, 0, why))
+        self._next_say = 0.0  # before anything is published under the new epoch: nobody else could know it
+        if not self._scan:
+            self._why = ""
+
+    def _measure(self, now: float) -> None:
+        since, spent = self._load_since
+        if now - since >= SAY_ALONE_S:
+            self._load = (time.process_time() - spent) / (now - since)
+            self._load_since = now, time.process_time()
+
+
+def _holding(name: str, epoch: int, device: Device | None) -> Holding:
+    if device is None:
+        return Holding(name, epoch, 0, 0)
+    session = device.session
+    busy = bool(session.learnt.turned or session.learnt.asked)
+    return Holding(name, epoch, session.boot or 0, session.sequence.next or 0, busy)

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Note, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.device.admission import Source
 from estimator.device.correct import Cut, Rates
 from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
+from estimator.remembered import Remembered
 from estimator.service import published
-from estimator.service.foretold import Foretold
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
@@ -63,8 +63,6 @@ class Device:
         self._told = ""  # the calibration that was said last
         #: how long the estimator has not kept up with all its devices; 0 when it does
         self.overloaded_s = 0
-        #: whether what it sends is not looked at, because there is too much of it all
-        self.left_out = False
         #: whether the store does not work now
         self.unkept = False
         #: the status that was published last
@@ -83,11 +81,11 @@ class Device:
         self._waiting: list[tuple[bytes, int]] = []
         self._put: Callable[[bytes], None] = _nowhere  # publishes what is corrected
         self._gone = False
+        #: samples after which it is announced: at once where another estimator has spoken of it
+        self.announced_at = ANNOUNCED_AT
         self._publishers: dict[str, Publisher] = {}
         self._windowed: Publisher | None = None
         self._encoder = published.Encoder(name, epoch)
-        #: what was published before it had a session
-        self._foretold: Foretold | None = None
 
     @property
     def announced(self) -> bool:
@@ -101,8 +99,6 @@ class Device:
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish what was due, or keep the first few until it is clear that there is a device."""
-        if self._foretold is not None and self._said_before(cut.samples.boot, cut.sequence, cut.n):
-            return
         payload = self._encoder.encode(cut, rates)
         if not self._publishers and not self._announced():
             self._waiting.append((payload, cut.n))
@@ -135,39 +131,11 @@ class Device:
         wanted = self._windowed is not None and self._windowed.wanted
         self.session.windowed = wanted
 
-    def foretold(self, publisher: Publisher, boot: int, begin: int, end: int) -> None:
-        """Samples of this boot from `begin` up to before `end` were published with it before there was a session."""
-        self._publishers["corrected"], self._foretold = publisher, Foretold(boot, begin, end)
-        self._put = publisher.put
-
-    def forget_said(self) -> None:
-        """Another boot begins, or numbers begin anew: what comes was not published before."""
-        self._foretold = None
-
     def known(self, batch: Samples) -> bool:
         """Whether the session has no boot, as the one before it has failed, and that one had taken in all of the batch."""
         boot, following, received_ns = self._came_to
         before = batch.boot == boot and batch.sequence + batch.n <= following
         return self.session.boot is None and before and batch.receive_time_ns <= received_ns
-
-    def refuse(self, batch: Samples, reason: str) -> None:
-        """Count a batch that is not to be used at all, and was perhaps published before."""
-        sequence, n = self.session.sequence, batch.n
-        if self._foretold is None or not self._foretold.has(batch.boot, batch.sequence, n):
-            sequence.refuse(batch, reason)
-            return
-        sequence.samples_in += n
-        sequence.samples_out += n
-        self.told += n
-
-    def _said_before(self, boot: int, sequence: int, n: int) -> bool:
-        """Whether n samples were published before."""
-        if self._foretold is None:
-            return False
-        if self._foretold.over(boot, sequence + n):
-            self._foretold = None
-            return False
-        return self._foretold.has(boot, sequence, n)
 
     def say_status(self, time_ns: int) -> None:
         """Publish what is known of it now, unless that is not kept yet."""
@@ -255,10 +223,15 @@ class Device:
         self.reorder_buffer = ReorderBuffer(before.next or 0)
         if before.boot is not None:
             self._came_to = before.boot, before.next or 0, self.session.last_heard_ns
-        said = 0 if self._foretold is None else self._foretold.settle(before, lost, uncounted)
-        self.told += said
-        sequence = before.anew(lost - said, uncounted)
-        self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
+        self.session = DeviceSession(self.name, self._knobs, sequence=before.anew(lost, uncounted))
+
+    def resume(self, known: Checkpoint, remembered: Remembered | None, reason: str) -> None:
+        """Begin the boot of a checkpoint, of a device that sends nothing now, for this reason."""
+        self.source.owner = known.bridge
+        self.session.begin_boot(known.boot, known.device_time_s, remembered)
+        if remembered is None and known.calibration is not None:
+            self.session.believe(known.calibration)
+        self.session.silence(reason)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; some may still be asked for."""
@@ -276,7 +249,7 @@ class Device:
         self._publishers, self._windowed = {}, None
 
     def _announced(self) -> bool:
-        if self._gone or self.session.sequence.samples_out < ANNOUNCED_AT:
+        if self._gone or self.session.sequence.samples_out < self.announced_at:
             return False
         put = self._publisher("corrected").put
         self._put = self._held.append if self._unsaid else put

@@ -3,13 +3,13 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from functools import partial
 
 from bridge import rivals
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
-from bridge.wire.refusal import Reason, Refusal
+from bridge.wire.refusal import Reason, Refusal, Tally
 from estimator.device.admission import Ruling
 from estimator.device.correct import Cut, correct
 from estimator.device.reorder_buffer import ReorderBuffer
@@ -20,6 +20,7 @@ from estimator.service.boots import Boots
 from estimator.service.decode import decode
 from estimator.service.device import Device
 from estimator.service.isolation import Isolation, counted
+from estimator.service.resumed import DONE, Resumed
 from estimator.service.roster import Roster
 from estimator.service.stock import Stock
 
@@ -32,7 +33,7 @@ MOVED = "moved to another estimator"
 class Intake:
     """Messages of the roster's devices in, corrected samples out to their publishers, and all else that comes of it to `tell`.
 
-    newcomer makes a device of the first batch of one, that came under a key at a time; None where there is no room.
+    newcomer makes a device of the first batch of one, that came at a time; None where there is no room.
     """
 
     def __init__(
@@ -41,10 +42,13 @@ class Intake:
         boots: Boots,
         stock: Stock,
         guarded: Isolation,
+        resumed: Resumed,
+        counts: Tally,
         tell: Callable[[Device, Outcome], None],
-        newcomer: Callable[[Samples, str, float], Device | None],
+        newcomer: Callable[[Samples, float], Device | None],
     ) -> None:
         self._devices, self._boots, self._guarded = devices, boots, guarded
+        self._resumed, self._counts = resumed, counts
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
         self._samples = Door("sample", codec.decode_samples, self._refused)
         self._infos = Door("info", codec.decode_info, self._refused)
@@ -61,6 +65,9 @@ class Intake:
                 self._samples.refuse(message.key, samples)
                 continue
             self._came(samples.n)
+            if self._resumed.done(samples, now):
+                self._counts.add(DONE, samples.n)
+                continue
             self._on_samples(message.key, samples, now)
         self._publish()
 
@@ -80,10 +87,10 @@ class Intake:
 
         self._guarded(device, introduced)
 
-    def give_up(self, now: float = math.inf, waits: Callable[[str], bool] = lambda _: False) -> None:
-        """What was missing before batches that are held does not come; waits: whether messages of a key do, that may be it."""
+    def give_up(self, now: float = math.inf, waiting: Container[str] = ()) -> None:
+        """What was missing before batches that are held does not come; waiting: keys of which messages wait, that may be it."""
         for device in list(self._holding.values()):
-            if waits(device.key):
+            if device.key in waiting:
                 continue
             self._handle(device, device.reorder_buffer.overdue(now))
             if not device.reorder_buffer:
@@ -94,7 +101,7 @@ class Intake:
         """It is another estimator's, and what waits for its turn is, too."""
         self._holding.pop(device.name, None)
         for late in device.reorder_buffer.drop():
-            device.refuse(late, MOVED)
+            device.session.sequence.refuse(late, MOVED)
         device.drop_waiting()
 
     def refused(self) -> dict[str, int]:
@@ -114,7 +121,7 @@ class Intake:
             device.session.count_event(f"refused {refusal.reason}")
 
     def _on_samples(self, key: str, samples: Samples, now: float) -> None:
-        device = self._devices.get(samples.device) or self._newcomer(samples, key, now)
+        device = self._devices.get(samples.device) or self._newcomer(samples, now)
         if device is None:
             return
         if device.source.owns(samples.bridge, now):
@@ -151,9 +158,8 @@ class Intake:
         elif ruling is not Ruling.TAKE:
             self._publish()  # what is of the boot before
             for late in buffer.drop():
-                device.refuse(late, Reason.OLD_BOOT)
+                session.sequence.refuse(late, Reason.OLD_BOOT)
             if session.boot is not None:
-                device.forget_said()
                 device.reorder_buffer = buffer = ReorderBuffer()  # where this one begins is not known
             device.drop_waiting()
             self._tell(device, self._boots.begin(device, batch, same=ruling is not Ruling.REPEAT))

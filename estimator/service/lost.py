@@ -1,36 +1,33 @@
 """When a device is lost: nothing that can be used has come of it for too long; and why, in words."""
 
 import logging
+from collections.abc import Container
 
 from estimator.lifecycle import Event
 from estimator.service.device import Device
 from estimator.service.gate import Gate
 from estimator.service.presence import SETTLED_S, Presence
-from estimator.service.turns import Turns
 
 log = logging.getLogger(__name__)
 
-#: who has something set aside is not silent, for so long: it may be what is only said again; of hundreds of devices that are
-#: brought up to now after a restart the last waits longer
-ASIDE_S, PAST_S = 10.0, 60.0
+#: why a device is lost that sends nothing since it was taken over
+SILENT = "no samples since another estimator had it: is it switched on, plugged in, in reach?"
 _OUTDATED = "its samples are refused as old: was the clock of bridge {bridge} set back, or is a recording played?"
 
 
 class Lost:
-    """Times are monotonic seconds."""
+    """Times are monotonic seconds. waiting: the keys of devices whose messages wait to be handled."""
 
-    def __init__(self, presence: Presence, gate: Gate, turns: Turns, silence_s: float) -> None:
-        self._presence, self._gate, self._turns, self._silence_s = presence, gate, turns, silence_s
+    def __init__(self, presence: Presence, gate: Gate, waiting: Container[str], silence_s: float) -> None:
+        self._presence, self._gate, self._waiting, self._silence_s = presence, gate, waiting, silence_s
 
-    def look(self, device: Device, now: float, waited_s: float) -> None:
-        """Once a second. waited_s: what it sent may wait unread, or be set aside: that we do not keep up is nobody's silence."""
-        silent_s = now - device.heard - waited_s
-        if self._turns.waits(device.key) and silent_s < (PAST_S if self._turns.of_the_past(device.key) else ASIDE_S):
-            silent_s = 0.0
-        if silent_s <= min(self._silence_s, SETTLED_S):
+    def look(self, device: Device, now: float) -> None:
+        """Once a second."""
+        silent_s = now - device.heard
+        if silent_s <= min(self._silence_s, SETTLED_S) or device.key in self._waiting:
             return
         which = device.name, device.session.boot or 0, device.source.owner
-        if silent_s > self._silence_s or (silent_s > SETTLED_S and self._presence.gone(*which, now)):
+        if silent_s > self._silence_s or self._presence.gone(*which, now):
             self._lose(device, now)
 
     def _lose(self, device: Device, now: float) -> None:

@@ -12,7 +12,6 @@ from estimator.service.gate import Gate
 from estimator.service.isolation import Isolation
 from estimator.service.record import Record
 from estimator.service.roster import Roster
-from estimator.service.silent import SILENT, Silent
 
 log = logging.getLogger(__name__)
 
@@ -30,12 +29,11 @@ class Orders:
         devices: Roster,
         record: Record,
         gate: Gate,
-        silent: Silent,
         guarded: Isolation,
         counts: Tally,
         now_ns: Callable[[], int],
     ) -> None:
-        self._devices, self._record, self._gate, self._silent = devices, record, gate, silent
+        self._devices, self._record, self._gate = devices, record, gate
         self._guarded, self._counts, self._now_ns = guarded, counts, now_ns
 
     def do(self, key: keys.Key, command: Command, kept: Callable[[], None]) -> CommandReply:
@@ -56,7 +54,7 @@ class Orders:
         """Anybody can make names up: such a command is counted and not kept."""
         names = sorted(self._devices)
         known = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")
-        message = SILENT if key.device in self._silent else self._gate.words(key.device)
+        message = self._gate.words(key.device)
         message = (
             f"{key.device}: {message}"
             if message

@@ -42,7 +42,6 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
 from estimator.demo.ward import free_port, listens
 from estimator.once import Once, OnceKnobs
-from estimator.service.cluster import ClusterKnobs
 from estimator.service.ownership import owner
 from tests.bench.load import stream
 from tests.bench.load.stream import WARD
@@ -51,14 +50,12 @@ NAMES = ("estimator-1", "estimator-2", "estimator-3")
 RATE_HZ, SAMPLES = 104.0, 5
 #: messages, as fast as they are taken; and when no more come
 BURST, QUIET_S = 30_000, 4.0
-GAP_S, STOPPED_S, STOP_S = 0.1, 1.5, 4.0
+GAP_S, STOPPED_S, STOP_S = 1.0, 3.0, 5.0
 #: shares of so many devices or more may be so far from even (those of fewer are chance's); and a device of which nothing came of
 #: the last seconds is silent
 EVEN, MANY, SILENT_S = 0.2, 300, 2.0
 #: how long a subscriber waits for a hole; and messages that wait for us
 PATIENT_S, ROOM = 10.0, 1 << 18
-#: who has just come is given longer before it is taken for hanging
-FRESH_S = ClusterKnobs().fresh_s
 _CONFIG = """ward = "{ward}"
 [bus]
 connect = ["{endpoint}"]
@@ -372,7 +369,6 @@ def main() -> int:
                     process.wait()
                     cluster.start(victim)
                 cluster.until(cluster.home, 60.0)
-                cluster.listen(FRESH_S)
         overrun = cluster.missed  # of what comes from now on nothing is taken
         given = Given(cluster.came)
         for trouble in done:

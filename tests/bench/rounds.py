@@ -1,6 +1,6 @@
 """What a message costs the estimator, by parts, without a network: rounds of a service in one process, on the bench's clock.
 
-`python -m tests.bench.rounds [--devices 200] [--seconds 15] [--round 100] [--coasts]`.
+`python -m tests.bench.rounds [--devices 200] [--seconds 15] [--round 100]`.
 A second of the ward's life has a second's share of
 what is done once a second, however long it takes. The bus is not in it. All together is CPU time; what a part has of it is looked
 at in a second run.
@@ -22,8 +22,6 @@ from rich.table import Table
 from bridge.bus.contract import Message
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from estimator.config import Estimator
-from estimator.service.coasting import Coasting
-from estimator.service.quiet import Quiet
 from estimator.service.serve import Cycles
 from estimator.service.shell import Service
 from estimator.service.store import Store
@@ -32,7 +30,7 @@ from tests.bench.load.stream import WARD, Fleet
 _NOW_NS = 1_700_000_000_000_000_000
 #: a ward that has just begun is not what is measured
 _WARM_S = 15.0
-_ROUNDS = "drain, gate, turns"
+_ROUNDS = "the rest of a round"
 _PARTS = {
     "estimator.service.intake:Intake.take": "admitted",
     "estimator.service.intake:decode": "decoded",
@@ -169,8 +167,8 @@ class Ward:
         #: messages that come when it is warm
         self.measured = sum(map(len, self._rounds[self._warm :]))
 
-    def run(self, meter: Meter | None = None, said: Said = lambda *_: None, *, coasts: bool = False) -> float:
-        """CPU s, once the ward is warm; said is told all that is published. coasts: all that may do."""
+    def run(self, meter: Meter | None = None, said: Said = lambda *_: None) -> float:
+        """CPU s, once the ward is warm; said is told all that is published."""
         raw = _Laid(self._rounds, self._round_s)
         with pytest.MonkeyPatch.context() as patch, Mute(said) as bus, MemoryBus(MemoryBroker()) as control:
             if meter is not None:
@@ -178,15 +176,11 @@ class Ward:
                     owner, _, name = where.replace(":", ".").rpartition(".")
                     patch.setattr(pkgutil.resolve_name(owner), name, meter.metered(part, pkgutil.resolve_name(where)))
             patch.setattr("time.monotonic", lambda: raw.now)
-            if coasts:
-                patch.setattr(Coasting, "__contains__", lambda *_: True)
             store = Store(":memory:")
             service = Service(
                 WARD, Estimator(id="e"), bus, control, store, lambda: _NOW_NS + round(raw.now * 1e9), tend=Cycles().tend
             )
-            service._raw = service._load._queue = raw  # type: ignore[assignment]
-            service._turns._clock = lambda: raw.now
-            service._quiet = Quiet(lambda: False, lambda: raw.now)
+            service._raw = raw  # type: ignore[assignment]
             begun = 0.0
             for number in range(len(self._rounds)):
                 if number == self._warm:
@@ -205,13 +199,10 @@ def main() -> int:
     parser.add_argument("--devices", type=int, default=200)
     parser.add_argument("--seconds", type=float, default=15.0, help="of the ward's life")
     parser.add_argument("--round", type=int, default=100, help="messages in each")
-    parser.add_argument(
-        "--coasts", action="store_true", help="of devices whose bias is only predicted where it is known"
-    )
     args = parser.parse_args()
     ward, meter = Ward(args.devices, args.seconds, args.round), Meter()
-    whole_us = 1e6 * ward.run(coasts=args.coasts) / ward.measured
-    ward.run(meter, coasts=args.coasts)
+    whole_us = 1e6 * ward.run() / ward.measured
+    ward.run(meter)
     table = Table(title=f"{args.devices} devices, 10 samples a message")
     table.add_column("")
     table.add_column("µs a message", justify="right")

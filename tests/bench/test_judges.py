@@ -10,7 +10,7 @@ from bridge.bus.contract import Message
 from bridge.sim.body import Activity
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch
-from tests.bench import access, cluster, crowded, forged, suffering
+from tests.bench import access, cluster, forged, suffering
 from tests.bench.load.__main__ import CROWD, QUICKEST, ratios
 from tests.bench.load.__main__ import unreached as unreached_by_load
 from tests.bench.load.run import Middle, Took
@@ -50,12 +50,6 @@ def test_a_bias_that_is_known_worse_than_it_walked_was_not_gone_on_with(
     found = discontinued("d", batch(0), np.radians([0.01, 0.01, 0.01]), batch(3 + round(100 * later_s), std_dps))
     assert len(found) == faults
     assert all("as if little had been kept" in fault for fault in found)
-
-
-def test_a_message_that_does_not_come_out_whole_is_late_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crowded, "BATCH", 6)
-    said = [(at_s, codec.encode_corrected(batch(sequence))) for at_s, sequence in ((1.01, 0), (1.02, 3), (2.01, 6))]
-    np.testing.assert_allclose(crowded.lateness([said], [1.0, 2.0, 3.0]).T, [[0.02, np.inf, np.inf]])
 
 
 def test_a_device_that_is_silent_to_the_end_is_a_fault_and_a_gap() -> None:

@@ -126,4 +126,6 @@ def played(served: Served, messages: Iterable[Message]) -> int:
             said += sum(map(len, served.round(ROUND_S)))
     served.raw.messages += lot
     said += sum(map(len, served.round(ROUND_S)))
+    while len(served.service._quotas):
+        said += sum(map(len, served.round(ROUND_S)))
     return said + sum(map(len, served.rest()))

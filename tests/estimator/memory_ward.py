@@ -70,7 +70,7 @@ class Ward:
     def latest(self) -> Status:
         """The status, published anew."""
         self.service._every_second(time.monotonic())
-        self.service._quiet.finish()
+        self.service.work()
         message = self.status.drain(100_000, 0.5)[-1]
         return codec.decode_status(message.key, message.payload)
 

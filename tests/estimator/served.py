@@ -83,9 +83,7 @@ class Served:
         self.service = Service(
             WARD, settings, self._bus, self._control, self.store, lambda: NOW_NS, enrolment=self._enrolment
         )
-        self.service._turns._clock = lambda: self.now
         self.service._raw, self.service._info = self.raw, self.info  # type: ignore[assignment]
-        self.service._load._queue = self.raw  # type: ignore[assignment]
         return self
 
     def __exit__(

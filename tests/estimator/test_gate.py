@@ -214,7 +214,7 @@ def test_a_device_that_is_enrolled_no_more_is_lost_for_that_reason(
     time.sleep(0.25)
     for _ in range(2):
         service._every_second(time.monotonic())
-        service._quiet.finish()
+        service.work()
     said = Client(ward="w", bus=MemoryBus(broker)).statuses(0.05)["chest"]
     assert said.state is State.LOST
     assert "not enrolled: what it sends is not used" in said.reason
@@ -239,7 +239,7 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
         raw.put(payload)
     service.step(0.0)
     service._every_second(time.monotonic())
-    service._quiet.finish()
+    service.work()
     said = client.statuses(0.05)["chest"]
     assert (said.state, said.events) == (State.UNKNOWN, {STRANGER: 11})
     assert service._devices == {}
@@ -253,13 +253,13 @@ def test_a_service_lists_strangers_and_takes_them_once_they_are_enrolled(tmp_pat
     assert client.corrected(idle_s=0.05).receive(0.05) is None
     file.write_text("wrist\nb1/chest\n")
     service._every_second(time.monotonic())
-    service._quiet.finish()
+    service.work()
     for payload in batches[10:]:
         raw.put(payload)
     service.step(0.0)
     service._intake.give_up()
     service._every_second(time.monotonic())
-    service._quiet.finish()
+    service.work()
     said = client.statuses(0.05)["chest"]
     assert (said.samples_in, said.samples_out) == (100, 100)
     for bus in (*buses, bridge):

@@ -107,7 +107,7 @@ def test_a_recording_is_no_sign_of_life(served: Served, streams: dict[str, Strea
         assert played(served, [message(batch)]) == 0
         served.round(0.5)
     session = served.service._devices[A].session
-    served.service._quiet.finish()
+    served.service.work()
     assert session.life.state is State.LOST
     assert float(session.life.reason.split()[3]) > 15
 
@@ -125,7 +125,7 @@ def test_one_whose_bridges_clock_was_set_back_is_not_lost(
     for n, batch in enumerate(recorded[:40]):
         served.put(replace(of_boot(batch, boot), receive_time_ns=recorded[0].receive_time_ns - 10**12 + n))
         served.round(0.25)
-        served.service._quiet.finish()
+        served.service.work()
         states.add(session.life.state)
         if session.life.state is State.UNKNOWN:
             assert session.life.reason == (
@@ -137,7 +137,7 @@ def test_one_whose_bridges_clock_was_set_back_is_not_lost(
     assert (session.life.state is State.UNKNOWN) is (boot == 7), "another boot is believed in the end"
     for _ in range(20):
         served.round(0.25)
-    served.service._quiet.finish()
+    served.service.work()
     assert session.life.state is State.LOST, "now nothing comes"
 
 

@@ -64,7 +64,7 @@ def test_a_device_that_was_away_goes_on_where_it_was(state: State, gone: Event) 
     assert not life.on(Event.HEARD)
 
 
-@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE, Event.SHED])
+@pytest.mark.parametrize("gone", [Event.SILENT, Event.UNREACHABLE])
 def test_what_its_last_samples_teach_while_it_is_away_holds_when_it_is_back(gone: Event) -> None:
     life = at(State.TURNING)
     assert life.on(gone)

@@ -10,10 +10,8 @@ from bridge.wire.messages import State
 from estimator import glance
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
-from estimator.lifecycle import Event
 from estimator.outcome import Outcome
 from estimator.service import overload
-from estimator.service.lost import ASIDE_S
 from estimator.service.overload import BUSY, OVER_S, OVERLOADED, PERSISTS_S, Overload
 from estimator.service.vitals import Vitals
 from estimator.session import DeviceSession
@@ -21,54 +19,44 @@ from tests.estimator.served import Before, Served
 from tests.estimator.stream import NAME, calibration
 
 
-def looked(seconds: int, *, idle: float = 0.0, overflowed: int = 0, waited_s: float = 0.0) -> Overload:
-    made = Overload(0.0)
+def looked(seconds: int, *, idle: float = 0.0, dropped: int = 0, waited_s: float = 0.0) -> tuple[Overload, int]:
+    made, over_s = Overload(0.0), 0
     for now in range(1, seconds + 1):
         made.idle(idle)
-        made.look(float(now), overflowed=overflowed, waited_s=waited_s)
-    return made
+        over_s = made.look(float(now), dropped=dropped, waited_s=waited_s)
+    return made, over_s
 
 
 @pytest.mark.parametrize(
-    ("seconds", "how", "over_s"),
+    ("seconds", "how", "over"),
     [
-        (4, {}, 0),
-        (5, {}, 1),
-        (9, {}, 5),
-        (60, {"idle": 1.1 - BUSY}, 0),
-        (9, {"idle": 0.5, "waited_s": 1.2}, 5),
-        (60, {"idle": 0.5, "waited_s": 0.9}, 0),
+        (4, {}, False),
+        (5, {}, True),
+        (60, {"idle": 1.1 - BUSY}, False),
+        (9, {"idle": 0.5, "waited_s": 1.2}, True),
+        (60, {"idle": 0.5, "waited_s": 0.9}, False),
     ],
 )
-def test_busy_or_with_messages_that_wait_for_five_seconds(seconds: int, how: dict[str, float], over_s: int) -> None:
-    made = looked(seconds, **how)  # type: ignore[arg-type]
-    assert made.seconds == over_s
-    assert made.ratio == pytest.approx(1.0 - how.get("idle", 0.0))
+def test_busy_or_with_messages_that_wait_for_five_seconds(seconds: int, how: dict[str, float], *, over: bool) -> None:
+    made, over_s = looked(seconds, **how)  # type: ignore[arg-type]
+    assert bool(over_s) is over
+    assert made.busy == pytest.approx(1.0 - how.get("idle", 0.0))
 
 
-def test_a_moment_of_leisure_begins_it_anew_and_what_is_dropped_unread_tells_at_once() -> None:
-    made = looked(4)
-    made.idle(0.3)
-    assert made.look(5.0, overflowed=0, waited_s=0.0) == 0
-    for now in range(6, 10):
-        assert made.look(float(now), overflowed=0, waited_s=0.0) == 0
-    made.idle(0.3)
-    assert made.look(10.0, overflowed=7, waited_s=0.0) == 1.0
-    assert made.seconds == 1
+def test_messages_dropped_unread_tell_at_once() -> None:
+    made, _ = looked(4, idle=0.5)
+    assert made.look(5.0, dropped=7, waited_s=0.0) > 0
 
 
 def test_it_is_over_when_it_was_not_so_for_a_while(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
-    made = looked(20)
-    assert made.seconds == 16
+    made, over_s = looked(20)
+    assert over_s == 16
     for now in range(21, 21 + round(OVER_S)):
-        assert made.seconds
+        assert over_s
         made.idle(1.0)
-        made.look(float(now), overflowed=0, waited_s=0.0)
-    assert made.seconds == 0
-    for now in range(40, 60):  # again: only counted
-        made.look(float(now), overflowed=0, waited_s=0.0)
-    assert made.seconds
+        over_s = made.look(float(now), dropped=0, waited_s=0.0)
+    assert over_s == 0
     said = [record.getMessage() for record in caplog.records]
     assert len(said) == 2
     assert "busy 100 %" in said[0]
@@ -147,43 +135,18 @@ def test_an_inbox_tells_how_long_its_oldest_message_waits(monkeypatch: pytest.Mo
     assert inbox.waited_s == 0
 
 
-def test_whose_samples_wait_unread_is_not_said_to_be_lost() -> None:
-    served, batches = Served(), calibration(seed=1).batches()
-    with served:
+def test_a_device_whose_messages_wait_for_their_round_is_not_said_to_be_lost() -> None:
+    batches = calibration(seed=1).batches()
+    with Served() as served:
         served.put(batches[0])
         served.round()
         life = served.service._devices[NAME].session.life
-        served.raw.waited_s = 9.5
-        for _ in range(10):
-            served.round(1.0)
+        for batch in batches[1:]:
+            served.put(batch)
+        served.round(0.9)
+        while len(served.service._quotas):
+            served.round(0.9)
             assert life.state is not State.LOST
-        served.raw.waited_s = 0.0
-        served.round(1.0)
-        assert life.state is State.LOST, "nothing waits any more, and nothing came"
-
-
-def test_whose_samples_are_set_aside_is_not_said_to_be_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    served, batches = Served(), calibration(seed=1).batches()
-    with served:
-        served.put(batches[0])
-        served.round()
-        device = served.service._devices[NAME]
-
-        def lost() -> bool:
-            return device.session.life.state is State.LOST
-
-        monkeypatch.setattr(served.service._turns, "_next", lambda: None)  # never their turn
-        served.service._turns.slow(device.key, now=True)
-        served.put(batches[1])
-        for _ in range(round(ASIDE_S) - 1):
+        for _ in range(4):
             served.round(1.0)
-            assert not lost()
-        served.round(2.0)
-        assert lost(), "it may be what is only said again"
-        device.session.life.on(Event.HEARD)
-        device.heard = served.now
-        served.round(5.0)
-        assert not lost()
-        served.service._turns.withdraw(NAME)
-        served.round(1.0)
-        assert lost()
+        assert life.state is State.LOST, "nothing waits any more, and nothing came"

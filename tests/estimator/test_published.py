@@ -73,7 +73,7 @@ def test_whatever_is_accepted_every_word_that_follows_is_understood(heard: list[
             service.step(0.0)
             now[0] += pause_s
         service._every_second(now[0])
-        service._quiet.finish()
+        service.work()
         assert "sessions failed" not in service.counts.as_dict()
         for status in said["status"].drain(10_000, 0.0):
             codec.decode_status(*status)

@@ -9,7 +9,6 @@ import pytest
 
 from estimator import glance
 from estimator.sayings import Sayings
-from estimator.service.shedding import WHY
 from estimator.texts import texts
 from estimator.track import zaru
 
@@ -39,7 +38,6 @@ SPEAKERS = (
     "estimator/service/orders.py",
     "estimator/service/intake.py",
     "estimator/service/shell.py",
-    "estimator/service/silent.py",
     "estimator/track/doubt.py",
     "estimator/web/app.py",
     "estimator/web/desk.py",
@@ -120,10 +118,6 @@ def test_every_sentence_has_a_chinese(speaker: str) -> None:
     said = [text for text in spoken(ROOT / speaker) if text.strip().count(" ") >= 2]
     assert said, "it says nothing any more: take it from the list"
     assert [text for text in said if not (NOT_SHOWN.search(text) or text in PIECES or ZH.knows(text))] == []
-
-
-def test_why_a_device_is_left_out_has_a_chinese() -> None:
-    assert ZH.knows(WHY)
 
 
 #: English, and below it the same in Chinese

@@ -243,7 +243,7 @@ def test_a_silent_device_is_lost_but_not_while_the_router_is_gone(ward: Ward, on
     ward.broker.stop()
     time.sleep(1.1)
     ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    ward.service.work()
     assert ward.service._devices[NAME].status(1).state is State.UNKNOWN
     ward.broker.start()
     unknown = ward.latest()

@@ -89,7 +89,7 @@ def test_a_status_that_fails_stops_nobody(ward: Ward, once: Stream, monkeypatch:
 
     monkeypatch.setattr(DeviceSession, "status", failing)
     ward.service._every_second(time.monotonic())
-    ward.service._quiet.finish()
+    ward.service.work()
     reply = ward.command(lambda: ward.client.note(NAME, "nurse", "fell"))
     assert reply.accepted
     monkeypatch.undo()

@@ -147,7 +147,7 @@ def lives_through(seed: int, lived: Lived) -> bool:
         counted(served, put, len(out))
         served.now += HALF_S + 0.1
         served.service._every_second(served.now)
-        served.service._quiet.finish()
+        served.service.work()
         status = served.service._devices[NAME].status(1)
         assert status.boot == NEW
         assert status.state in (State.WARMING, State.AWAITING_STILL, State.BIAS_ONLY), "not lost"

@@ -6,8 +6,8 @@ from bridge.bus.memory_bus import MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, SampleBatch
 from estimator.service.shell import Service
-from tests.estimator.shared.conftest import FIRST, WARD, Both
-from tests.estimator.shared.test_interim import fails, numbers, powered_up_again
+from tests.estimator.served import numbers
+from tests.estimator.shared.conftest import FIRST, WARD, Both, fails, powered_up_again
 from tests.estimator.stream import NAME
 
 

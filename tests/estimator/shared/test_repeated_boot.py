@@ -12,8 +12,7 @@ from bridge.wire.refusal import Tally
 from estimator.service.device import Device
 from estimator.service.record import Record
 from estimator.service.replicas import Replicas, checkpoint_of
-from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both
-from tests.estimator.shared.test_interim import fails, powered_up_again
+from tests.estimator.shared.conftest import FIRST, SECOND, WARD, Both, fails, powered_up_again
 from tests.estimator.stream import NAME, calibration
 from tests.estimator.test_restore import an_hour_later
 

@@ -40,7 +40,7 @@ def test_turns_that_were_taken_by_another_are_said_to_be_lost(both: Both) -> Non
     batches = calibration(seed=1).batches()
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(batches[: len(batches) * 2 // 3])
     assert both.has() == [SECOND]
     done = both.client.statuses(0.1)[NAME].axes_done
@@ -59,7 +59,7 @@ def in_the_middle_of_turns(both: Both) -> list[SampleBatch]:
     batches = calibration(seed=1).batches()
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(batches[: len(batches) // 2])
     return batches
 
@@ -101,7 +101,7 @@ def test_a_calibration_that_is_void_since_is_not_taken_from_who_did_not_know(bot
     batches, other = calibration(seed=1).batches(), replace(info(), gyro_range=4.0)
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(batches[: len(batches) // 2], what=other)
     assert both.has() == [SECOND]
     late = checkpoint_of(calibrated()[0], both.now_ns)
@@ -116,7 +116,7 @@ def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: 
     batches = calibration(seed=1, after=[Still(30.0)]).batches()
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(batches)
     assert both.has() == [SECOND]
     record, device = both.services[SECOND]._record, both.services[SECOND]._devices[NAME]
@@ -153,7 +153,7 @@ def test_a_recalibration_made_while_neither_heard_the_other_is_not_undone(both: 
 def test_who_calibrated_it_goes_by_no_doubt_of_who_had_it_since_and_had_not_heard_of_that(both: Both) -> None:
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(calibration(seed=1, after=[Still(30.0)]).batches())
     record, device = both.services[SECOND]._record, both.services[SECOND]._devices[NAME]
     both.pass_(6.0)
@@ -183,7 +183,7 @@ def test_a_calibration_that_is_taken_over_while_the_disk_is_full_is_kept_later(
     batches = calibration(seed=1, after=[Still(8.0)]).batches()
     both.start(FIRST)
     both.start(SECOND)
-    both.pass_(1.2)
+    both.pass_(3.0)
     both.send(batches[:-20])
     both.pass_(6.0)
     made = both.client.statuses(0.1)[NAME].calibration

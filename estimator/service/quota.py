@@ -1,0 +1,87 @@
+"""Quotas: each device's messages wait in a queue of their own, so that a device that floods the bus delays no other. Pure."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from bridge.bus.contract import Message
+
+#: messages and bytes of one device that may wait; a bridge keeps fewer messages of a device in its cache
+QUOTA, QUOTA_BYTES = 4096, 4 * 2**20
+#: messages and bytes of one device in a round; what is above them waits for the next round
+SHARE, SHARE_BYTES = 32, 32 * 2**10
+#: messages of a device above its quota are counted under this name
+FLOODED = "messages flooded"
+
+
+class _Queue:
+    """The messages of one device that wait, each with its arrival time, s."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[tuple[float, Message]] = deque()
+        self.size = 0
+
+    def put(self, message: Message, now: float) -> int:
+        """Append a message; returns how many of the oldest were dropped for it."""
+        self.waiting.append((now, message))
+        self.size += len(message.payload)
+        dropped = 0
+        while len(self.waiting) > QUOTA or self.size > QUOTA_BYTES:
+            self.pop()
+            dropped += 1
+        return dropped
+
+    def pop(self) -> Message:
+        """Take the oldest message."""
+        _, message = self.waiting.popleft()
+        self.size -= len(message.payload)
+        return message
+
+    def share(self) -> list[Message]:
+        """The messages of one round, oldest first: at least one."""
+        taken = [self.pop()]
+        left = SHARE_BYTES - len(taken[0].payload)
+        while self.waiting and len(taken) < SHARE and (left := left - len(self.waiting[0][1].payload)) >= 0:
+            taken.append(self.pop())
+        return taken
+
+
+class Quotas:
+    """Messages by key, in and out in rounds; each key keeps its order.
+
+    dropped(key, messages) is called with the number of messages that exceeded the quota of a key.
+    """
+
+    def __init__(self, dropped: Callable[[str, int], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._dropped, self._clock = dropped, clock
+        self._queues: dict[str, _Queue] = {}
+
+    def __len__(self) -> int:
+        return sum(len(queue.waiting) for queue in self._queues.values())
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._queues
+
+    def typical_wait_s(self, devices: int) -> float:
+        """How long the oldest message of the median one of so many devices has waited, s: one that floods is no overload."""
+        waits = sorted((self._clock() - queue.waiting[0][0] for queue in self._queues.values()), reverse=True)
+        return waits[devices // 2] if len(waits) > devices // 2 else 0.0
+
+    def round(self, messages: Sequence[Message]) -> list[Message]:
+        """Put messages in; returns those whose turn it is, at most a share of each key."""
+        if not self._queues and len(messages) <= SHARE and sum(len(m.payload) for m in messages) <= SHARE_BYTES:
+            return list(messages)
+        now = self._clock()
+        for message in messages:
+            if (queue := self._queues.get(message.key)) is None:
+                queue = self._queues[message.key] = _Queue()
+            if dropped := queue.put(message, now):
+                self._dropped(message.key, dropped)
+        taken = [message for queue in self._queues.values() for message in queue.share()]
+        self._queues = {key: queue for key, queue in self._queues.items() if queue.waiting}
+        return taken
+
+    def drop(self, key: str) -> list[Message]:
+        """Take out all messages of a key."""
+        queue = self._queues.pop(key, None)
+        return [] if queue is None else [message for _, message in queue.waiting]
