@@ -110,7 +110,7 @@ def _store(path: Path) -> Iterable[Finding]:
     except PermissionError:
         yield trouble("store", f"{path}: no permission to look there", "ask as who runs the estimator")
         return
-    from estimator.database import Database, StoreError  # noqa: PLC0415 - few commands need it
+    from estimator.database import Database, StoreError, set_asides  # noqa: PLC0415 - few commands need it
 
     for mode, verb in ((os.R_OK, "read"), (os.W_OK, "write")):
         if not os.access(path, mode):
@@ -124,6 +124,8 @@ def _store(path: Path) -> Iterable[Finding]:
         said, _, do = str(error).removeprefix("store ").partition(": ")
         yield trouble("store", said, do)
         return
+    for aside in set_asides(path):
+        yield warning("store", f"{aside} was set aside when it was damaged or replaced", "look at it, then remove it")
     yield ok("store", f"{path} can be read")
 
 

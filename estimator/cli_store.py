@@ -1,4 +1,4 @@
-"""The verbs about what a ward keeps: history, store backup, store check."""
+"""The verbs about what a ward keeps: history, store backup, store check, store restore."""
 
 import argparse
 import json
@@ -17,7 +17,7 @@ from bridge.wording import count
 from estimator import picture_file
 
 if TYPE_CHECKING:
-    from estimator.database import Inspection
+    from estimator.database import Backups, Inspection
 
 HISTORY = """Calibrations with verdict and uncertainty, boots, commands, and the bias over time, from the estimator's store. The
 estimator may be running meanwhile.
@@ -26,13 +26,16 @@ examples:
   truerate history chest --config configs/ward.toml --since 7d
   truerate history chest --store truerate.sqlite3 --plot chest.png
   truerate history chest --config configs/ward.toml --json > chest.json"""
-STORE = """The store is the one file of an estimator that is worth a backup. Copying it with `cp` while the estimator runs loses
-what is still in its log; `backup` does not.
+STORE = """The store is the one file of an estimator that is worth a backup. A running estimator makes one a day, in the folder
+`backups` beside the store or in `[estimator] backups`, and keeps the newest seven. Do not copy a store with `cp`: what is in its
+log would be missing.
 
 examples:
   truerate store backup /mnt/backup/ --config configs/ward.toml
   truerate store check --config configs/ward.toml
-  truerate store check /mnt/backup/truerate-20260301T030000.sqlite3"""
+  truerate store check /mnt/backup/truerate-20260301T030000.sqlite3
+  truerate store restore --config configs/ward.toml          # the newest sound backup; stop the estimator first
+  truerate store restore /mnt/backup/truerate-20260301T030000.sqlite3 --config configs/ward.toml"""
 #: what a row of each table is, one and many
 _ROWS = {
     "calibrations": ("calibration", ""),
@@ -56,7 +59,7 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     _add_place(verb)
     parser = verbs.add_parser(
         "store",
-        help="back up or check what the estimator keeps",
+        help="back up, check or restore what the estimator keeps",
         description=STORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -64,9 +67,14 @@ def add_verbs(verbs: "Verbs[argparse.ArgumentParser]") -> None:
     verb = add_verb(inner, "backup", _backup, "copy the store of a running estimator into a file that stands alone")
     verb.add_argument("to", metavar="DEST", help="a folder, or a file that is not there yet")
     _add_place(verb)
-    verb = add_verb(inner, "check", _check, "is the file whole, and every row in it? what is not, and what is left")
+    verb = add_verb(inner, "check", _check, "is every value in it as it was written? and is every backup?")
     verb.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a store (default: the ward's)")
     verb.add_argument("--json", action="store_true", help="one JSON object in place of words")
+    _add_place(verb)
+    verb = add_verb(
+        inner, "restore", _restore, "put a backup in the place of the store of an estimator that is stopped"
+    )
+    verb.add_argument("backup", type=Path, nargs="?", metavar="BACKUP", help="a backup (default: the newest sound one)")
     _add_place(verb)
 
 
@@ -77,17 +85,17 @@ def _add_place(verb: argparse.ArgumentParser) -> None:
     )
 
 
-def _place(given: argparse.Namespace) -> Path:
+def _place(given: argparse.Namespace) -> "Backups":
+    """Where the store is, and its backups."""
     from estimator.config import Estimator, Ward  # noqa: PLC0415
+    from estimator.database import Backups  # noqa: PLC0415
 
-    if given.store is not None:
-        return Path(given.store)
     if given.config is None:
-        return Path(Estimator(id="any").store)
+        return Backups.of(given.store or Estimator(id="any").store)
     ward = load(given.config, Ward)
     if ward.estimator is None:
         raise ConfigError(f"{given.config}: there is no [estimator] table, so there is no store")
-    return Path(ward.estimator.store)
+    return Backups.of(given.store or ward.estimator.store, ward.estimator.backups)
 
 
 def _history(given: argparse.Namespace) -> int:
@@ -102,7 +110,7 @@ def _history(given: argparse.Namespace) -> int:
         since_ns = min(max(0, round(since.timestamp() * 1e9)), MAX_TIME_NS) if since else 0
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"--since: {error}") from None
-    store = Store.reading(_place(given))
+    store = Store.reading(_place(given).store)
     try:
         found = history.read(store, device, since_ns)
         known = [] if found else history.devices(store)
@@ -133,55 +141,56 @@ def _history(given: argparse.Namespace) -> int:
 
 
 def _backup(given: argparse.Namespace) -> int:
-    from estimator.database import Database, inspect  # noqa: PLC0415
+    from estimator.database import StoreError, back_up, inspect  # noqa: PLC0415
 
-    place = _place(given)
-    to = Path(given.to)
-    # Whoever ends it with a slash means a folder, also where it is not there, as of a stick that is not plugged in.
+    place, to = _place(given).store, Path(given.to)
+    # A name that ends with a slash is a folder, also where there is none, as of a stick that is not plugged in.
     if to.is_dir() or given.to.endswith("/"):
         to /= f"{place.stem}-{time.strftime('%Y%m%dT%H%M%S')}{place.suffix}"
     if not to.parent.is_dir():
         raise ConfigError(f"{to}: there is no folder {to.parent}; make it first")
-    store = Database.reading(place)
-    try:
-        store.backup(to)
-    finally:
-        store.close()
-    found = inspect(to)
-    print(f"{place} is backed up as {to}: {_contents(found)}")
-    return _damage(found)
+    if not (found := inspect(place)).sound:
+        raise StoreError(found.fault)
+    back_up(place, to)
+    print(f"{place} is backed up as {to}: {_contents(inspect(to))}")
+    return 0
 
 
 def _check(given: argparse.Namespace) -> int:
-    from estimator.database import inspect  # noqa: PLC0415
+    from estimator.database import inspect, set_asides  # noqa: PLC0415
 
-    found = inspect(given.file or _place(given))
+    backups = _place(given)
+    found = inspect(given.file or backups.store)
+    kept = [] if given.file else [inspect(one) for one in backups.newest_first()]
+    aside = [] if given.file else [str(one) for one in set_asides(backups.store)]
     if given.json:
-        shown = {"path": found.path, "schema": found.schema, "sound": found.sound, "faults": found.faults}
-        print(json.dumps({**shown, "whole": found.whole, "damaged": found.damaged, "notes": found.notes}))
+        shown = {"path": found.path, "sound": found.sound, "fault": found.fault, "rows": found.rows}
+        print(json.dumps({**shown, "backups": {one.path: one.sound for one in kept}, "set_aside": aside}))
         return 0 if found.sound else 1
-    print(f"{found.path}: schema {found.schema}, {_contents(found)}")
-    for note in found.notes:
-        print(note)
-    wrong = _damage(found)
-    if not wrong:
-        print("every row is whole")
-    elif any(found.whole.values()):
-        print("what is whole can be used: the estimator takes it when it is started")
-    else:
-        print("nothing of it can be used: put a backup in its place, before the estimator is started")
-    return wrong
-
-
-def _damage(found: "Inspection") -> int:
-    """Say what is not whole; the exit code."""
-    for fault in found.faults:
-        print(f"damaged: {printable(fault)}")
-    for table, rows in found.damaged.items():
-        if rows:
-            print(f"damaged: {count(len(rows), 'row')} of {table}, the first is row {rows[0]}")
+    print(printable(f"{found.path} is sound: {_contents(found)}" if found.sound else found.fault))
+    for one in kept:
+        made = time.strftime("%Y-%m-%d %H:%M", time.localtime(Path(one.path).stat().st_mtime))
+        print(printable(f"backup {one.path} of {made}: {_contents(one) if one.sound else one.fault}"))
+    for name in aside:
+        print(f"{name} was set aside when it was damaged or replaced: look at it, then remove it")
     return 0 if found.sound else 1
 
 
+def _restore(given: argparse.Namespace) -> int:
+    from estimator.database import StoreError, inspect, owned, restore  # noqa: PLC0415
+
+    backups = _place(given)
+    known = [given.backup] if given.backup else backups.newest_first()
+    sound = next((one for one in known if inspect(one).sound), None)
+    if sound is None:
+        looked = given.backup or f"{backups.folder}, which has {count(len(known), 'backup')}"
+        raise StoreError(f"no sound backup of store {backups.store} is found: looked at {looked}")
+    with owned(str(backups.store)):
+        aside = restore(backups.store, sound)
+    before = f"; the file that was there is kept as {aside}" if aside else ""
+    print(f"{sound} is restored as {backups.store}: {_contents(inspect(backups.store))}{before}")
+    return 0
+
+
 def _contents(found: "Inspection") -> str:
-    return ", ".join(count(rows, *_ROWS[table]) for table, rows in found.whole.items()) or "nothing in it"
+    return ", ".join(count(found.rows[table], *words) for table, words in _ROWS.items())

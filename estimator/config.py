@@ -18,6 +18,8 @@ class Estimator(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     id: str
     #: the SQLite file; relative to the folder the estimator is started in
     store: str = "truerate.sqlite3"
+    #: the folder of its daily backups, best on another disk; when empty `backups` beside the store
+    backups: str = ""
     method: str = DEFAULT
     #: kind of device, one of configs/devices or the path of such a file; by device id for those that differ
     model: str = GENERIC

@@ -1,21 +1,25 @@
-"""A file that keeps what it was given or says that it cannot: SQLite whose rows are sealed. The only package with sqlite3."""
+"""The estimator's SQLite file: opened, checked, written, backed up and restored. The only package that imports sqlite3."""
 
-from estimator.database.database import Change, Database, Trim
-from estimator.database.errors import Busy, StoreError, Unavailable
+from estimator.database.backups import Backups, back_up, restore, set_asides
+from estimator.database.database import Database, Row
+from estimator.database.errors import Damaged, StoreError, Unavailable
 from estimator.database.inspection import Inspection, inspect
+from estimator.database.owner import owned
 from estimator.database.schema import APPLICATION_ID, SCHEMA_VERSION
-from estimator.database.seal import Row
 
 __all__ = [
     "APPLICATION_ID",
     "SCHEMA_VERSION",
-    "Busy",
-    "Change",
+    "Backups",
+    "Damaged",
     "Database",
     "Inspection",
     "Row",
     "StoreError",
-    "Trim",
     "Unavailable",
+    "back_up",
     "inspect",
+    "owned",
+    "restore",
+    "set_asides",
 ]

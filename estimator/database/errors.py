@@ -1,4 +1,15 @@
-"""What can be wrong with a store, in words for a person."""
+"""What can be wrong with a store, and which of it an SQLite error means."""
+
+import sqlite3
+
+from bridge import os_words
+
+#: to a person who names a file that is no store
+ADVICE = "`[estimator] store` in the ward's file says where it is: --config WARD.toml, or --store FILE"
+
+#: what reading or writing a store may raise; SQLite's words about a damaged schema may not even be text
+FAULTS = (sqlite3.Error, OSError, UnicodeDecodeError)
+_DAMAGED = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
 class StoreError(Exception):
@@ -6,8 +17,23 @@ class StoreError(Exception):
 
 
 class Unavailable(StoreError):
-    """Not now: the disk is full, read-only or failing, or the file is somebody else's lock. It may work again later."""
+    """The disk is full, read-only or failing, or another process holds the file: it may work again later."""
 
 
-class Busy(Unavailable):
-    """Somebody else writes to the file, or holds it, for longer than is waited."""
+class Damaged(StoreError):
+    """The file is a store, and its content is not what was written; `why` says what was found."""
+
+    def __init__(self, path: object, why: object) -> None:
+        super().__init__(f"store {path} is damaged: {why}; `truerate store restore` puts a backup in its place")
+        self.why = str(why)
+
+
+def translated(path: str, error: Exception) -> StoreError:
+    """The StoreError that an error of SQLite or of the system means."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the primary result code
+    if code in _DAMAGED or isinstance(error, UnicodeDecodeError):
+        return Damaged(path, error)
+    if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:
+        advice = "check that the folder exists, both are this user's to write, and the disk has room"
+        return Unavailable(f"store {path}: {os_words.said(error)}; {advice}")
+    return StoreError(f"store {path}: {error}")

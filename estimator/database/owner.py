@@ -17,17 +17,14 @@ log = logging.getLogger(__name__)
 def owned(path: str) -> Iterator[None]:
     """Have a store for as long as this lasts; raises StoreError where another process has it.
 
-    Where nothing may be written beside it nobody can tell; where somebody else's lock is there that is said.
+    Where nothing may be written beside it nobody can tell, which is said.
     """
     place = Path(f"{path}.lock")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         lock = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        with suppress(OSError):
-            place.stat()
-            words = "so nobody can tell whether another estimator has the store; chown it to the user who runs this one"
-            log.error("%s: %s, %s", place, os_words.why(error), words)
+        log.warning("%s: %s: whether another estimator has the store is not known", place, os_words.why(error))
         yield
         return
     try:

@@ -1,148 +1,96 @@
-"""The schema and how it came to be: numbered migrations, each from the one before, within one transaction.
+"""The tables of a store.
 
-A migration is never changed once it has been released. It speaks to any connection that has `execute`.
+Each table has an index over all its columns, which serves its queries and holds each value a second time: SQLite's
+integrity check compares the two, so a flipped bit in either is found. The version stands in the SQL, too: where tables are those
+of this version, a flipped bit in the header's version does no harm.
 """
 
-import hashlib
-from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+import sqlite3
+from contextlib import closing
+from functools import cache
 
-from estimator.database.seal import COLUMN, seal
+from estimator.database.errors import Damaged, StoreError
 
 APPLICATION_ID = 0x74725254  # "trRT", in the file's header
+#: 1 and 2 were never released
+SCHEMA_VERSION = 3
 
-
-class Connection(Protocol):
-    """As much of a connection as a migration needs."""
-
-    def execute(self, sql: str, parameters: tuple[Any, ...] = ..., /) -> Iterable[tuple[Any, ...]]:
-        """Do one statement; its rows."""
-
-
-_FIRST = """
-CREATE TABLE calibrations (
-    id TEXT PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, method TEXT NOT NULL,
-    verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL,
-    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL,
-    payload BLOB NOT NULL, digest TEXT NOT NULL
+SCHEMA = f"""
+CREATE TABLE calibrations ( -- schema {SCHEMA_VERSION}
+    number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
+    method TEXT NOT NULL, verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL, version TEXT NOT NULL,
+    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL, payload BLOB NOT NULL
 ) STRICT;
-CREATE INDEX calibrations_by_device ON calibrations (device, time_ns);
+CREATE INDEX calibrations_all ON calibrations (
+    device, number, id, boot, time_ns, method, verdict, reason, who, version, model, firmware, gyro_range, rate_hz, payload
+);
 CREATE TABLE boots (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, cause TEXT NOT NULL,
-    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL,
-    PRIMARY KEY (device, boot)
+    number INTEGER PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, cause TEXT NOT NULL,
+    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL, UNIQUE (device, boot)
 ) STRICT;
+CREATE INDEX boots_all ON boots (device, number, boot, time_ns, cause, model, firmware, gyro_range, rate_hz);
 CREATE TABLE bias (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, state TEXT NOT NULL, digest TEXT NOT NULL,
-    PRIMARY KEY (device, boot)
+    number INTEGER PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, state BLOB NOT NULL,
+    UNIQUE (device, boot)
 ) STRICT;
+CREATE INDEX bias_all ON bias (device, boot, time_ns, state);
 CREATE TABLE bias_history (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
+    number INTEGER PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
     x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, x_std REAL NOT NULL, y_std REAL NOT NULL, z_std REAL NOT NULL,
     temperature_c REAL
 ) STRICT;
-CREATE INDEX bias_history_by_device ON bias_history (device, time_ns);
+CREATE INDEX bias_history_all ON bias_history (
+    device, boot, time_ns, x, y, z, x_std, y_std, z_std, temperature_c
+);
 CREATE TABLE audit (
-    time_ns INTEGER NOT NULL, device TEXT NOT NULL, verb TEXT NOT NULL, request_id TEXT NOT NULL, who TEXT NOT NULL,
-    reason TEXT NOT NULL, accepted INTEGER NOT NULL, message TEXT NOT NULL
+    number INTEGER PRIMARY KEY, time_ns INTEGER NOT NULL, device TEXT NOT NULL, verb TEXT NOT NULL, request_id TEXT NOT NULL,
+    who TEXT NOT NULL, reason TEXT NOT NULL, accepted INTEGER NOT NULL, message TEXT NOT NULL
 ) STRICT;
-CREATE INDEX audit_by_request ON audit (request_id);
+CREATE INDEX audit_all ON audit (device, request_id, verb, time_ns, who, reason, accepted, message);
+CREATE TABLE epochs (number INTEGER PRIMARY KEY, epoch INTEGER NOT NULL) STRICT;
+CREATE INDEX epochs_all ON epochs (epoch);
 """
 
-# Whatever rows are looked up by is in an index beside the table: a flipped bit in either makes the two differ.
-_SEALED = """
-CREATE TABLE calibrations (
-    id TEXT PRIMARY KEY, device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, method TEXT NOT NULL,
-    verdict TEXT NOT NULL, reason TEXT NOT NULL, who TEXT NOT NULL, version TEXT,
-    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL,
-    payload BLOB NOT NULL, digest BLOB NOT NULL
-) STRICT;
-CREATE INDEX calibrations_by_device ON calibrations (device, time_ns);
-CREATE TABLE boots (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, cause TEXT NOT NULL,
-    model TEXT NOT NULL, firmware TEXT NOT NULL, gyro_range REAL NOT NULL, rate_hz REAL NOT NULL, digest BLOB NOT NULL,
-    PRIMARY KEY (device, boot)
-) STRICT;
-CREATE TABLE bias (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL, state TEXT NOT NULL, digest BLOB NOT NULL,
-    PRIMARY KEY (device, boot)
-) STRICT;
-CREATE TABLE bias_history (
-    device TEXT NOT NULL, boot TEXT NOT NULL, time_ns INTEGER NOT NULL,
-    x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL, x_std REAL NOT NULL, y_std REAL NOT NULL, z_std REAL NOT NULL,
-    temperature_c REAL, digest BLOB NOT NULL
-) STRICT;
-CREATE INDEX bias_history_by_boot ON bias_history (device, boot, time_ns);
-CREATE TABLE audit (
-    time_ns INTEGER NOT NULL, device TEXT NOT NULL, verb TEXT NOT NULL, request_id TEXT NOT NULL, who TEXT NOT NULL,
-    reason TEXT NOT NULL, accepted INTEGER NOT NULL, message TEXT NOT NULL, digest BLOB NOT NULL
-) STRICT;
-CREATE INDEX audit_by_request ON audit (request_id);
-CREATE INDEX audit_by_device ON audit (device, time_ns);
-"""
-
-TABLES = ("calibrations", "boots", "bias", "bias_history", "audit")
+TABLES = ("calibrations", "boots", "bias", "bias_history", "audit", "epochs")
+_MARKS = f"PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {SCHEMA_VERSION};"
 
 
-def columns(db: Connection, table: str) -> dict[str, str]:
-    """The type of each column, by name, in order."""
-    return {name: kind for _, name, kind, *_ in db.execute(f"PRAGMA table_info({table})")}
+def create(db: sqlite3.Connection) -> None:
+    """Make an empty database a store, all or nothing."""
+    db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {_MARKS} COMMIT;")
 
 
-def _first(db: Connection) -> None:
-    _run(db, _FIRST)
+def check(db: sqlite3.Connection, path: object) -> None:
+    """Raise StoreError where it is not a store of this schema, Damaged where not all of it is as it was written."""
+    version, application = (_pragma(db, name) for name in ("user_version", "application_id"))
+    found = _described(db)
+    if not found:
+        raise Damaged(path, "there are no tables in it")
+    if found != _expected():
+        if application != APPLICATION_ID:
+            raise StoreError(f"store {path} is another program's SQLite file: give the store a path of its own")
+        if version != SCHEMA_VERSION:
+            raise StoreError(
+                f"store {path} has schema {version}, this truerate reads schema {SCHEMA_VERSION}: use the truerate that"
+                f" wrote it, or give the store another path"
+            )
+        raise Damaged(path, f"its tables are not those of schema {SCHEMA_VERSION}")
+    for (words,) in db.execute("PRAGMA integrity_check(1)"):
+        if words != "ok":
+            raise Damaged(path, str(words).removeprefix("*** in database main ***").strip())
 
 
-def _seal_everything(db: Connection) -> None:
-    """Schema 2: every row has a seal. A row whose old digest was wrong gets none, and stays refused."""
-    for index in ("calibrations_by_device", "bias_history_by_device", "audit_by_request"):
-        db.execute(f"DROP INDEX {index}")
-    for table in TABLES:
-        db.execute(f"ALTER TABLE {table} RENAME TO old_{table}")
-    _run(db, _SEALED)
-    for table in TABLES:
-        names = list(columns(db, f"old_{table}"))
-        for values in list(db.execute(f"SELECT {', '.join(names)} FROM old_{table} ORDER BY rowid")):  # noqa: S608 - our own words
-            row = dict(zip(names, values, strict=True))
-            before = row.pop(COLUMN, None)
-            content = row.get("payload", row.get("state"))
-            whole = before is None or before == _old_digest(content)
-            row[COLUMN] = seal(table, row) if whole else b""
-            places = ", ".join("?" * len(row))
-            db.execute(f"INSERT INTO {table} ({', '.join(row)}) VALUES ({places})", tuple(row.values()))  # noqa: S608 - our own words
-        db.execute(f"DROP TABLE old_{table}")
+def _pragma(db: sqlite3.Connection, name: str) -> int:
+    return int(db.execute(f"PRAGMA {name}").fetchone()[0])
 
 
-def _old_digest(content: object) -> str:
-    return hashlib.sha256(content if isinstance(content, bytes) else str(content).encode()).hexdigest()
+def _described(db: sqlite3.Connection) -> set[tuple[str, ...]]:
+    """Everything a database consists of: kind, name and the SQL that made it."""
+    return {tuple(map(str, row)) for row in db.execute("SELECT type, name, sql FROM sqlite_schema")}
 
 
-def _run(db: Connection, script: str) -> None:
-    for statement in filter(str.strip, script.split(";")):
-        db.execute(statement.strip())
-
-
-MIGRATIONS: tuple[Callable[[Connection], None], ...] = (_first, _seal_everything)
-SCHEMA_VERSION = len(MIGRATIONS)
-#: from this schema on every row has a seal
-SEALED_FROM = 2
-
-
-def build(db: Connection, version: int) -> None:
-    """Make an empty database one of that schema."""
-    for migrate in MIGRATIONS[:version]:
-        migrate(db)
-    mark(db, version)
-
-
-def mark(db: Connection, version: int) -> None:
-    """Write into the file's header what it is."""
-    db.execute(f"PRAGMA user_version = {version}")
-    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-
-
-def described(db: Connection) -> frozenset[tuple[str, str, str | None]]:
-    """Everything a database consists of: kind, name and the words that made it, blanks aside."""
-    found = db.execute("SELECT type, name, sql FROM sqlite_master")
-    # Of a damaged file any of these may be of any type.
-    return frozenset((str(kind), str(name), sql and " ".join(str(sql).split())) for kind, name, sql in found)
+@cache
+def _expected() -> set[tuple[str, ...]]:
+    with closing(sqlite3.connect(":memory:")) as db:
+        create(db)
+        return _described(db)

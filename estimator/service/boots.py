@@ -34,7 +34,7 @@ class Boots:
         session.info = info = info if info is not None and info.boot == batch.boot else None
         remembered, scratch = self._record.recall(device, batch.boot), ""
         if info is not None:
-            self._record.boot(session, info)
+            self._record.boot(info)
             if remembered is not None and remembered.calibration is not None:
                 scratch = changed(remembered.calibration, info, within_boot=True)
             if scratch:
@@ -44,7 +44,7 @@ class Boots:
                 scratch = scratch if prior is None else ""
                 remembered = _with(remembered, prior)
                 if prior is None:
-                    scratch = scratch or self._record.earlier.scratch(session, info)
+                    scratch = scratch or self._record.earlier.scratch(info)
         outcome = session.begin_boot(batch.boot, batch.first_s, remembered if same else None, None, batch.celsius)
         if not same:
             session.count_event("boot number repeated")
@@ -60,7 +60,7 @@ class Boots:
     def _before(self, name: str, boot: int) -> list[int] | None:
         """Boots before this one, None while they cannot be read; a cache may begin with the end of an earlier boot."""
         device = self._devices.get(name)
-        kept = None if device is None else self._record.earlier.past(device.session, name)
+        kept = None if device is None else self._record.earlier.past(name)
         return kept[: kept.index(boot)] if kept is not None and boot in kept else kept
 
     def introduced(self, device: Device, info: DeviceInfo, before: DeviceInfo | None) -> Outcome | None:
@@ -69,7 +69,7 @@ class Boots:
         session.info = info
         if before is not None and before.boot == info.boot and restore_key(before) == restore_key(info):
             return None
-        self._record.boot(session, info)
+        self._record.boot(info)
         outcome = Outcome()
         used = session.calibration or session.prior
         scratch = "" if used is None else changed(used, info, within_boot=True)
@@ -80,7 +80,7 @@ class Boots:
                 session.learnt.scratch = scratch = ""
                 session.believe(prior)
             else:
-                scratch = scratch or self._record.earlier.scratch(session, info)
+                scratch = scratch or self._record.earlier.scratch(info)
         if scratch:
             outcome.said += [words for words in self._from_scratch(device, info, scratch) if words not in outcome.said]
             outcome.changed = True
@@ -100,7 +100,7 @@ class Boots:
 
     def _from_scratch(self, device: Device, info: DeviceInfo, why: str) -> list[str]:
         device.session.learnt.scratch = why
-        self._record.started_over(device.session, info, why)
+        self._record.started_over(info, why)
         return [why]
 
 

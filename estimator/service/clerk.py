@@ -1,6 +1,6 @@
-"""Who writes to the store: at once, or on a thread of its own, so that a disk that takes its time delays no sample.
+"""The thread that writes to the store, so that a slow disk delays no sample, and one that reads what takes long.
 
-What takes long to be read and thought about has another one, so that no write waits for it.
+Writes are done in the order in which they are given. Where the disk fails they wait and are tried again.
 """
 
 import logging
@@ -8,163 +8,143 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, Protocol
+from itertools import islice
 
-from estimator.database import Busy, Database, StoreError
+from estimator.database import Damaged, Database, StoreError, Unavailable
 
 log = logging.getLogger(__name__)
 
-#: so many writes may wait for the disk; what comes then is not kept
+#: most writes that wait for the disk; further ones are refused
 MOST = 10_000
-#: so many are one transaction
+#: most writes in one transaction
 TOGETHER = 500
-#: how long what need not be written soon waits for more, s: to wait for the disk costs as much for one as for hundreds
+#: how long a write that is not urgent waits for others, s: a transaction costs the disk as much for one as for hundreds
 GATHER_S = 0.25
-#: how long the last writes are waited for, s
+#: how long after a failure of the disk it is tried again, s
+RETRY_S = 5.0
+#: how long the last writes are waited for at the end, s
 PATIENCE_S = 10.0
 
 Write = Callable[[], None]
-#: told why it failed, or None
+#: called with the error, or with None after the commit
 Done = Callable[[StoreError | None], None]
 
 
-class Writes(Protocol):
-    """Where Record leaves what is to be written."""
-
-    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
-        """Write, now, soon, or when there is more; done is called on the caller's own thread, at once or in `collect`."""
-
-    def hear(self, held_up: Done) -> None:
-        """Whom to tell why what waits cannot be written yet; in `collect`."""
-
-    def look_up(self, read: Write, done: Done) -> None:
-        """The same of what only reads and takes its time; none when it is over before."""
-
-    def collect(self) -> None:
-        """Call what waits to be called."""
-
-    def close(self) -> None:
-        """Write what waits."""
-
-
-class Inline:
-    """Writes at once."""
-
-    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:  # noqa: ARG002
-        """See Writes."""
-        done(_tried(write))
-
-    def hear(self, held_up: Done) -> None:
-        """See Writes."""
-
-    def look_up(self, read: Write, done: Done) -> None:
-        """See Writes."""
-        done(_tried(read))
-
-    def collect(self) -> None:
-        """See Writes."""
-
-    def close(self) -> None:
-        """See Writes."""
-
-
-class _Waiting(NamedTuple):
-    write: Write
-    done: Done
-
-
 class Clerk:
-    """Writes on its own thread, as much at once as waits; in order. Until close, only it writes to the database."""
+    """Writes to a database until it is closed.
 
-    def __init__(self, database: Database) -> None:
+    thread: whether on a thread of its own; else within `do`, and what failed again within `collect`.
+    """
+
+    def __init__(self, database: Database, *, thread: bool = True) -> None:
         self._database = database
-        self._waiting: deque[_Waiting] = deque()
-        self._written: deque[tuple[Done, StoreError | None]] = deque()
+        self._waiting: deque[tuple[Write, Done]] = deque()
+        self._finished: deque[tuple[Done, StoreError | None]] = deque()
         self._more = threading.Condition()
-        self._hurry = self._over = False
-        self._held_up: Done = lambda _: None
-        self._reader = ThreadPoolExecutor(1, "reader")
-        self._thread = threading.Thread(target=self._run, name="clerk", daemon=True)
-        self._thread.start()
+        self._urgent = self._closing = False
+        self._threads = None if not thread else ThreadPoolExecutor(1, "store-reader")
+        self._writer = threading.Thread(target=self._run, name="store-writer", daemon=True)
+        if thread:
+            self._writer.start()
 
-    def do(self, write: Write, done: Done, *, soon: bool = True) -> None:
-        """See Writes."""
+    @property
+    def idle(self) -> bool:
+        """Whether no write waits."""
+        return not self._waiting
+
+    def do(self, write: Write, done: Done = lambda _: None, *, soon: bool = True) -> None:
+        """Write, at once or together with others; `done` is called in `collect`, once it is on disk or cannot ever be."""
         with self._more:
-            full = self._over or len(self._waiting) >= MOST
-            if not full:
-                self._hurry |= soon
-                self._waiting.append(_Waiting(write, done))
-                if self._hurry or len(self._waiting) in {1, TOGETHER}:  # else nobody waits for it
-                    self._more.notify()
-        if full:
-            done(StoreError(f"store {self._database.path}: the disk is too slow, {MOST} writes wait for it"))
+            refused = self._closing or len(self._waiting) >= MOST
+            if not refused:
+                self._waiting.append((write, done))
+                self._urgent |= soon
+                self._more.notify()
+        if refused:
+            done(StoreError(f"store {self._database.path}: {MOST} writes wait for the disk; this one is not kept"))
+        elif self._threads is None:
+            self._write_all()
+            self.collect()
 
-    def hear(self, held_up: Done) -> None:
-        """See Writes."""
-        self._held_up = held_up
-
-    def look_up(self, read: Write, done: Done) -> None:
-        """See Writes."""
-        if not self._over:
-            self._reader.submit(lambda: self._written.append((done, _tried(read))))
+    def look_up(self, read: Write, done: Done = lambda _: None) -> None:
+        """Read on another thread; `done` is called in `collect`."""
+        if self._threads is not None and not self._closing:
+            self._threads.submit(lambda: self._finished.append((done, _looked_up(read))))
+        elif self._threads is None:
+            done(_looked_up(read))
 
     def collect(self) -> None:
-        """See Writes."""
-        while self._written:
-            done, error = self._written.popleft()
+        """Call each `done` that is due, on the caller's thread."""
+        if self._threads is None and self._waiting:
+            self._write_all()
+        while self._finished:
+            done, error = self._finished.popleft()
             done(error)
 
     def close(self) -> None:
-        """Write what waits, for as long as anybody may wait for it, and end."""
+        """Write what waits, for as long as anybody would wait for it, and end."""
         with self._more:
-            self._over = True
+            self._closing = True
             self._more.notify()
-        self._reader.shutdown(wait=False, cancel_futures=True)
-        self._thread.join(PATIENCE_S)
-        if self._thread.is_alive():
-            log.error("store %s: the disk does not answer; the last writes are lost", self._database.path)
+        if self._threads is None:
+            self._write_all()
+        else:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            self._writer.join(PATIENCE_S)
+        if self._waiting:
+            log.error("store %s: the disk fails or does not answer; the last writes are lost", self._database.path)
+            lost = StoreError(f"store {self._database.path}: the disk fails or does not answer")
+            self._finished += [(done, lost) for _, done in self._waiting]
         self.collect()
 
     def _run(self) -> None:
         while True:
             with self._more:
-                self._more.wait_for(lambda: self._waiting or self._over)
-                self._more.wait_for(lambda: self._hurry or self._over or len(self._waiting) >= TOGETHER, GATHER_S)
-                part = [self._waiting.popleft() for _ in range(min(TOGETHER, len(self._waiting)))]
-                self._hurry &= bool(self._waiting)
-            if not part:
+                self._more.wait_for(lambda: self._waiting or self._closing)
+                self._more.wait_for(
+                    lambda: self._urgent or self._closing or len(self._waiting) >= TOGETHER, timeout=GATHER_S
+                )
+                self._urgent = False
+            wrote = self._write_all()
+            if self._closing and not (wrote and self._waiting):
                 return
-            errors = self._errors(part)
-            if isinstance(errors, Busy):  # each by itself would wait for whoever has it as long again
+            if not wrote:
                 with self._more:
-                    self._waiting.extendleft(reversed(part))
-                    self._hurry = True
-                self._written.append((self._held_up, errors))
-            else:
-                self._written += zip((one.done for one in part), errors, strict=True)
+                    self._more.wait_for(lambda: self._closing, timeout=RETRY_S)
 
-    def _errors(self, part: list[_Waiting]) -> list[StoreError | None] | Busy:
-        """What became of each; Busy where another has the file and there is time to wait for it."""
-
-        def all_of_it() -> None:
-            with self._database.together():
-                for one in part:
-                    one.write()
-
-        error = _tried(all_of_it)
-        if isinstance(error, Busy) and not self._over:
-            return error
-        if error is None or isinstance(error, Busy):
-            return [error] * len(part)
-        return [_tried(one.write) for one in part]  # one that cannot be written must not keep the others from it
+    def _write_all(self) -> bool:
+        """Write what waits, a part at a time; whether the disk let us."""
+        while self._waiting:
+            with self._more:
+                part = list(islice(self._waiting, TOGETHER))
+            try:
+                with self._database.transaction():
+                    errors = [_tried(write) for write, _ in part]
+            except StoreError:
+                return False
+            for (_, done), error in zip(part, errors, strict=True):
+                self._waiting.popleft()
+                self._finished.append((done, error))
+        return True
 
 
-def _tried(write: Write) -> StoreError | None:
+def _tried(work: Write) -> StoreError | None:
+    """Why it failed by itself; what concerns the whole store is raised."""
     try:
-        write()
+        work()
+    except (Damaged, Unavailable):
+        raise
     except StoreError as error:
+        log.error("%s", error)
         return error
     except Exception as error:
         log.exception("a write to the store failed")
         return StoreError(f"a write to the store failed: {error!r}")
     return None
+
+
+def _looked_up(read: Write) -> StoreError | None:
+    try:
+        return _tried(read)
+    except StoreError as error:
+        return error

@@ -2,13 +2,12 @@
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 from bridge.bus.contract import Bus, Publisher
 from bridge.wire import codec, keys
-from bridge.wire.messages import BiasRevision, Calibration, Checkpoint, Note, Status, WindowBatch
+from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowBatch
 from bridge.wire.refusal import Reason
 from estimator.device.admission import Admission
 from estimator.device.correct import Cut, Rates
@@ -28,8 +27,6 @@ ANNOUNCED_AT = 5
 FIRST_CHECKPOINT_S = 1.0
 #: of who said nothing for longer it is told how old what is known is now, s
 SILENT_S = 2.0
-#: calibrations that wait for a store that works again
-UNSAVED = 8
 
 
 class Device:
@@ -56,10 +53,6 @@ class Device:
         self.heard = now
         #: when it is to be kept how far it is: soon, or who is killed again and again had ever more to do again, but not at first
         self.checkpoint_due, self.recorded = now + FIRST_CHECKPOINT_S, 0.0
-        #: when its bias history was looked through last; boots still to be thinned, from when on
-        self.thinned = float("-inf")
-        self.to_thin: deque[tuple[str, int]] = deque()
-        self.unsaved: list[Calibration] = []
         #: calibrations, encoded, that are said once they are kept; until then all that names them waits
         self._unsaid: dict[str, bytes] = {}
         self._held: list[bytes] = []
@@ -95,7 +88,7 @@ class Device:
     @property
     def worthless(self) -> bool:
         """Whether nothing would be lost with it."""
-        return self.session.calibration is None and self.session.prior is None and not self.unsaved
+        return self.session.calibration is None and self.session.prior is None
 
     def say_corrected(self, cut: Cut, rates: Rates) -> None:
         """Publish what was due, or keep the first few until it is clear that there is a device."""

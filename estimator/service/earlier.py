@@ -9,7 +9,7 @@ import numpy as np
 from bridge.wire.messages import Calibration, DeviceInfo
 from estimator.gyro import repeatability
 from estimator.restore import changed, differing, restore_key
-from estimator.service.clerk import Writes
+from estimator.service.clerk import Clerk
 from estimator.service.device import Device
 from estimator.service.replicas import Replicas
 from estimator.service.store import Store, StoreError
@@ -28,30 +28,29 @@ AHEAD_S = 60.0
 
 
 class Earlier:
-    """What is looked up of a device's earlier boots; where the store fails that is said to `failed`, and nothing is known."""
+    """What is looked up of a device's earlier boots.
+
+    pending: calibrations of a device that are not on disk yet.
+    """
 
     def __init__(
         self,
         store: Store,
         replicas: Replicas,
-        clerk: Writes,
+        clerk: Clerk,
         now_ns: Callable[[], int],
-        failed: Callable[[DeviceSession, StoreError], None],
+        pending: Callable[[str], list[Calibration]],
     ) -> None:
         self._store, self._replicas, self._clerk = store, replicas, clerk
-        self._now_ns, self._failed = now_ns, failed
+        self._now_ns, self._pending = now_ns, pending
 
     def prior(self, device: Device, info: DeviceInfo) -> Calibration | None:
-        """The last calibration of the same hardware in an earlier boot, saved or not."""
-        for unsaved in reversed(device.unsaved):
-            if unsaved.boot != info.boot and not differing(restore_key(unsaved), info):
-                return unsaved
-        said, kept, now_ns = self._replicas.prior(info), None, self._now_ns()
-        try:
-            kept = self._store.prior(info)
-        except StoreError as error:
-            self._failed(device.session, error)
-        found = [c for c in (said, kept) if c is not None]
+        """The last calibration of the same hardware in an earlier boot, on disk or not yet."""
+        for pending in reversed(self._pending(device.name)):
+            if pending.boot != info.boot and not differing(restore_key(pending), info):
+                return pending
+        now_ns = self._now_ns()
+        found = [c for c in (self._replicas.prior(info), self._store.prior(info)) if c is not None]
         return self._dated(device, max(found, key=lambda c: (c.time_ns <= now_ns, c.time_ns), default=None))
 
     def _dated(self, device: Device, c: Calibration | None) -> Calibration | None:
@@ -62,19 +61,15 @@ class Earlier:
             log.warning(f"%s: {words}", device.name, c.id, ahead_s / 86400)
         return c
 
-    def scratch(self, session: DeviceSession, info: DeviceInfo) -> str:
+    def scratch(self, info: DeviceInfo) -> str:
         """Why no calibration of this device holds, in words for a person; empty where there is none."""
-        try:
-            latest = self._store.latest(info.device)
-        except StoreError as error:
-            self._failed(session, error)
-            return ""
+        latest = self._store.latest(info.device)
         return "" if latest is None else changed(latest, info, within_boot=latest.boot == info.boot)
 
     def law(self, session: DeviceSession, info: DeviceInfo, then: Callable[[TemperatureLaw], None]) -> None:
         """What the same hardware taught of temperature in earlier boots, if anything; it takes as long as many samples do."""
         knobs = session.knobs.track.bias
-        self._look_up(session, lambda: learn(self._store.points(info), knobs), then)
+        self._look_up(lambda: learn(self._store.points(info), knobs), then)
 
     def moves(self, session: DeviceSession, info: DeviceInfo, then: Callable[[float], None]) -> None:
         """How far the scale of the same hardware moved from boot to boot, as far as that is known here."""
@@ -82,24 +77,19 @@ class Earlier:
         def moved() -> float:
             return repeatability([np.diag(c.matrix) for c in self._store.earlier(info)], session.knobs.prior)
 
-        self._look_up(session, moved, then)
+        self._look_up(moved, then)
 
-    def _look_up(self, session: DeviceSession, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
+    def _look_up(self, what: Callable[[], _T | None], then: Callable[[_T], None]) -> None:
         found = list[_T | None]()
 
-        def looked_up(error: StoreError | None) -> None:
-            if error is not None:
-                self._failed(session, error)
+        def looked_up(_: StoreError | None) -> None:
             for one in found:
                 if one is not None:
                     then(one)
 
         self._clerk.look_up(lambda: found.append(what()), looked_up)
 
-    def past(self, session: DeviceSession, device: str) -> list[int] | None:
+    def past(self, device: str) -> list[int] | None:
         """Boots of a device that were heard before this estimator was started, oldest first; None where they cannot be read."""
-        try:
-            return self._store.boots(device, BOOTS_KNOWN)
-        except StoreError as error:
-            self._failed(session, error)
-            return None
+        boots = self._store.boots(device, BOOTS_KNOWN)
+        return None if self._store.database.trouble and not boots else boots

@@ -1,46 +1,56 @@
-"""How long boots and the points of a bias history are kept, and how densely. Pure.
+"""What of a device's past is forgotten, and when. The SQL of it; `Store.thin` executes it.
 
-A point a minute is some 500,000 a year and device; so are the boots of a device that starts anew every minute. What a temperature
-law is learnt from is never thinned.
+A point of bias history a minute is some 500,000 a year and device; a device that reboots every minute makes as many boots.
 """
 
-from collections.abc import Sequence
+# ruff: noqa: S608 - our own words
 
+#: boots, and points of each from its first on, that a temperature law is learnt from
+BOOTS, POINTS = 8, 300
 HOUR_NS, DAY_NS = 3600 * 10**9, 86400 * 10**9
-#: from so old on, the last one of so long is kept; after the last, none
-STEPS_NS = ((7 * DAY_NS, HOUR_NS), (90 * DAY_NS, DAY_NS))
-YEAR_NS = 365 * DAY_NS
-END_NS = 5 * YEAR_NS
-#: so many boots of a device are all kept, the latest; of those before, as of points that are a week old
-RECENT_BOOTS = 100
-#: as many days are all kept
-ALL_DAYS = STEPS_NS[0][0] // DAY_NS
+#: a point of bias history that is older is kept only if it is the last of its hour; older still, the last of its day
+ALL_NS, HOURLY_NS = 7 * DAY_NS, 90 * DAY_NS
+#: the newest boots of a device are kept, and lines of its audit
+KEPT_BOOTS, KEPT_AUDIT = 1000, 10_000
 
+#: boots that a law may be learnt from; one more than it takes, for the present boot has no part in it
+_TEACHING = f"""
+SELECT boot FROM (
+    SELECT boot, row_number() OVER (PARTITION BY model, firmware, gyro_range ORDER BY number DESC) AS nth
+    FROM boots WHERE device = :device
+) WHERE nth <= {BOOTS + 1}
+"""
+_CALIBRATED = "SELECT boot FROM calibrations WHERE device = :device"
+_KNOWN = "SELECT boot FROM boots WHERE device = :device"
 
-def superfluous(times_ns: Sequence[int], now_ns: int, spared: int = 0) -> list[int]:
-    """Which of one boot's points, rising in time, need not be kept: their places. The first `spared` are, as is the last."""
-    buckets = [_bucket(time_ns, now_ns) for time_ns in times_ns]
-
-    def surpassed(i: int) -> bool:
-        return i + 1 < len(buckets) and buckets[i] == buckets[i + 1] and times_ns[i] < times_ns[i + 1]
-
-    return [
-        i
-        for i, time_ns in enumerate(times_ns)
-        if i >= spared and (now_ns - time_ns > END_NS or (buckets[i] is not None and surpassed(i)))
-    ]
-
-
-def old_boots(times_ns: Sequence[int], now_ns: int) -> list[int]:
-    """Which boots of a device, begun at these rising times, need not be kept: their places."""
-    old = times_ns[:-RECENT_BOOTS]
-    aged = [_bucket(time_ns, max(now_ns, time_ns + STEPS_NS[0][0] + 1)) for time_ns in old]
-    return [
-        i for i, time_ns in enumerate(old) if now_ns - time_ns > END_NS or (i + 1 < len(old) and aged[i] == aged[i + 1])
-    ]
-
-
-def _bucket(time_ns: int, now_ns: int) -> tuple[int, int] | None:
-    """Of which only the last is kept; None: every one is."""
-    widths = [width for age_ns, width in STEPS_NS if now_ns - time_ns > age_ns]
-    return (widths[-1], time_ns // widths[-1]) if widths else None
+#: statements for one `device` at `now_ns`
+THIN = (
+    f"""
+    DELETE FROM bias_history WHERE number IN (
+        SELECT number FROM (
+            SELECT number, boot, time_ns, row_number() OVER of_boot AS nth, lead(time_ns) OVER of_boot AS next_ns,
+                CASE WHEN time_ns < :now_ns - {HOURLY_NS} THEN {DAY_NS} ELSE {HOUR_NS} END AS width
+            FROM bias_history WHERE device = :device WINDOW of_boot AS (PARTITION BY boot ORDER BY time_ns)
+        )
+        WHERE time_ns < :now_ns - {ALL_NS} AND next_ns / width = time_ns / width
+            AND (nth > {POINTS} OR boot NOT IN ({_TEACHING}))
+    )
+    """,
+    f"""
+    DELETE FROM boots WHERE device = :device AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_TEACHING}) AND boot NOT IN (
+        SELECT boot FROM boots WHERE device = :device ORDER BY number DESC LIMIT {KEPT_BOOTS}
+    )
+    """,
+    *(
+        f"""
+        DELETE FROM {table} WHERE device = :device AND time_ns < :now_ns - {ALL_NS}
+            AND boot NOT IN ({_CALIBRATED}) AND boot NOT IN ({_KNOWN})
+        """
+        for table in ("bias", "bias_history")
+    ),
+    f"""
+    DELETE FROM audit WHERE device = :device AND number <= (
+        SELECT number FROM audit WHERE device = :device ORDER BY number DESC LIMIT 1 OFFSET {KEPT_AUDIT}
+    )
+    """,
+)

@@ -21,7 +21,7 @@ from estimator.lifecycle import Event
 from estimator.outcome import Outcome
 from estimator.restore import changed
 from estimator.service.boots import Boots
-from estimator.service.clerk import Writes
+from estimator.service.clerk import Clerk
 from estimator.service.cluster import Cluster
 from estimator.service.commands import Commands
 from estimator.service.device import Device
@@ -73,7 +73,7 @@ class Service:
         store: Store,
         now_ns: Callable[[], int] = time.time_ns,
         vitals: Vitals | None = None,
-        clerk: Writes | None = None,
+        clerk: Clerk | None = None,
         enrolment: Enrolment | None = None,
         peers: Collection[str] = (),
         tend: Callable[[int], None] = lambda _: None,

@@ -12,7 +12,7 @@ from bridge.wire.messages import CommandReply, DeviceInfo, SampleBatch, Status
 from estimator.client import Client, Corrected
 from estimator.config import Estimator
 from estimator.database import Database
-from estimator.service.clerk import Writes
+from estimator.service.clerk import Clerk
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from tests.estimator.stream import NAME
@@ -36,8 +36,8 @@ class Ward:
         self.status: Subscription = MemoryBus(self.broker).subscribe(keys.pattern(WARD, "status"))
         self.start()
 
-    def start(self, clerk: Callable[[Database], Writes | None] = lambda _: None) -> None:
-        self.store = Store(self.path)
+    def start(self, clerk: Callable[[Database], Clerk | None] = lambda _: None) -> None:
+        self.store = Store(self.path, patient=True)
         self._buses = MemoryBus(self.broker), MemoryBus(self.broker)
         writes = clerk(self.store.database)
         self.service = Service(WARD, SETTINGS, *self._buses, self.store, now_ns=lambda: self.now_ns, clerk=writes)

@@ -76,6 +76,7 @@ def test_a_store_that_an_estimator_could_not_use_is_found_before_it_is_started(
         whole = store.read_bytes()
         db = sqlite3.connect(store)
         db.execute("PRAGMA user_version = 99")
+        db.execute("ALTER TABLE boots ADD COLUMN note TEXT")
         db.close()
         level, said = look(capsys, str(config))[1]["store"]
         assert (level, "has schema 99" in said) == ("trouble", True)

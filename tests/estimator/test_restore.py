@@ -10,11 +10,11 @@ import pytest
 from bridge.sim.motion import Still
 from bridge.wire.messages import Calibration, Quality, SampleBatch, State
 from estimator import history
-from estimator.database import StoreError
 from estimator.remembered import Remembered
 from estimator.restore import changed
 from estimator.service.record import SCRATCH
 from estimator.session import DeviceSession
+from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, calibration, feed, info
 
@@ -130,15 +130,11 @@ def test_a_power_up_under_the_same_boot_number_is_not_good_after_a_restart_eithe
 def test_that_a_boot_number_came_again_is_kept_once_the_store_works(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(_: object) -> None:
-        raise StoreError("full")
-
-    now, database = [1000.0], ward.store.database
+    now = [1000.0]
     monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
     ward.send(once.batches(), info(1))
     again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
-    with monkeypatch.context() as broken:
-        broken.setattr(database, "_must_write", full)
+    with full_disk():
         for batch in again[:70]:
             ward.send([batch])
             now[0] += 0.1
@@ -158,15 +154,11 @@ def test_that_a_boot_number_came_again_is_kept_once_the_store_works(
 def test_a_calibration_made_while_it_could_not_be_kept_that_a_boot_number_came_again_holds(
     ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(_: object) -> None:
-        raise StoreError("full")
-
     now = [1000.0]
     monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: now[0])
     ward.send(once.batches(), info(1))
     again = an_hour_later(calibration(seed=2, before_s=20.0).batches())
-    with monkeypatch.context() as broken:
-        broken.setattr(ward.store.database, "_must_write", full)
+    with full_disk():
         for batch in again:
             ward.send([batch])
             now[0] += 0.1

@@ -15,8 +15,9 @@ from estimator import history
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
-from estimator.service.store import StoreError
+from estimator.service.overload import UNKEPT
 from estimator.session import DeviceSession
+from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
 from tests.estimator.test_revision import revision
@@ -126,22 +127,17 @@ def test_restarted_when_the_clock_was_set_back_its_rates_are_listened_to_at_once
 
 
 def test_a_store_that_fails_is_counted_and_gone_on_without(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ward: Ward, once: Stream, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise StoreError("the disk is full")
-
-    for name in ("write", "rows", "probe"):
-        monkeypatch.setattr(ward.store.database, name, fails)
-    ward.send(once.batches(), info(1))
-    assert list(ward.subscriber)[-1].quality is Quality.GOOD
-    status = ward.latest()
-    assert status.events["store failed"] >= 2
-    assert ward.service.counts.as_dict()["store failed"] >= 2
-    assert caplog.text.count("goes on from memory") == 1, "the first is told aloud, the others counted"
-    reply = ward.command(lambda: ward.client.recalibrate(NAME, "nurse"))
-    assert reply.accepted
-    assert "the disk is full" in caplog.text
+    with full_disk():
+        ward.send(once.batches(), info(1))
+        assert list(ward.subscriber)[-1].quality is Quality.GOOD
+        assert ward.latest().events[UNKEPT] == 1
+        assert ward.service.counts.as_dict()["store failed"] >= 2
+        assert caplog.text.count("goes on from memory") == 1, "the first is told aloud, the others counted"
+        assert ward.command(lambda: ward.client.recalibrate(NAME, "nurse")).accepted
+    ward.settle()
+    assert ward.store.calibrations(NAME)
 
 
 def test_a_refused_calibration_is_published_but_not_kept(ward: Ward, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,4 @@
-import sqlite3
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +7,7 @@ import pytest
 
 from bridge.wire.messages import Calibration, Verdict
 from estimator import history
-from estimator.database import APPLICATION_ID, SCHEMA_VERSION
-from estimator.database.database import RETRY_S
-from estimator.service import store as service_store
-from estimator.service.store import REPEATED, Store, StoreError
+from estimator.service.store import REPEATED, Store
 from estimator.track.bias_filter import BiasState
 from tests.estimator.stream import NAME, info
 from tests.estimator.test_correction import CALIBRATION
@@ -37,30 +32,12 @@ def store(tmp_path: Path) -> Iterator[Store]:
     opened.close()
 
 
-def sql(store: Store, statement: str) -> list[tuple[object, ...]]:
-    other = sqlite3.connect(store.path)
-    try:
-        with other:
-            return other.execute(statement).fetchall()
-    finally:
-        other.close()
-
-
 def same(a: Calibration | None, b: Calibration) -> bool:
     return (
         a is not None
         and (a.id, a.device, a.boot, a.verdict, a.parameters) == (b.id, b.device, b.boot, b.verdict, b.parameters)
         and all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("matrix", "bias", "covariance"))
     )
-
-
-def test_the_highest_epoch_is_kept_and_no_device_is_made_of_it(store: Store) -> None:
-    assert store.epoch() == 0
-    for epoch, time_ns in ((7, AHEAD_NS), (2**50, 5)):
-        store.save_epoch(epoch, time_ns)
-        assert store.epoch() == epoch
-    assert store.reached(0) == {}
-    assert history.devices(store) == []
 
 
 def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
@@ -111,7 +88,7 @@ def test_nothing_of_before_is_of_a_boot_whose_number_came_again(store: Store, la
     """Whatever clocks say; what was not kept yet is named."""
     unsaved, new = replace(GOOD, id="unsaved"), replace(GOOD, id="new", time_ns=max(0, GOOD.time_ns + later_ns))
     store.add_calibration(GOOD)
-    with store.database.together():
+    with store.database.transaction():
         store.save_bias(NAME, 1, 5, BIAS, history=False, reached=(1000, 5))
         store.repeat(NAME, 1, 6, [unsaved.id])
     store.add_calibration(unsaved)
@@ -123,38 +100,6 @@ def test_nothing_of_before_is_of_a_boot_whose_number_came_again(store: Store, la
     remembered = store.recall(NAME, 1, 0)
     assert remembered is not None
     assert remembered.bias is None
-
-
-@pytest.mark.parametrize("verdict", [Verdict.REPEAT, Verdict.REFUSED, Verdict.UNKNOWN])
-def test_only_an_accepted_calibration_is_kept(store: Store, verdict: Verdict) -> None:
-    with pytest.raises(ValueError, match=verdict.name):
-        store.add_calibration(replace(GOOD, verdict=verdict))
-    assert store.calibrations(NAME) == []
-
-
-def test_it_is_append_only(store: Store) -> None:
-    store.add_calibration(GOOD)
-    store.add_calibration(replace(GOOD, matrix=np.eye(3)))  # the same id, other numbers
-    store.add_calibration(replace(GOOD, id="c2", time_ns=2))
-    found = store.calibrations(NAME)
-    assert [c.id for c in found] == ["c1", "c2"]
-    assert same(found[0], GOOD)
-    latest = store.recall(NAME, 1, 0)
-    assert latest is not None
-    assert latest.calibration is not None
-    assert latest.calibration.id == "c2"
-
-
-def test_bias_history_grows_and_the_latest_bias_is_one(store: Store) -> None:
-    store.add_calibration(GOOD)
-    for second in range(5):
-        store.save_bias(NAME, 1, second, replace(BIAS, time=float(second)), history=second % 2 == 0)
-    assert sql(store, "SELECT count(*) FROM bias_history") == [(3,)]
-    assert sql(store, "SELECT count(*) FROM bias") == [(1,)]
-    remembered = store.recall(NAME, 1, 0)
-    assert remembered is not None
-    assert remembered.bias is not None
-    assert remembered.bias.time == 4.0
 
 
 @pytest.mark.parametrize("change", ["model", "firmware", "gyro_range", "rate_hz"])
@@ -226,31 +171,6 @@ def test_a_time_that_lies_ahead_is_no_reason_to_prefer_a_calibration(store: Stor
     assert same(remembered.calibration, replace(GOOD, id="c6", boot=2)), "it was written last"
 
 
-@pytest.mark.parametrize(
-    "damage",
-    ["payload = x'0102'", "payload = CAST(payload || x'00' AS BLOB)", "digest = x'00'", "boot = '0000000000000002'"],
-)
-def test_a_damaged_calibration_is_refused_and_the_one_before_is_used(
-    store: Store, damage: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    store.add_calibration(GOOD)
-    store.add_calibration(replace(GOOD, id="c2", time_ns=2))
-    sql(store, f"UPDATE calibrations SET {damage} WHERE id = 'c2'")
-    remembered = store.recall(NAME, 1, 0)
-    assert remembered is not None
-    assert remembered.calibration is not None
-    assert remembered.calibration.id == "c1"
-    assert "row 2 of calibrations is damaged" in caplog.text
-    assert [c.id for c in store.calibrations(NAME)] == ["c1"]
-
-
-def test_a_payload_of_another_device_is_refused(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    store.add_calibration(GOOD)
-    sql(store, "UPDATE calibrations SET device = 'other'")
-    assert store.recall("other", 1, 0) is None
-    assert "damaged" in caplog.text
-
-
 def test_one_of_long_ago_is_found_behind_many(store: Store) -> None:
     made = [
         replace(GOOD, id=f"c{n}", boot=100 + n, time_ns=1000 + n, firmware="1.0" if n == 3 else "2.0")
@@ -266,82 +186,6 @@ def test_one_of_long_ago_is_found_behind_many(store: Store) -> None:
     assert store.recall(NAME, 500, 0) is None
 
 
-@pytest.mark.parametrize("damage", ["state = replace(state, '0.1', '0.9')", "digest = x''"])
-def test_a_damaged_bias_is_not_used(store: Store, damage: str, caplog: pytest.LogCaptureFixture) -> None:
-    store.add_calibration(GOOD)
-    store.save_bias(NAME, 1, 5, BIAS, history=False)
-    sql(store, f"UPDATE bias SET {damage}")
-    remembered = store.recall(NAME, 1, 0)
-    assert remembered is not None
-    assert remembered.bias is None
-    assert "damaged" in caplog.text
-
-
-def test_a_file_that_goes_bad_under_it_is_a_store_error_and_then_put_right(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    store, clock = Store(tmp_path / "a.sqlite3"), [0.0]
-    store.database._clock = lambda: clock[0]
-    store.add_calibration(GOOD)
-    store.add_boot(info(1), 5)
-    sql(store, "DROP TABLE boots")
-    with pytest.raises(StoreError, match="backup"):
-        store.points(info(boot=2))
-    with pytest.raises(StoreError, match="boots"):
-        store.add_boot(info(boot=2), 5)
-    clock[0] += RETRY_S
-    store.add_boot(info(boot=2), 5)
-    assert "was damaged" in caplog.text
-    assert "boots cannot be read" in caplog.text
-    assert [c.id for c in store.calibrations(NAME)] == ["c1"]
-    store.close()
-
-
-def test_a_schema_of_the_future_is_refused(store: Store) -> None:
-    sql(store, f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
-    with pytest.raises(StoreError, match="update truerate"):
-        Store(store.path)
-
-
-def test_what_is_no_store_is_refused_with_advice(tmp_path: Path) -> None:
-    text = tmp_path / "text"
-    text.write_text("this is no database, whatever its length may be " * 100)
-    for path, words in (
-        (text / "a.sqlite3", "check that the folder exists"),
-        (tmp_path, "check that the folder exists"),
-        (text, "not an SQLite file"),
-    ):
-        with pytest.raises(StoreError, match=words) as refused:
-            Store(path)
-        assert str(path) in str(refused.value)
-
-
-@pytest.mark.parametrize("mark", ["CREATE TABLE calibrations (a)", "PRAGMA application_id = 7"])
-def test_another_programs_file_is_refused_and_left_as_it_is(tmp_path: Path, mark: str) -> None:
-    path = tmp_path / "foreign"
-    foreign = sqlite3.connect(path)
-    foreign.execute(mark)
-    foreign.close()
-    before = path.read_bytes()
-    with pytest.raises(StoreError, match="another program"):
-        Store(path)
-    assert path.read_bytes() == before
-
-
-def test_a_store_is_marked_as_ours_and_read_only_when_whole(store: Store) -> None:
-    assert sql(store, "PRAGMA application_id") == [(APPLICATION_ID,)]
-    Store(store.path).close()
-    sql(store, "DROP TABLE boots")
-    with pytest.raises(StoreError, match="its tables are not those"):
-        Store.reading(store.path)
-
-
-def test_its_folder_is_made(tmp_path: Path) -> None:
-    path = tmp_path / "out" / "deep" / "a.sqlite3"
-    Store(path).close()
-    assert path.exists()
-
-
 def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "recalibrate", "r1") is None
     store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
@@ -351,76 +195,49 @@ def test_what_a_command_was_answered_is_found_again(store: Store) -> None:
     assert store.answer(NAME, "cancel", "r1") is store.answer("other", "recalibrate", "r1") is None
 
 
-def test_an_audit_keeps_the_latest_of_each_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service_store, "AUDITED", 50)
-    monkeypatch.setattr(service_store, "_LOOKED_AFTER", 10)
-    for run in range(2):  # restarts do not matter
-        store = Store(tmp_path / "a.sqlite3")
-        store.add_audit(run, "other", "note", f"other-{run}", "nurse", "", "noted", accepted=True)
-        for n in range(100 * run, 100 * run + 100):
-            store.add_audit(n, NAME, "note", f"r{n}", "nurse", "", "noted", accepted=True)
-        kept = [row["time_ns"] for row in store.database.rows("audit", "device = ?", (NAME,))]
-        assert 50 <= len(kept) < 60
-        assert kept == list(range(100 * run + 100 - len(kept), 100 * run + 100))
-        assert store.answer("other", "note", "other-0") is not None
-        store.close()
+def test_the_highest_epoch_is_kept(store: Store) -> None:
+    assert store.epoch() == 0
+    for epoch in (7, 2**50):
+        store.save_epoch(epoch)
+        assert store.epoch() == epoch
+    assert store.devices() == []
 
 
-def test_its_settings_survive_a_kill(store: Store) -> None:
-    db = store.database._db
-    assert db is not None
-    assert db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-    assert db.execute("PRAGMA synchronous").fetchone() == (2,)
-    store.add_calibration(GOOD)
-    # Another process sees it although this one has not closed.
-    assert sql(store, "SELECT id FROM calibrations") == [("c1",)]
-
-
-def test_boots_and_audit(store: Store) -> None:
-    store.add_boot(info(1), 10)
-    store.add_boot(info(1), 20)
-    store.add_boot(info(2), 30)
-    assert sql(store, "SELECT boot, time_ns, cause FROM boots") == [
-        ("0000000000000001", 10, "POWER_UP"),
-        ("0000000000000002", 30, "POWER_UP"),
-    ]
-    store.add_audit(5, NAME, "recalibrate", "r1", "nurse", "strap", "done", accepted=True)
-    columns = "time_ns, device, verb, request_id, who, reason, accepted, message"
-    assert sql(store, f"SELECT {columns} FROM audit") == [(5, NAME, "recalibrate", "r1", "nurse", "strap", 1, "done")]
-
-
-def test_a_boot_number_of_64_bits_is_kept(store: Store) -> None:
+def test_calibrations_are_only_appended_and_the_latest_bias_is_one(store: Store) -> None:
+    with pytest.raises(ValueError, match="REPEAT"):
+        store.add_calibration(replace(GOOD, verdict=Verdict.REPEAT))
     boot = 2**64 - 1
-    store.add_calibration(replace(GOOD, boot=boot))
-    store.save_bias(NAME, boot, 5, BIAS, history=False)
+    good = replace(GOOD, boot=boot)
+    store.add_calibration(good)
+    store.add_calibration(replace(good, matrix=np.eye(3)))  # the same id, other numbers
+    store.add_calibration(replace(good, id="c2", time_ns=2))
+    assert [c.id for c in store.calibrations(NAME)] == ["c1", "c2"]
+    assert same(store.calibrations(NAME)[0], good)
+    for second in range(5):
+        store.save_bias(
+            NAME, boot, second, replace(BIAS, time=float(second)), history=second % 2 == 0, calibration="c2"
+        )
+    assert len(store.database.rows("bias_history")) == 3
+    assert len(store.database.rows("bias")) == 1
     remembered = store.recall(NAME, boot, 0)
     assert remembered is not None
     assert remembered.calibration is not None
-    assert remembered.calibration.boot == boot
+    assert (remembered.calibration.id, remembered.calibration.boot) == ("c2", boot)
     assert remembered.bias is not None
+    assert remembered.bias.time == 4.0
 
 
-@pytest.mark.parametrize("together", [True, False])
-def test_what_a_device_is_may_be_known_only_later_in_its_boot(store: Store, *, together: bool) -> None:
+def test_what_a_device_is_may_be_known_only_later_in_its_boot(store: Store) -> None:
     """Else what it taught of temperature is looked for in vain, by who knows its firmware from the first."""
     first, wider = replace(info(7), firmware="", model=""), replace(info(7), gyro_range=99.0)
-    with store.database.together() if together else nullcontext():
-        store.add_boot(first, 5)
-        store.add_boot(info(7), 9)
-        store.add_boot(first, 11)  # as a bridge that was restarted says it
-        store.add_boot(wider, 12)  # what it taught was taught in the range that it had
+    store.add_boot(first, 5)
+    store.add_boot(info(7), 9)
+    store.add_boot(first, 11)  # as a bridge that was restarted says it
+    store.add_boot(wider, 12)  # what it taught was taught in the range that it had
     (row,) = store.database.rows("boots")
-    assert (row["firmware"], row["model"], row["gyro_range"], row["time_ns"]) == (
-        "1.0",
-        info(7).model,
-        info(7).gyro_range,
-        5,
-    )
+    assert (row["firmware"], row["model"], row["gyro_range"]) == ("1.0", info(7).model, info(7).gyro_range)
+    assert (row["time_ns"], row["cause"]) == (5, "POWER_UP")
     store.save_bias(NAME, 7, 20, BIAS, history=True)
     assert len(store.points(info(8))) == 1
-    again = Store(store.path)
-    again.add_boot(first, 13)
-    again.add_boot(info(9), 14)
-    assert again.boots(NAME, 9) == store.boots(NAME, 9) == [7, 9]
-    assert again.database.rows("boots")[0] == row
-    again.close()
+    store.add_boot(info(9), 14)
+    assert store.boots(NAME, 9) == [7, 9]

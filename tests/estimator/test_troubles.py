@@ -19,15 +19,15 @@ from bridge.wire import codec, keys
 from bridge.wire.messages import Quality, SampleBatch, State
 from estimator import config
 from estimator.config import Estimator
-from estimator.database.owner import owned
+from estimator.database import StoreError, owned
 from estimator.device import source
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service import roster, serve
 from estimator.service.overload import OVERLOADED, UNKEPT
-from estimator.service.store import StoreError
 from estimator.session import DeviceSession
+from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info
 
@@ -227,20 +227,12 @@ def test_refusals_can_be_seen(ward: Ward, once: Stream, clock: list[float], capl
     assert caplog.text.count("malformed 4") == 1
 
 
-def test_a_calibration_made_while_the_disk_is_full_is_saved_later(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, clock: list[float], caplog: pytest.LogCaptureFixture
-) -> None:
-    def full(*_: object) -> None:
-        raise StoreError("the disk is full")
-
-    monkeypatch.setattr(ward.store.database, "write", full)
-    ward.send(once.batches(), info(1))
-    assert ward.store.calibrations(NAME) == []
-    assert ward.latest().events["calibration not saved"] >= 1
-    assert caplog.text.count("is not saved; it is tried again") == 1
-    monkeypatch.undo()
-    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: clock[0] + 6.0)
-    ward.latest()
+def test_a_calibration_made_while_the_disk_is_full_is_saved_later(ward: Ward, once: Stream) -> None:
+    with full_disk():
+        ward.send(once.batches(), info(1))
+        assert ward.store.calibrations(NAME) == []
+        assert ward.latest().quality is Quality.GOOD
+    ward.settle()
     (saved,) = ward.store.calibrations(NAME)
     assert saved.id == ward.latest().calibration
     assert ward.store.recall(NAME, 1, 0) is not None
@@ -363,20 +355,14 @@ def test_another_estimator_is_told_of(ward: Ward, monkeypatch: pytest.MonkeyPatc
     assert look(ward.broker, "e2", monkeypatch) == {"e1"}
 
 
-def test_a_command_of_while_the_disk_is_full_is_in_the_audit_later(
-    ward: Ward, once: Stream, monkeypatch: pytest.MonkeyPatch, clock: list[float]
-) -> None:
-    def full(*_: object) -> None:
-        raise StoreError("the disk is full")
-
+def test_a_command_of_while_the_disk_is_full_is_in_the_audit_later(ward: Ward, once: Stream) -> None:
     ward.send(once.batches(), info(1))
-    monkeypatch.setattr(ward.store.database, "write", full)
-    assert ward.command(lambda: ward.client.note(NAME, "nurse", "sat up")).accepted
-    ward.latest()
-    assert ward.latest().events[UNKEPT] == 1
-    assert ward.store.database.rows("audit", "verb = 'note'") == []
-    monkeypatch.undo()
-    monkeypatch.setattr("estimator.service.shell.time.monotonic", lambda: clock[0] + 6.0)
+    with full_disk():
+        assert ward.command(lambda: ward.client.note(NAME, "nurse", "sat up")).accepted
+        ward.latest()
+        assert ward.latest().events[UNKEPT] == 1
+        assert ward.store.database.rows("audit", "verb = 'note'") == []
+    ward.settle()
     ward.latest()
     assert UNKEPT not in ward.latest().events
     (row,) = ward.store.database.rows("audit", "verb = 'note'")

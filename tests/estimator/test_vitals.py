@@ -11,7 +11,7 @@ from estimator.cli import main
 from estimator.lifecycle import Event
 from estimator.service.vitals import STUCK_S, Note, Vitals
 from tests.bridge.asking import get
-from tests.estimator.database.test_disk import full_disk
+from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import Ward
 from tests.estimator.stream import NAME, Stream, info
 
@@ -106,7 +106,7 @@ def test_what_is_not_ready_and_why(ward: Ward, once: Stream) -> None:
     assert vitals.unready() == ["nothing that comes of a device can be used"]
     session.life.on(Event.HEARD)
     with full_disk():
-        ward.service._record.boot(ward.service._devices[NAME].session, info(7))
+        ward.service._record.boot(info(7))
         a_second(ward)
     (why,) = vitals.unready()
     assert "store" in why

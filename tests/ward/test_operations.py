@@ -13,6 +13,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import keys
 from bridge.wire.messages import State
 from estimator.cli import main
+from estimator.database import back_up
 from estimator.demo.audience import Subscriber, Watcher
 from estimator.demo.ward import WARD, Ward, free_port
 from estimator.service.store import Store
@@ -132,6 +133,7 @@ def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(runni
     # Device time runs ten times faster here: less than a checkpoint's period before the last sample.
     assert raw[-1].device_time[-1] - remembered.bias.time < 3.0
     assert not running.store.with_name("truerate.sqlite3-wal").exists(), "everything is in the one file"
+    back_up(running.store, running.store.parent / "backups" / "truerate-99999.sqlite3")
     # And begun again with a store whose header was damaged meanwhile.
     data = bytearray(running.store.read_bytes())
     data[20:24] = b"\xff" * 4
@@ -142,6 +144,7 @@ def test_a_graceful_stop_loses_nothing_and_a_damaged_store_is_gone_on_with(runni
     ready = (200, "ok\n")
     wait("readiness", lambda: get(running.estimator_port, "/readyz") == ready, running.watcher, running.ward)
     log = running.ward.log("estimator")
-    assert "was damaged" in log
-    assert list(running.store.parent.glob("*.damaged-*"))
+    assert "is damaged" in log
+    assert "truerate-99999.sqlite3" in log
+    assert list(running.store.parent.glob("truerate.sqlite3.aside-*"))
     assert 'truerate_troubles_total{what="damage in the store"}' in get(running.estimator_port, "/metrics")[1]

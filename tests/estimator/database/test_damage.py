@@ -1,230 +1,170 @@
-"""Flipped bits and torn files: what is loaded is what was kept, or less of it and said so; never anything else."""
+"""Flipped bits, torn files, backups and their rotation; the whole of it: `python -m tests.bench.store_faults`."""
 
-import logging
+import os
 import random
+import sqlite3
 from pathlib import Path
 
 import pytest
 
-from estimator.database import inspect
-from estimator.database.schema import TABLES
-from estimator.service.store import Store, StoreError
-from tests.conftest import Effort
-from tests.estimator.database.kept import fill, loaded, made
+from estimator.database import SCHEMA_VERSION, Backups, Database, StoreError, Unavailable, backups, inspect
+from estimator.service.store import Store
+from tests.estimator.database.damage import Damaged, flipped
+from tests.estimator.database.faults import full_disk
+from tests.estimator.database.kept import CALIBRATIONS, fill, loaded, made
 from tests.estimator.stream import NAME
 
-pytestmark = [pytest.mark.soak]
-HEADER = 100
-
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    return made(tmp_path_factory.mktemp("whole")).read_bytes()
+def damaged(tmp_path_factory: pytest.TempPathFactory) -> Damaged:
+    return Damaged(tmp_path_factory.mktemp("damaged"))
 
 
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> set[object]:
-    store = Store(made(tmp_path_factory.mktemp("kept")))
-    everything = loaded(store)
-    store.close()
-    return everything
+@pytest.mark.parametrize("backup", [True, False])
+def test_a_flipped_bit_is_found_or_does_no_harm(damaged: Damaged, *, backup: bool) -> None:
+    chance, size = random.Random(1), len(damaged.whole)
+    data = [flipped(damaged.whole, chance.randrange(size), chance.randrange(8)) for _ in range(60)]
+    found = {damaged.judge(one, backup=backup) for one in data}
+    assert found == {"unharmed", "restored" if backup else "begun anew"}
 
 
-@pytest.fixture
-def store_of(tmp_path: Path) -> Path:
-    return tmp_path / "a.sqlite3"
+@pytest.mark.parametrize(
+    "what", [b"nothing to cancel", b"turn360", b"1.0", CALIBRATIONS[1].bias.tobytes(), NAME.encode()]
+)
+def test_a_flipped_bit_of_any_value_is_found(damaged: Damaged, what: bytes) -> None:
+    places = [at for at in range(len(damaged.whole)) if damaged.whole.startswith(what, at)]
+    assert places
+    for at in places[:4]:
+        assert damaged.judge(flipped(damaged.whole, at, 0)) == "restored"
 
 
-def tried(path: Path, data: bytes, kept: set[object], caplog: pytest.LogCaptureFixture) -> str:
-    """What became of a store with these bytes: `same`, `less` (and told), `refused`; anything else fails."""
-    for old in path.parent.iterdir():
-        old.unlink()
-    caplog.clear()
-    path.write_bytes(data)
-    seen = looked_at(path)
-    assert path.read_bytes() == data, "looking changes nothing"
-    try:
-        store = Store(path)
-    except StoreError:
-        assert path.read_bytes() == data, "what is refused is left as it is"
-        return "refused"
-    try:
-        found = loaded(store)
-        if found == kept:
-            return "same"
-        assert caplog.text, "less than was kept, and nothing said"
-        assert not seen, "a store that is not whole was called so"
-        # Choices among what is left may differ: the latest prior of those that are whole, say.
-        new = [thing for thing in found - kept if thing[0] not in ("prior", "answer", "point")]  # type: ignore[index]
-        assert not new, "something was loaded that had never been kept"
-        points = {thing[2:] for thing in kept if thing[0] == "point"}  # type: ignore[index]
-        assert {thing[2:] for thing in found if thing[0] == "point"} <= points  # type: ignore[index]
-        known = {thing[2] for thing in kept if thing[0] == "prior"} | {None}  # type: ignore[index]
-        known |= {thing[1] for thing in kept if thing[0] == "calibration"}  # type: ignore[index]
-        assert {thing[2] for thing in found if thing[0] == "prior"} <= known  # type: ignore[index]
-        assert {thing for thing in found - kept if thing[0] == "answer"} <= {  # type: ignore[index]
-            ("answer", verb, request, None) for verb, request in (("recalibrate", "r1"), ("cancel", "r2"))
-        }
-        return "less"
-    finally:
-        store.close()
+@pytest.mark.parametrize("left", [0, 1, 15, 99, 100, 4095, 4096, 9000, -4096, -5000])
+def test_a_torn_file_is_not_used(damaged: Damaged, left: int) -> None:
+    assert damaged.judge(damaged.whole[:left]) == "restored"
+    assert damaged.judge(damaged.whole[:left], backup=False) == "begun anew"
 
 
-def looked_at(path: Path) -> bool:
-    """Whether `truerate store check` finds it sound."""
-    try:
-        return inspect(path).sound
-    except StoreError:
-        return False
+def test_another_file_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    (path := tmp_path / "text").write_text("this is no store " * 100)
+    sqlite3.connect(other := tmp_path / "other.sqlite3").execute("CREATE TABLE calibrations (a)").connection.close()
+    with sqlite3.connect(newer := made(tmp_path)) as db:
+        db.execute("ALTER TABLE boots ADD COLUMN note TEXT")
+        db.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
+    db.close()
+    for place, words in (
+        (path, "is not a store"),
+        (other, "another program"),
+        (newer, "use the truerate that wrote it"),
+    ):
+        before = place.read_bytes()
+        for opens in (Store, Store.reading, inspect):
+            with pytest.raises(StoreError, match=words):
+                opens(place)
+        assert place.read_bytes() == before
 
 
-def test_a_flipped_bit_is_never_loaded(
-    store_of: Path, whole: bytes, kept: set[object], caplog: pytest.LogCaptureFixture, effort: Effort
-) -> None:
-    chance = random.Random(effort.seed)
-    bits = chance.sample(range(8 * HEADER), effort(60, 8 * HEADER))
-    bits += chance.sample(range(8 * HEADER, 8 * len(whole)), effort(120, 20_000))
-    outcomes: dict[str, int] = {}
-    for bit in bits:
-        data = bytearray(whole)
-        data[bit // 8] ^= 1 << bit % 8
-        outcome = tried(store_of, bytes(data), kept, caplog)
-        outcomes[outcome] = outcomes.get(outcome, 0) + 1
-        # A schema of the future may be just that: the only thing for which a store with one wrong bit is refused.
-        assert outcome != "refused" or bit // 8 in (62, 63), (bit // 8, bit % 8)
-    assert outcomes["same"] > outcomes.get("less", 0)
-
-
-def test_a_torn_file_is_never_loaded_as_whole(
-    store_of: Path, whole: bytes, kept: set[object], caplog: pytest.LogCaptureFixture, effort: Effort
-) -> None:
-    chance = random.Random(effort.seed)
-    pages = range(0, len(whole), 4096)
-    for end in [1, 15, 99, 100, *pages, *chance.sample(range(len(whole)), effort(20, 2000))]:
-        assert tried(store_of, whole[:end], kept, caplog) in ("less", "same")
-        assert "empty" in caplog.text or "was damaged" in caplog.text
-
-
-def test_blocks_of_zeros_and_rubbish_are_never_loaded(
-    store_of: Path, whole: bytes, kept: set[object], caplog: pytest.LogCaptureFixture, effort: Effort
-) -> None:
-    chance = random.Random(effort.seed)
-    for _ in range(effort(25, 2000)):
-        at, size = chance.randrange(512, len(whole)), chance.choice([4, 512, 4096])
-        rubbish = chance.choice([bytes(size), chance.randbytes(size)])
-        data = (whole[:at] + rubbish + whole[at + size :])[: len(whole)]
-        tried(store_of, data, kept, caplog)
-
-
-@pytest.mark.parametrize("table", TABLES)
-@pytest.mark.parametrize("byte", [0xD5, 0x00, 0x28])
-def test_damaged_words_of_the_schema(
-    store_of: Path, whole: bytes, kept: set[object], caplog: pytest.LogCaptureFixture, table: str, byte: int
-) -> None:
-    """What SQLite then says of it need not even be text."""
-    at = whole.index(f"CREATE TABLE {table} (".encode())
-    for place in (at, at + 15 + len(table)):
-        assert tried(store_of, whole[:place] + bytes([byte]) + whole[place + 1 :], kept, caplog) in ("less", "same")
-        assert "was damaged" in caplog.text
-
-
-def test_the_damaged_file_is_kept_and_the_new_one_is_sound(store_of: Path, whole: bytes) -> None:
-    damaged = whole[: len(whole) // 2]
-    store_of.write_bytes(damaged)
-    assert not inspect(store_of).sound
-    assert store_of.read_bytes() == damaged, "looking changes nothing"
-    Store(store_of).close()
-    (aside,) = store_of.parent.glob("*.damaged-*")
-    assert aside.read_bytes() == damaged
-    assert inspect(store_of).sound
-
-
-def test_a_rescue_that_was_killed_half_way_is_begun_anew(
-    store_of: Path, whole: bytes, kept: set[object], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from estimator.database import rescue
-
-    data = bytearray(whole)
-    data[20:24] = b"\xff\xff\xff\xff"  # of the header: every row is whole
-    store_of.write_bytes(data)
-
-    def killed(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(rescue, "replaced", killed)
-        with pytest.raises(KeyboardInterrupt):
-            Store(store_of)
-    store = Store(store_of)
-    assert loaded(store) == kept
-    store.close()
-
-
-def logged(path: Path) -> tuple[bytes, bytes]:
-    """A store and its log as a kill leaves them."""
-    store = Store(path)
-    fill(store)
-    file, log = path.read_bytes(), path.with_name(path.name + "-wal").read_bytes()
-    store.close()
-    return file, log
-
-
-@pytest.mark.parametrize("after", [False, True], ids=["not replaced", "just replaced"])
-def test_what_is_in_the_log_of_a_damaged_file_is_rescued_though_the_first_try_fails(
-    tmp_path: Path, kept: set[object], monkeypatch: pytest.MonkeyPatch, after: bool
-) -> None:
-    from estimator.database import rescue
-
-    before = Store(made(tmp_path))
-    before.add_audit(9, NAME, "note", "last", "nurse", "", "noted", accepted=True)
-    file, log = (tmp_path / "a.sqlite3").read_bytes(), (tmp_path / "a.sqlite3-wal").read_bytes()
+def test_what_goes_bad_while_it_is_in_use_is_put_right(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = made(tmp_path)
+    before = Store.reading(path)
+    kept = loaded(before)
     before.close()
-    path = tmp_path / "again" / "a.sqlite3"
-    path.parent.mkdir()
-    path.write_bytes(file[:20] + b"\xff" * 4 + file[24:])
-    path.with_name("a.sqlite3-wal").write_bytes(log)
-
-    def fails(part: Path, to: Path) -> None:
-        if to != path or after:
-            replaced(part, to)
-        if to == path:
-            raise OSError(5, "Input/output error")
-
-    replaced = rescue.replaced
-    with monkeypatch.context() as patch:
-        patch.setattr(rescue, "replaced", fails)
-        with pytest.raises(StoreError, match="input/output error"):
-            Store(path)
-    assert not list(path.parent.glob("*.part"))
-    store = Store(path)
+    store = Store(path, patient=True)
+    store.database.back_up_if_due()
+    data = path.read_bytes()
+    path.write_bytes(data[:4096] + bytes(len(data) - 4096))
+    assert store.calibrations(NAME) == [], "nothing of it is used"
+    store.add_calibration(CALIBRATIONS[0])
+    assert "is restored" in caplog.text
     assert loaded(store) == kept
-    assert store.answer(NAME, "note", "last") == (True, "noted")
     store.close()
 
 
-def test_a_damaged_log_is_told_and_kept(
-    tmp_path: Path, kept: set[object], caplog: pytest.LogCaptureFixture, effort: Effort
+def test_a_backup_a_day_and_the_newest_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backups, "KEEP", 3)
+    store, kept = Store(made(tmp_path)), Backups.of(tmp_path / "a.sqlite3")
+    for day in range(5):
+        for _ in range(2):  # the second is not due
+            store.database.back_up_if_due()
+        for one in kept.newest_first():
+            os.utime(one, (day, day))
+    assert [one.name for one in kept.newest_first()] == [f"a-0000{n}.sqlite3" for n in (5, 4, 3)]
+    assert all(inspect(one).sound for one in kept.newest_first())
+    os.utime(kept.newest_first()[0], (4e9, 4e9))  # by a clock that was wrong
+    store.database.back_up_if_due()
+    assert kept.newest_first()[0].name == "a-00006.sqlite3"
+    store.close()
+
+
+def test_a_backup_that_cannot_be_made_is_said_and_the_store_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """SQLite itself says nothing of it: it goes on from the frames before."""
-    caplog.set_level(logging.ERROR)
-    file, log = logged(tmp_path / "made")
-    path, chance = tmp_path / "again" / "a.sqlite3", random.Random(effort.seed)
-    path.parent.mkdir()
-    less = 0
-    for bit in [*range(0, 256, 8), *chance.sample(range(256, 8 * len(log)), effort(30, 1500))]:
-        for old in path.parent.iterdir():
-            old.unlink()
-        caplog.clear()
-        path.write_bytes(file)
-        data = bytearray(log)
-        data[bit // 8] ^= 1 << bit % 8
-        path.with_name("a.sqlite3-wal").write_bytes(data)
-        store = Store(path)
-        found = loaded(store)
-        store.close()
-        if found != kept:
-            less += 1
-            assert "cannot be read" in caplog.text, (bit // 8, bit % 8)
-            (aside,) = path.parent.glob("*.damaged-*-wal")
-            assert aside.read_bytes() == bytes(data)
-    assert less > 20
+    store = Store(made(tmp_path))
+    with full_disk():
+        store.database.back_up_if_due()
+    assert "no backup of store" in caplog.text
+    assert store.database.trouble == ""
+    assert Backups.of(tmp_path / "a.sqlite3").newest_first() == []
+    assert not list(tmp_path.glob("backups/*")), "no half of a copy is left"
+    store.close()
+
+
+def test_what_a_backup_finds_damaged_is_put_right_by_the_next_write(tmp_path: Path) -> None:
+    path = made(tmp_path)
+    store = Store(path, patient=True)
+    store.database.back_up_if_due()
+    kept = loaded(store)
+    os.utime(Backups.of(path).newest_first()[0], (0, 0))
+    path.write_bytes(path.read_bytes().replace(b"nothing to cancel", b"Nothing to cancel", 1))
+    store.database.back_up_if_due()
+    assert len(Backups.of(path).newest_first()) == 1, "no copy of what is damaged is kept"
+    assert store.calibrations(NAME) == []
+    store.add_calibration(CALIBRATIONS[0])
+    assert loaded(store) == kept
+    assert "is restored" in store.database.notes[0]
+    store.close()
+
+
+def test_the_newest_sound_backup_is_restored_from_its_folder(tmp_path: Path) -> None:
+    """Also where the store is missing, as after a crash in the midst of it; a log without its store is set aside."""
+    path, folder = tmp_path / "ward" / "a.sqlite3", tmp_path / "stick"
+    store = Store(Database(path, backups=folder))
+    for n in range(3):
+        store.add_calibration(CALIBRATIONS[n])
+        Backups.of(path, folder).make()
+    log = path.with_name("a.sqlite3-wal").read_bytes()
+    store.close()
+    (folder / "a-00003.sqlite3").write_bytes(b"SQLite format 3\0torn")
+    path.unlink()
+    path.with_name("a.sqlite3-wal").write_bytes(log)
+    again = Store(Database(path, backups=folder))
+    (note,) = again.database.notes
+    assert "is missing; backup" in note
+    assert "a-00003.sqlite3 is not restored" in note
+    assert "a-00002.sqlite3 of" in note
+    assert again.calibrations(NAME)[-1].id == CALIBRATIONS[1].id
+    again.close()
+
+
+def test_a_full_disk_while_it_is_restored_is_waited_for(damaged: Damaged) -> None:
+    damaged.judge(damaged.whole)
+    damaged.path.write_bytes(damaged.whole[:9000])
+    with full_disk():
+        with pytest.raises(Unavailable):
+            Store(damaged.path)
+        store = Store(damaged.path, patient=True)
+        assert store.database.trouble
+    store.add_calibration(CALIBRATIONS[0])
+    assert loaded(store) == damaged.kept
+    store.close()
+
+
+def test_a_backup_has_what_is_in_the_log(tmp_path: Path) -> None:
+    store = Store(tmp_path / "a.sqlite3")
+    fill(store)
+    backups.back_up(tmp_path / "a.sqlite3", tmp_path / "copy")
+    copy = Store.reading(tmp_path / "copy")
+    assert loaded(copy) == loaded(store)
+    copy.close()
+    with pytest.raises(StoreError, match="already"):
+        backups.back_up(tmp_path / "a.sqlite3", tmp_path / "copy")
+    store.close()

@@ -1,0 +1,179 @@
+"""Copies of a store: made while it is in use, numbered, the newest kept; and restored."""
+
+import errno
+import os
+import re
+import shutil
+import sqlite3
+import time
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from estimator.database.connections import checked, to_read
+from estimator.database.errors import FAULTS, Damaged, StoreError, Unavailable, translated
+from estimator.database.schema import check, create
+
+#: how many are kept
+KEEP = 7
+#: a backup is due when the newest is as old as this, s
+PERIOD_S = 86400.0
+#: what a network's file system may answer to fsync of a folder; the rename has happened all the same
+_NOT_OF_FOLDERS = {errno.EINVAL, errno.ENOTSUP, errno.EACCES}
+
+
+@dataclass(frozen=True, slots=True)
+class Backups:
+    """The backups of one store, in a folder: NAME-00012.sqlite3. Numbers tell their order, for a clock may be wrong."""
+
+    store: Path
+    folder: Path
+
+    @classmethod
+    def of(cls, store: Path | str, folder: Path | str | None = None) -> "Backups":
+        """In the given folder, else in `backups` beside the store."""
+        return cls(Path(store), Path(folder or Path(store).parent / "backups"))
+
+    def newest_first(self) -> list[Path]:
+        """All backups there are."""
+        numbered = re.compile(re.escape(self.store.stem) + r"-(\d{5,})" + re.escape(self.store.suffix))
+        with suppress(FileNotFoundError):
+            found = [(int(match[1]), one) for one in self.folder.iterdir() if (match := numbered.fullmatch(one.name))]
+            return [one for _, one in sorted(found, reverse=True)]
+        return []
+
+    def due(self, now_s: float) -> bool:
+        """Whether there is none that was made in the last day, as far as the clock knows."""
+        made = [one.stat().st_mtime for one in self.newest_first()[:1]]
+        return not made or not 0 <= now_s - made[0] < PERIOD_S
+
+    def make(self) -> Path:
+        """Make one more, and remove the oldest; raises Damaged where what was copied is not whole, or Unavailable."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            before = self.newest_first()
+            number = int(before[0].stem.rpartition("-")[2]) + 1 if before else 1
+            to = self.folder / f"{self.store.stem}-{number:05d}{self.store.suffix}"
+            back_up(self.store, to)
+            for old in before[KEEP - 1 :]:
+                old.unlink()
+        except OSError as error:
+            raise translated(str(self.folder), error) from error
+        return to
+
+
+def back_up(store: Path, to: Path) -> None:
+    """Copy a store, in use or not, into a checked file that stands alone; raises StoreError where `to` exists."""
+    if to.exists():
+        raise StoreError(f"{to} is there already; choose another name, or remove it")
+    part = to.with_name(to.name + ".part")
+    try:
+        part.unlink(missing_ok=True)
+        part.touch()  # the system says why not; SQLite does not
+        with closing(to_read(store)) as db, closing(sqlite3.connect(part)) as copy:
+            db.backup(copy)
+            copy.execute("PRAGMA journal_mode = DELETE")
+            check(copy, store)
+        _place(part, to)
+    except FAULTS as error:
+        part.unlink(missing_ok=True)
+        found = translated(str(store), error)
+        if isinstance(found, Damaged):
+            raise found from error
+        raise Unavailable(f"store {store} cannot be copied to {to}: {found}") from error
+    except StoreError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def restore(store: Path, backup: Path) -> str:
+    """Put a copy of a sound backup in the store's place; where the file that was there is now, empty without one.
+
+    For a store that no estimator has open. Raises StoreError where the backup is not sound.
+    """
+    checked(backup).close()
+    aside = set_aside(store)
+    part = store.with_name(store.name + ".part")
+    shutil.copyfile(backup, part)
+    _place(part, store)
+    return aside
+
+
+def make_sound(store: Path, backups: Backups) -> str:
+    """See to it that there is a sound store: the file, else the newest sound backup, else a new one.
+
+    Returns what was wrong and what was done, empty where all was well. Raises StoreError where the file is no store, or
+    Unavailable.
+    """
+    notes: list[str] = []
+    known = backups.newest_first()
+    try:
+        store.parent.mkdir(parents=True, exist_ok=True)
+        if store.exists():
+            try:
+                checked(store, ours=bool(known)).close()
+            except Damaged as damage:
+                notes.append(f"store {store} is damaged: {damage.why}; it is kept as {set_aside(store)}")
+            else:
+                return ""
+        elif known:
+            notes.append(f"store {store} is missing")
+        for backup in known:
+            try:
+                restore(store, backup)
+            except Unavailable:
+                raise
+            except StoreError as error:
+                notes.append(f"backup {backup} is not restored: {error}")
+                continue
+            made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(backup.stat().st_mtime))
+            return "; ".join([*notes, f"backup {backup} of {made} is restored: what was kept later is lost"])
+        set_aside(store)  # a log without its store
+        part = store.with_name(store.name + ".part")
+        part.unlink(missing_ok=True)
+        with closing(sqlite3.connect(part)) as db:
+            create(db)
+        _place(part, store)
+    except FAULTS as error:
+        raise translated(str(store), error) from error
+    return "; ".join([*notes, "there is no sound backup: a new store is begun"]) if notes else ""
+
+
+def set_aside(store: Path) -> str:
+    """Rename a store and its log out of the way; the new name, empty where there was neither."""
+    aside = store.with_name(f"{store.name}.aside-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
+    while aside.exists():
+        aside = aside.with_name(aside.name + "-2")
+    moved = ""
+    for tail in ("", "-wal"):
+        source = store.with_name(store.name + tail)
+        if source.exists():
+            source.replace(aside.with_name(aside.name + tail))
+            moved = str(aside)
+    store.with_name(store.name + "-shm").unlink(missing_ok=True)
+    return moved
+
+
+def set_asides(store: Path) -> list[Path]:
+    """Every file that was set aside beside a store."""
+    found = store.parent.glob(f"{store.name}.aside-*")
+    return sorted(one for one in found if not one.name.endswith(("-wal", "-shm")))
+
+
+def _place(part: Path, to: Path) -> None:
+    """Rename a file that is written into its place, so that it is there after a loss of power."""
+    _sync(part)
+    part.replace(to)
+    try:
+        _sync(to.parent)
+    except OSError as error:
+        if error.errno not in _NOT_OF_FOLDERS:
+            raise
+
+
+def _sync(place: Path) -> None:
+    handle = os.open(place, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
