@@ -11,7 +11,6 @@ from bridge.wire.messages import BiasRevision, Checkpoint, Note, Status, WindowB
 from bridge.wire.refusal import Reason
 from estimator.device.admission import Admission
 from estimator.device.correct import Cut, Rates
-from estimator.remembered import Remembered
 from estimator.service import published
 from estimator.service.overload import OVERLOADED, UNKEPT
 from estimator.session import DeviceSession
@@ -209,13 +208,13 @@ class Device:
         sequence = self.admission.restart(lost, uncounted, self.session.last_heard_ns)
         self.session = DeviceSession(self.name, self._knobs, sequence=sequence)
 
-    def resume(self, known: Checkpoint, remembered: Remembered | None, reason: str) -> None:
-        """Begin the boot of a checkpoint, of a device that sends nothing now, for this reason."""
-        self.admission.source.owner = known.bridge
-        self.session.begin_boot(known.boot, known.device_time_s, remembered)
-        if remembered is None and known.calibration is not None:
-            self.session.believe(known.calibration)
-        self.session.silence(reason)
+    def take_over(self, known: Checkpoint) -> None:
+        """Go on from a checkpoint. Raises ValueError where its state is none; nothing has changed then."""
+        self.session = DeviceSession.restored(
+            known.state, known.calibration, self.name, self._knobs, self.admission.sequence
+        )
+        self.repeated = known.boot if known.boot_repeated else None
+        self.admission.begin_at(self.session.sequence.next or 0)
 
     def leave(self) -> list[Publisher]:
         """It is another estimator's: take back what is said of it now; some may still be asked for."""

@@ -58,7 +58,8 @@ SPEAKERS = (
 )
 #: what no page shows: logs and counts of the service
 NOT_SHOWN = re.compile(
-    r"%s|%d|^tokens refused|messages refused|messages missed|^commands to|recalibration needed|restored$|by an accelerometer only"
+    r"%s|%d|^tokens refused|messages refused|messages missed|^commands to|recalibration needed|restored$"
+    r"|damaged state|^a state of|by an accelerometer only"
 )
 #: parts of sentences, which are tried as wholes below
 PIECES = {
