@@ -228,8 +228,8 @@ class WardRecorder:
         self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
         words = ""
         if tape is not None:
-            account.not_recorded += tape.writer.lost
-            left = tape.left()
+            left = tape.left(writable=isinstance(error, NoRoom))
+            account.not_recorded += tape.writer.pending
             account.closed_bytes += tape.writer.size
             if left is not None:
                 account.files.append(left)

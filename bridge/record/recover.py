@@ -27,13 +27,11 @@ class Recovered:
     first_ns: int
     last_ns: int
     trouble: tuple[str, ...]
-    lost: tuple[tuple[int, int], ...]
 
     def said(self) -> list[str]:
         """For a person, a line each."""
         kept = f"{count(self.messages, 'message')}, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
-        lost = [f"lost: what began at {_clock(first)}" for first, _ in self.lost if first]
-        return [f"{self.out}: {kept}", *self.trouble, *lost]
+        return [f"{self.out}: {kept}", *self.trouble]
 
 
 def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of: None) -> Recovered:
@@ -77,7 +75,7 @@ def _copied(reader: McapReader, copy: BinaryIO, path: Path, target: Path, tell: 
         raise RecordingError(f"{path}: nothing can be recovered; {'; '.join(reader.trouble) or 'it holds no message'}")
     writer.finish()
     trouble = [*reader.trouble, *(_not_ours(schema, n) for schema, n in foreign.items())]
-    return Recovered(target, writer.messages, first_ns, last_ns, tuple(trouble), tuple(reader.lost))
+    return Recovered(target, writer.messages, first_ns, last_ns, tuple(trouble))
 
 
 def _not_ours(schema: str, n: int) -> str:

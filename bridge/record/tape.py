@@ -77,16 +77,18 @@ class Tape:
         self.writer.add(channel, log_ns, item.own_ns, item.payload)
         return True
 
-    def left(self) -> Path | None:
-        """Leave a file that refused; what is left of it: nothing, a whole file, or one that ends in PART."""
+    def left(self, *, writable: bool) -> Path | None:
+        """Leave the file; what is left of it: nothing, a whole file, or, where it cannot be written to, one that ends in PART."""
         path = self.output.path
         try:
             if not self.writer.messages:
                 self.output.discard()
                 return None
-            self.writer.finish()
-            self.output.finish()
+            if writable:
+                self.writer.finish()
+                self.output.finish()
+                return path
         except OSError:
-            self.output.abandon()
-            return with_part(path)
-        return path
+            pass
+        self.output.abandon()
+        return with_part(path)

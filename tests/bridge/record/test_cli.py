@@ -50,7 +50,7 @@ def test_info_in_words_and_as_json(path: Path, capsys: Capture) -> None:
 
 def test_a_torn_file_is_told_recovered_and_then_whole(path: Path, capsys: Capture) -> None:
     torn = path.with_name(path.name + ".part")
-    torn.write_bytes(path.read_bytes()[:40_000])
+    torn.write_bytes(path.read_bytes()[:20_000])
     path.unlink()
     assert main(["recording", "info", str(torn)]) == 1
     assert "recording recover makes a whole file of it" in " ".join(capsys.readouterr().out.split())

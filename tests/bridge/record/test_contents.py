@@ -8,7 +8,9 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.drivers import replayed
+from bridge.record import kinds
 from bridge.record.files import Folder
+from bridge.record.mcap_writer import McapWriter
 from bridge.record.numbering import Numbering
 from bridge.record.recorder import Knobs, WardRecorder
 from bridge.record.recover import recover
@@ -243,32 +245,41 @@ def test_what_a_killed_recorder_left_is_found(tmp_path: Path) -> None:
     assert recover(left).out == path
 
 
-def with_a_flip(path: Path, word: bytes) -> Path:
-    """It was not finished, and a bit is flipped in what declares its channels, for which there is no checksum then."""
-    data = path.read_bytes()[:-300]
-    part = path.with_name("torn.mcap")
-    part.write_bytes(data.replace(word, word[:-1] + bytes([word[-1] ^ 1]), 1))
-    return part
-
-
 def test_what_is_refused_is_said_by_all_who_read_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    (path,) = recorded(tmp_path, [about("one"), *run("one", 0, 200), *run("two", 0, 100)])
-    torn = with_a_flip(path, b"truerate/@v1/ward/raw/bridge-1/two")
-    found = read([torn])
+    file = BytesIO()
+    writer = McapWriter(file, "truerate", {"ward": WARD})
+    for device in ("one", "two"):
+        facts = {"key": keys.build(WARD, "raw", bridge="bridge-1", device="one")}  # of the second, another's
+        channel = writer.channel(f"raw/bridge-1/{device}", "truerate.v1.SampleBatch", kinds.DESCRIPTORS, facts)
+        for message in only("raw", run(device, 0, 100)):
+            writer.add(channel, NOW, NOW, message.payload)
+    writer.finish()
+    path = tmp_path / "x.mcap"
+    path.write_bytes(file.getvalue())
+    found = read([path])
     assert list(found.stretches) == ["one"]
     assert "20 messages passed over: with another device's or bridge's id in them" in found.trouble
-    assert replayed.devices(torn) == ["one"]
+    assert replayed.devices(path) == ["one"]
     assert "20 messages passed over" in caplog.text
     caplog.clear()
-    assert load(torn).device == "one"
+    assert load(path).device == "one"
     assert "20 messages passed over" in caplog.text
 
 
-def test_a_damaged_schema_costs_its_messages_and_not_the_file(tmp_path: Path) -> None:
-    (path,) = recorded(tmp_path, [about("one"), *run("one", 0, 200), *marked()])
-    torn = with_a_flip(path, b"truerate.")
+def test_a_foreign_schema_costs_its_messages_and_not_the_file(tmp_path: Path) -> None:
+    file = BytesIO()
+    writer = McapWriter(file, "truerate", {"ward": WARD})
+    foreign = writer.channel("camera", "foxglove.Image", b"", {})
+    writer.add(foreign, NOW, NOW, b"?")
+    key = keys.build(WARD, "raw", bridge="bridge-1", device="one")
+    ours = writer.channel("raw/bridge-1/one", "truerate.v1.SampleBatch", kinds.DESCRIPTORS, {"key": key})
+    for message in only("raw", run("one", 0, 200)):
+        writer.add(ours, NOW, NOW, message.payload)
+    writer.flush()
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(file.getvalue())
     done = recover(torn, tmp_path / "y.mcap")
-    assert "1 message passed over, of 'truerate/v1.DeviceInfo'" in done.trouble
+    assert "1 message passed over, of 'foxglove.Image'" in done.trouble
     assert survey([torn]).refused.as_dict() == {"foreign_schema": 1}
     assert len(read([done.out]).stretches["one"][0]) == 200
 
