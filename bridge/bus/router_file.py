@@ -32,9 +32,10 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
     return f"{head}{{\n" + ",\n".join(parts) + "\n}\n"
 
 
-def plain(listen: Sequence[str]) -> zenoh_settings.Settings:
+def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
     """For one machine, which nobody else can reach."""
-    return zenoh_settings.router(listen, keys.VIEWED)
+    settings = zenoh_settings.router(listen, keys.VIEWED)
+    return zenoh_settings.joined(settings, join) if join else settings
 
 
 def guarded(

@@ -10,8 +10,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bridge.pki.authority import DAYS, EARLIER, Pair, check_host, check_hosts, issue, new_authority, new_issuer
-from bridge.pki.identity import Identity, certificates, common_name, hosts_of, lasts_of, signer
+from bridge.pki.authority import DAYS, EARLIER, Pair, check_hosts, issue, new_authority, new_issuer
+from bridge.pki.identity import Identity, certificates, hosts_of, lasts_of, signer
 from bridge.pki.member import Member
 from bridge.pki.papers import Lasts
 
@@ -25,12 +25,11 @@ class Folder:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """A new authority, in a folder that has none, or only the key of one that was broken off before it signed."""
-        key = self.path / f"{_CA}.key"
-        if (self.path / f"{_CA}.pem").exists() or (self.path / _ISSUERS).exists():
+        """A new authority, in a folder that has none."""
+        if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _keep(self.path / _CA, new_authority(name, now, key=key.read_bytes() if key.exists() else None))
+        _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
         """A first pair for a role and a name, of the generation that is not revoked."""
@@ -40,9 +39,8 @@ class Folder:
             raise ValueError(
                 f"{files.certificate} is there already: `truerate pki renew {member.label}` makes it last longer"
             )
-        named = [check_host(host) for host in hosts]
-        check_hosts(member, named)  # before an issuer is made
-        pair = issue(self._begun(member, now), member, now - EARLIER, now + timedelta(days=days), hosts=named)
+        check_hosts(member, hosts)  # before an issuer is made
+        pair = issue(self.issuer(member), member, now - EARLIER, now + timedelta(days=days), hosts=hosts)
         _keep(self.path / member.file, pair)
         return files
 
@@ -62,13 +60,13 @@ class Folder:
                 f" give that a new one: truerate pki revoke {member.label}, then issue"
             )
         key = Path(files.key).read_bytes()
-        if days is None:  # the authority's own end is another's to see to
-            ends = now + (lasted.ends - lasted.begins - EARLIER)
-            if now < (authority := self.authority_lasts()).ends:
-                ends = min(ends, authority.ends)
-        else:
+        if days is not None:
             ends = now + timedelta(days=days)
-        pair = issue(self._begun(member, now), member, now - EARLIER, ends, hosts=hosts, key=key)
+        elif now < (last := self.authority_lasts().ends):
+            ends = min(now + (lasted.ends - lasted.begins - EARLIER), last)
+        else:
+            raise ValueError(f"the authority itself ends on {last:%Y-%m-%d}: make a new one, and all certificates anew")
+        pair = issue(self.issuer(member), member, now - EARLIER, ends, hosts=hosts, key=key)
         _write(Path(files.certificate), pair.certificate, 0o644)
         return files
 
@@ -76,21 +74,17 @@ class Folder:
         """What signs this member's certificates, and nobody else's; made where there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
-            pair = new_issuer(self._authority(), member)
+            if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
+                raise self._none()
+            pair = new_issuer(_pair(self.path / _CA), member)
             here.parent.mkdir(mode=0o700, exist_ok=True)
             _keep(here, pair)
         return _pair(here)
 
-    def admit(self, router: Member, members: Iterable[Member]) -> list[Member]:
-        """Write what a router verifies its members by: their issuers. Those who have none, of an earlier truerate.
-
-        That had all signed by the authority itself, by which they are then verified; and whoever was revoked, too.
-        """
-        issuers = {member: signer(self.identity(member).certificate) for member in (router, *members)}
-        without = [member for member, issuer in issuers.items() if not issuer]
-        authority = (self.path / f"{_CA}.pem").read_bytes() if without else b""
-        _write(Path(self.gate(router).ca), b"".join(issuers.values()) + authority, 0o644)
-        return without
+    def admit(self, router: Member, members: Iterable[Member]) -> None:
+        """Write what a router verifies its members by: their issuers."""
+        issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
+        _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
         """Never use this name again: the member that was, whose common name the routers' rules must lose."""
@@ -131,11 +125,8 @@ class Folder:
                 member = Member.parse(path.stem.replace(".", ":"))
             except ValueError:
                 continue  # of the authority, of a router, or somebody's own
-            own = certificates(str(path))[0]
-            if (name := common_name(own)) != member.common_name:
-                raise ValueError(f"{path}: it is for {name!r}; a copy? Keep it in another folder")
             if member == self.current(member):
-                yield member, lasts_of(own)
+                yield member, lasts_of(certificates(str(path))[0])
 
     def authority_lasts(self) -> Lasts:
         """How long the authority itself does."""
@@ -152,26 +143,9 @@ class Folder:
         """A router's files, as `identity`, but for what it verifies others by: see `admit`."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
-    def _begun(self, member: Member, now: datetime) -> Pair:
-        """The issuer of a member; ValueError where the authority is not valid yet, and with it nothing that it signs."""
-        if now < (begins := self.authority_lasts().begins):
-            raise ValueError(
-                f"{self.path}: the authority begins on {begins:%Y-%m-%d %H:%M} UTC, and here it is {now:%Y-%m-%d %H:%M}: nobody"
-                " would take what it signs. Is this machine's clock right? If it was wrong when the authority was made, make"
-                " a new one, in another folder"
-            )
-        return self.issuer(member)
-
-    def _authority(self) -> Pair:
-        if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
-            raise self._none()
-        return _pair(self.path / _CA)
-
     def _none(self) -> ValueError:
-        if (here := self.path / f"{_CA}.pem").exists():
-            return ValueError(f"{self.path / _CA}.key is not there: bring it here from where it is kept")
         if (self.path / _ISSUERS).exists():
-            return ValueError(f"{here} is not there: bring it back; every machine of the ward has it")
+            return ValueError(f"{self.path}: ca.pem or ca.key is not there: bring it here from where it is kept")
         return ValueError(
             f"{self.path}: no authority here; `truerate pki init --ward WARD --folder {self.path}` makes one"
         )
