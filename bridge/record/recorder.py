@@ -1,4 +1,4 @@
-"""What a recorder does: messages in, files out. No clock, no bus: times are arguments, files come from a `Place`.
+"""What a recorder does: messages in, files out. No clock, no bus: times are arguments, files come from a `Folder`.
 
 A file that refuses (a full disk, a pulled stick) is finished if that can be done, else left; a new one is begun when there
 is room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
@@ -9,14 +9,13 @@ import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from bridge.bus.contract import Message
 from bridge.record import kinds
-from bridge.record.files import recorded_in
+from bridge.record.files import Folder, recorded_in
 from bridge.record.kinds import KINDS, PRIVATE, Kind, Said
 from bridge.record.mcap_writer import MAX_CHANNELS
-from bridge.record.tape import MOST_OF_A_BRIDGE, Item, Output, Tape
+from bridge.record.tape import MOST_OF_A_BRIDGE, Item, Tape
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
@@ -27,19 +26,6 @@ _log = logging.getLogger(__name__)
 
 #: what a new file begins with leaves as much room again to what is new
 MOST_REPEATED = MAX_CHANNELS // 2
-
-
-class Place(Protocol):
-    """Where files come from; see files.Folder."""
-
-    def begin(self, wall_ns: int) -> Output:
-        """A new file."""
-
-    def free_bytes(self) -> int:
-        """Room for more."""
-
-    def said(self, error: OSError) -> str:
-        """An error, for a person."""
 
 
 class NoRoom(OSError):
@@ -76,7 +62,7 @@ class Account:
 class WardRecorder:
     """One ward's recorder. `begin`, then `take` and `tick` as time goes by, then `close`; all from one thread."""
 
-    def __init__(self, place: Place, ward: str, devices: Iterable[str] = (), knobs: Knobs | None = None) -> None:
+    def __init__(self, place: Folder, ward: str, devices: Iterable[str] = (), knobs: Knobs | None = None) -> None:
         self.account = Account()
         self._place, self._ward, self._devices = place, ward, frozenset(devices)
         self._knobs = knobs or Knobs()

@@ -35,12 +35,6 @@ def show(console: Console, survey: Survey) -> None:
             table.add(name, *_row(boot))
     console.print(table)
     for name, device in survey.devices.items():
-        for boot in device.boots.values():
-            if boot.alone:
-                line = (
-                    f"{count(boot.alone, 'corrected rate')} of boot {boot_id(boot.boot)[:8]} beyond the readings here"
-                )
-                console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
         for line in _told(device):
             console.print(f"{name}: {line}", highlight=False, soft_wrap=True)
     if refused := survey.refused.as_dict():
@@ -81,7 +75,6 @@ def _device(device: Device) -> dict[str, Any]:
                 "repeated": boot.repeated,
                 "measured_rate_hz": boot.rate_hz,
                 "corrected": dict(boot.corrected),
-                "corrected_alone": boot.alone,
             }
             for boot in device.boots.values()
         ],

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from bridge.record.contents import Contents, Tell
 from bridge.record.numbering import Numbering
-from bridge.record.runs import Runs
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Quality, SampleBatch
 from bridge.wire.refusal import Tally
 
@@ -16,8 +15,8 @@ from bridge.wire.refusal import Tally
 class Boot:
     """One boot of a device: host times of its first and last sample, samples, and what is missing between them.
 
-    corrected: samples by quality, each once, of which the file has the reading; alone: how many of which it has not, as
-    of a reader who came late and was told the last seconds.
+    corrected: samples by quality, each once, from the first reading to the last: a reader who came late was told of some
+    before them.
     """
 
     boot: int
@@ -28,17 +27,23 @@ class Boot:
     gaps: int = 0
     repeated: int = 0
     device_s: float = 0.0
-    corrected: Counter[str] = field(default_factory=Counter)
-    alone: int = 0
+    first: int = 0  # number of the first reading
     numbering: Numbering = field(default_factory=Numbering)
-    _followed: Numbering = field(default_factory=Numbering)
-    _readings: Runs = field(default_factory=Runs)
-    _rates: Runs = field(default_factory=Runs)
+    _rated: Numbering = field(default_factory=Numbering)
+    _rates: list[tuple[int, int, str]] = field(default_factory=list)  # first number, the one after the last, quality
 
     @property
     def rate_hz(self) -> float:
         """Samples a device second, missing ones included; 0 when unknown."""
         return (self.samples + self.missing - 1) / self.device_s if self.device_s > 0 else 0.0
+
+    @property
+    def corrected(self) -> Counter[str]:
+        """See the class."""
+        found = Counter[str]()
+        for first, end, quality in self._rates if self.samples else ():
+            found[quality] += max(0, end - max(first, self.first))
+        return +found
 
     def read(self, batch: SampleBatch) -> None:
         """Count readings in."""
@@ -54,22 +59,20 @@ class Boot:
             self.gaps += bool(missing)
             self.device_s += step * batch.tick_period_s
         self.device_s += float(batch.ticks[-1] - batch.ticks[skip]) * batch.tick_period_s
+        if not self.samples or batch.sequence < self.first:
+            self.first = batch.sequence + skip
         self.first_ns = min(self.first_ns or int(times[skip]), int(times[skip]))
         self.last_ns = max(self.last_ns, int(times[-1]))
         self.samples += len(batch) - skip
-        self._readings.add(batch.sequence + skip, batch.sequence + len(batch), int(times[skip]))
 
     def rated(self, batch: CorrectedBatch) -> None:
         """Count corrected rates in."""
-        skip = self._followed.follow(batch).skip
+        skip, _, anew, _ = self._rated.follow(batch)
         if skip < len(batch):
-            first, end = batch.sequence + skip, batch.sequence + len(batch)
-            self._rates.add(first, end, int(batch.sample_time_ns[skip]), Quality(batch.quality).name)
-
-    def settle(self) -> None:
-        """Once all has been counted in: which corrected rates belong to the readings."""
-        self.corrected = self._rates.within(self._readings)
-        self.alone = self._rates.qualities().total() - self.corrected.total()
+            first, quality = batch.sequence + skip, Quality(batch.quality).name
+            if not anew and self._rates[-1][1:] == (first, quality):
+                first = self._rates.pop()[0]
+            self._rates.append((first, batch.sequence + len(batch), quality))
 
 
 @dataclass(slots=True)
@@ -121,9 +124,7 @@ def survey(paths: Sequence[Path], tell: Tell = lambda _done, _of: None) -> Surve
             device.calibrations[said.id or str(said.time_ns)] = said
         elif isinstance(said, Note):
             device.notes[said.time_ns, said.text] = said
-    for boot in (everyone := [boot for device in devices.values() for boot in device.boots.values()]):
-        boot.settle()
-    boots = [boot for boot in everyone if boot.samples]
+    boots = [boot for device in devices.values() for boot in device.boots.values() if boot.samples]
     return Survey(
         devices=dict(sorted(devices.items())),
         wards=wards,

@@ -2,10 +2,10 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import NamedTuple
 
 from bridge.record import kinds
-from bridge.record.files import with_part
+from bridge.record.files import Output, with_part
 from bridge.record.kinds import Kind
 from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.wire import keys
@@ -14,30 +14,6 @@ from bridge.wire import keys
 ABOUT = "truerate"
 #: channels of what one bridge says: it may make up devices, and leaves room to the others
 MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
-
-
-class Output(Protocol):
-    """A file to record into; see files.Output."""
-
-    @property
-    def path(self) -> Path:
-        """Its name when it is whole."""
-
-    @property
-    def file(self) -> BinaryIO:
-        """Where its bytes go."""
-
-    def sync(self) -> None:
-        """Return when it is safe."""
-
-    def finish(self) -> None:
-        """It is whole."""
-
-    def abandon(self) -> None:
-        """It stays as it is."""
-
-    def discard(self) -> None:
-        """There is nothing in it."""
 
 
 class Item(NamedTuple):

@@ -95,26 +95,26 @@ def only(what: str, messages: list[Message]) -> list[Message]:
     return [message for message in messages if what in message.key]
 
 
-def test_corrected_rates_count_once_and_only_where_the_reading_is_there(tmp_path: Path) -> None:
+def test_corrected_rates_count_once_and_from_the_first_reading_on(tmp_path: Path) -> None:
     late = only("corrected", run("one", 0, 100))  # as they wait on the bus for who comes late
     part = late + only("raw", run("one", 50, 150)) + only("raw", run("one", 180, 200))
     part += only("corrected", run("one", 80, 195))  # of another estimator, too
     boot = survey(recorded(tmp_path, part)).devices["one"].boots[7]
-    assert (boot.samples, boot.corrected, boot.alone) == (120, {"GOOD": 115}, 50 + 30)
+    assert (boot.samples, boot.corrected) == (120, {"GOOD": 145})
 
 
 def test_a_boot_whose_numbers_begin_anew_is_corrected_as_often_as_it_is_read(tmp_path: Path) -> None:
     again = run("one", 0, 60, later_ns=20 * S)
     part = [*run("one", 0, 100), *only("raw", again), *only("corrected", again)[6:]]
     boot = survey(recorded(tmp_path, part)).devices["one"].boots[7]
-    assert (boot.samples, boot.corrected, boot.alone) == (160, {"GOOD": 130}, 0)
+    assert (boot.samples, boot.corrected) == (160, {"GOOD": 130})
 
 
 def test_corrected_rates_of_a_boot_that_was_over_are_told_apart(tmp_path: Path) -> None:
     part = [*only("corrected", run("one", 0, 40)), *run("one", 0, 100, boot=8, later_ns=9 * S)]
     found = survey(recorded(tmp_path, part))
     over, boot = found.devices["one"].boots.values()
-    assert (over.samples, over.corrected, over.alone, boot.corrected) == (0, {}, 40, {"GOOD": 100})
+    assert (over.samples, over.corrected, boot.corrected) == (0, {}, {"GOOD": 100})
     assert found.first_ns == NOW + 9 * S
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
+from bridge.record import files
 from bridge.record.mcap_reader import Entry, McapReader
 from bridge.record.mcap_writer import MAX_CHANNELS
 from bridge.record.recorder import Knobs, WardRecorder
@@ -23,11 +24,11 @@ S = 1_000_000_000
 KNOBS = Knobs(rotate_s=10.0, rotate_bytes=1e9, keep_free_bytes=100.0, room_bytes=50.0)
 
 
-class Output:
+class Output(files.Output):
     """A file in memory, of a disk that may be full."""
 
     def __init__(self, path: Path, disk: "Disk") -> None:
-        self.path, self._disk = path, disk
+        self.path = path
         self.file = _File(disk)
         self.fate = "open"
         self.syncs = 0
@@ -45,10 +46,15 @@ class Output:
         self.fate = "discarded"
 
     def entries(self) -> list[Entry]:
-        reader = McapReader(BytesIO(self.file.getvalue()), str(self.path))
+        reader = McapReader(BytesIO(self.data), str(self.path))
         found = list(reader.entries())
         assert reader.whole or self.fate != "finished"
         return found
+
+    @property
+    def data(self) -> bytes:
+        assert isinstance(self.file, BytesIO)
+        return self.file.getvalue()
 
     def topics(self) -> list[str]:
         return [entry.topic for entry in self.entries()]
@@ -65,7 +71,7 @@ class _File(BytesIO):
         return super().write(data)
 
 
-class Disk:
+class Disk(files.Folder):
     """Where files come from."""
 
     def __init__(self) -> None:
@@ -201,7 +207,7 @@ def test_a_new_file_after_its_time_begins_with_what_is_known(recorder: WardRecor
     recorder.close()
     assert disk.last.topics() == ["info/bridge-1/one", "status/one", "raw/bridge-1/one"]
     assert recorder.account.files == [Path("0.mcap"), Path("1.mcap")]
-    assert recorder.size == sum(len(output.file.getvalue()) for output in disk.outputs)
+    assert recorder.size == sum(len(output.data) for output in disk.outputs)
 
 
 def test_a_new_file_begins_with_the_calibration_that_holds(recorder: WardRecorder, disk: Disk) -> None:
@@ -230,7 +236,7 @@ def test_a_new_file_at_its_size(disk: Disk) -> None:
     recorder.close()
     assert len(disk.outputs) > 1
     assert sum(len(output.entries()) for output in disk.outputs) == 300
-    assert all(len(output.file.getvalue()) < 30_000 for output in disk.outputs)
+    assert all(len(output.data) < 30_000 for output in disk.outputs)
 
 
 def test_a_full_disk_is_said_and_recording_goes_on_when_there_is_room(
