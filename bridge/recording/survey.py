@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bridge.record.contents import Contents, Tell
-from bridge.record.numbering import Numbering
+from bridge.recording.contents import Contents, Tell
+from bridge.recording.numbering import Numbering
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Quality, SampleBatch
 from bridge.wire.refusal import Tally
 

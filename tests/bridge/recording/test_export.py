@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.record.bids import Session, export_bids
-from bridge.record.export import export
-from bridge.record.stretches import Recorded, read
 from bridge.recording import load
-from bridge.recording_error import RecordingError
-from tests.bridge.record.crowd import STEP, TICK_S
-from tests.bridge.record.test_contents import S, about, marked, recorded, run
+from bridge.recording.bids import Session, export_bids
+from bridge.recording.error import RecordingError
+from bridge.recording.export import export
+from bridge.recording.stretches import Recorded, read
+from tests.bridge.recording.crowd import STEP, TICK_S
+from tests.bridge.recording.test_contents import S, about, marked, recorded, run
 
 VALIDATOR = shutil.which("bids-validator-deno")
 

@@ -14,12 +14,12 @@ from bridge.bus.routers import Routers
 from bridge.bus.self_test import self_test
 from bridge.bus.zenoh_bus import ZenohBus
 from bridge.process import stopped_by_signal
-from bridge.record.files import Folder, recorded_in
-from bridge.record.kinds import KINDS, SAMPLES
-from bridge.record.progress import Screen, line
-from bridge.record.recorder import MOST_REPEATED, Knobs, WardRecorder
-from bridge.record.settings import Recorder
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.files import Folder, recorded_in
+from bridge.recording.kinds import KINDS, SAMPLES
+from bridge.recording.progress import Screen, line
+from bridge.recording.recorder import MOST_REPEATED, Knobs, WardRecorder
+from bridge.recording.settings import Recorder
 from bridge.wire import keys
 from bridge.wire.keys import Key
 from bridge.wire.refusal import Refusal

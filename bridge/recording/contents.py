@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bridge.os_words import why
-from bridge.record.kinds import KINDS, PACKAGE, Said
-from bridge.record.mcap_reader import Entry, McapReader
-from bridge.record.tape import ABOUT
-from bridge.recording_error import RecordingError, check_file
+from bridge.recording.error import RecordingError, check_file
+from bridge.recording.kinds import KINDS, PACKAGE, Said
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.tape import ABOUT
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally, in_words
 from bridge.wording import count

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from bridge.bus.contract import Message
-from bridge.record import files
-from bridge.record.mcap_reader import Entry, McapReader
-from bridge.record.mcap_writer import MAX_CHANNELS
-from bridge.record.recorder import Knobs, WardRecorder
-from bridge.record.tape import MOST_OF_A_BRIDGE
+from bridge.recording import files
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.mcap_writer import MAX_CHANNELS
+from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.tape import MOST_OF_A_BRIDGE
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, Verdict
-from tests.bridge.record.crowd import WARD, corrected, info, samples, status
+from tests.bridge.recording.crowd import WARD, corrected, info, samples, status
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 from bridge.bus.router import Router
 from bridge.bus.zenoh_bus import ZenohBus
-from bridge.record.recover import recover
-from bridge.record.survey import survey
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.recover import recover
+from bridge.recording.survey import survey
 from bridge.wire import keys
-from tests.bridge.record.crowd import RATE_HZ, WARD, Crowd
+from tests.bridge.recording.crowd import RATE_HZ, WARD, Crowd
 
 DEVICES = 5
 

@@ -4,10 +4,10 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-from bridge.record import kinds
-from bridge.record.files import Output, with_part
-from bridge.record.kinds import Kind
-from bridge.record.mcap_writer import MAX_CHANNELS, McapWriter
+from bridge.recording import kinds
+from bridge.recording.files import Output, with_part
+from bridge.recording.kinds import Kind
+from bridge.recording.mcap_writer import MAX_CHANNELS, McapWriter
 from bridge.wire import keys
 
 #: the metadata record every file of ours begins with

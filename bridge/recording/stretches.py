@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record.contents import Contents, Tell
-from bridge.record.numbering import Numbering
-from bridge.recording_error import RecordingError
+from bridge.recording.contents import Contents, Tell
+from bridge.recording.error import RecordingError
+from bridge.recording.numbering import Numbering
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
 
 Singles = NDArray[np.float32]

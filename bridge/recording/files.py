@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 
 PART = ".part"
 _MB = 1_000_000

@@ -8,19 +8,18 @@ import pytest
 
 from bridge.bus.contract import Message
 from bridge.drivers import replayed
-from bridge.record import kinds
-from bridge.record.files import Folder
-from bridge.record.mcap_writer import McapWriter
-from bridge.record.numbering import Numbering
-from bridge.record.recorder import Knobs, WardRecorder
-from bridge.record.recover import recover
-from bridge.record.stretches import NOT_CORRECTED, read
-from bridge.record.survey import survey
-from bridge.recording import load
-from bridge.recording_error import RecordingError
+from bridge.recording import kinds, load
+from bridge.recording.error import RecordingError
+from bridge.recording.files import Folder
+from bridge.recording.mcap_writer import McapWriter
+from bridge.recording.numbering import Numbering
+from bridge.recording.recorder import Knobs, WardRecorder
+from bridge.recording.recover import recover
+from bridge.recording.stretches import NOT_CORRECTED, read
+from bridge.recording.survey import survey
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, SampleBatch, Verdict
-from tests.bridge.record.crowd import STEP, TICK_S, WARD, corrected, info, samples
+from tests.bridge.recording.crowd import STEP, TICK_S, WARD, corrected, info, samples
 
 NOW = 1_790_000_000_000_000_000
 S = 1_000_000_000

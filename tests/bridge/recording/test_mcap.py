@@ -9,12 +9,12 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
-from bridge.record import kinds
-from bridge.record.mcap_reader import Entry, McapReader
-from bridge.record.mcap_writer import HELD_BYTES, McapWriter
-from bridge.recording_error import RecordingError
+from bridge.recording import kinds
+from bridge.recording.error import RecordingError
+from bridge.recording.mcap_reader import Entry, McapReader
+from bridge.recording.mcap_writer import HELD_BYTES, McapWriter
 from bridge.wire import codec
-from tests.bridge.record.crowd import samples
+from tests.bridge.recording.crowd import samples
 
 BEGIN_NS = 1_790_000_000_000_000_000
 TOPICS = ("raw/bridge-1/one", "raw/bridge-1/two")

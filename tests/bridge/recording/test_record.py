@@ -15,14 +15,14 @@ from rich.console import Console
 from bridge.bus.contract import BusError, Message, Subscription
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Root
-from bridge.record.record import _first, record
-from bridge.record.recover import recover
-from bridge.record.settings import Recorder, seconds
-from bridge.record.survey import survey
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.record import _first, record
+from bridge.recording.recover import recover
+from bridge.recording.settings import Recorder, seconds
+from bridge.recording.survey import survey
 from bridge.toml_file import ConfigError, load
 from bridge.wire import keys
-from tests.bridge.record.crowd import WARD, Crowd
+from tests.bridge.recording.crowd import WARD, Crowd
 
 NOWHERE = ("tcp/127.0.0.1:1",)
 

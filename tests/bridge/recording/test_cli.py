@@ -12,15 +12,15 @@ from mcap.writer import Writer
 
 from bridge.bus.contract import Message
 from bridge.config import Bridge
-from bridge.record.stretches import read
+from bridge.recording.stretches import read
 from bridge.sim.session import Session, simulate_session
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Verdict
 from estimator.batch.result import PARAMETERS
 from estimator.calibration_file import load
 from estimator.cli import main
-from tests.bridge.record.crowd import WARD, info, samples
-from tests.bridge.record.test_contents import NOW, S, about, marked, recorded, run
+from tests.bridge.recording.crowd import WARD, info, samples
+from tests.bridge.recording.test_contents import NOW, S, about, marked, recorded, run
 
 Capture = pytest.CaptureFixture[str]
 

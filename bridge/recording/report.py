@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from bridge.columns import Column, Columns
-from bridge.record.survey import Boot, Device, Survey
+from bridge.recording.survey import Boot, Device, Survey
 from bridge.wire.keys import boot_id
 from bridge.wording import count
 

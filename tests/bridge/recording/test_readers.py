@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.record.recover import recover
-from bridge.record.survey import survey
 from bridge.recording import MAX_BYTES, Recording, RecordingError, load
+from bridge.recording.recover import recover
+from bridge.recording.survey import survey
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
+DATA = Path(__file__).parents[3].parent / "shared" / "data"
 
 
 def saved(tmp_path: Path, **arrays: Any) -> Path:

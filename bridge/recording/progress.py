@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from bridge.bus.missed import words
-from bridge.record.recorder import WardRecorder
+from bridge.recording.recorder import WardRecorder
 from bridge.wording import count
 
 _EVERY_S = 60.0

@@ -6,7 +6,7 @@ A channel's topic is the key without `truerate/@v1/<ward>/`; the whole key is in
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bridge.record.mcap_writer import described
+from bridge.recording.mcap_writer import described
 from bridge.wire import codec, keys
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.messages import (

@@ -1,4 +1,4 @@
-"""Recordings as files for others: a file for each boot of each device, .npz or .csv, which bridge/recording.py reads back.
+"""Recordings as files for others: a file for each boot of each device, .npz or .csv, which `bridge.recording.load` reads back.
 
 npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c`, `rate_hz` as there; of each sample `host_time_ns`, `sequence`, `flags`;
 where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s` (n, 3), NaN where there is none, and `quality`
@@ -16,9 +16,9 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record.files import check_new, new_file
-from bridge.record.stretches import Recorded, Stretch
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.files import check_new, new_file
+from bridge.recording.stretches import Recorded, Stretch
 from bridge.wire.keys import boot_id
 
 AXES = "xyz"

@@ -13,8 +13,8 @@ from bridge.console import plain_console
 from bridge.logs import printable
 from bridge.pki.member import Role
 from bridge.progress import Bar
-from bridge.record.settings import Recorder
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.settings import Recorder
 from bridge.toml_file import options
 
 Run = Callable[[argparse.Namespace], int | None]
@@ -93,7 +93,7 @@ def _verb(
 
 
 def _record(given: argparse.Namespace) -> int:
-    from bridge.record.record import record  # noqa: PLC0415 - only this verb needs a bus
+    from bridge.recording.record import record  # noqa: PLC0415 - only this verb needs a bus
 
     said = {name: getattr(given, name) for name in Recorder.__struct_fields__ if getattr(given, name, None) is not None}
     if "devices" in said:
@@ -119,8 +119,8 @@ def _table(settings: Recorder) -> dict[str, Any]:
 
 
 def _info(given: argparse.Namespace) -> int:
-    from bridge.record.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
-    from bridge.record.survey import survey  # noqa: PLC0415
+    from bridge.recording.report import as_json, show  # noqa: PLC0415 - arrays and protobuf are slow to load
+    from bridge.recording.survey import survey  # noqa: PLC0415
 
     with Bar() as bar:
         found = survey(given.files, bar.on("reading"))
@@ -132,7 +132,7 @@ def _info(given: argparse.Namespace) -> int:
 
 
 def _recover(given: argparse.Namespace) -> None:
-    from bridge.record.recover import recover  # noqa: PLC0415
+    from bridge.recording.recover import recover  # noqa: PLC0415
 
     with Bar() as bar:
         recovered = recover(given.file, given.out, bar.on("recovering"))
@@ -141,7 +141,7 @@ def _recover(given: argparse.Namespace) -> None:
 
 
 def _export(given: argparse.Namespace) -> None:
-    from bridge.record import bids, export, stretches  # noqa: PLC0415
+    from bridge.recording import bids, export, stretches  # noqa: PLC0415
 
     session = bids.Session(given.subject, given.task, given.session)
     with Bar() as bar:

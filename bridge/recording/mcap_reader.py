@@ -20,7 +20,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 from bridge.wording import count
 
 #: bytes that a chunk may unpack to

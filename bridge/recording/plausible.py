@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 
 _log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]

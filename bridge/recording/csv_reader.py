@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.os_words import why
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 from bridge.wording import count
 
 _log = logging.getLogger(__name__)

@@ -12,14 +12,14 @@ from bridge.drivers import replayed
 from bridge.drivers.driver import DeviceUnavailable
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.takes import Take
-from bridge.record import stretches
-from bridge.record.files import Folder
-from bridge.record.recorder import WardRecorder
-from bridge.record.stretches import Stretch, read
+from bridge.recording import stretches
+from bridge.recording.files import Folder
+from bridge.recording.recorder import WardRecorder
+from bridge.recording.stretches import Stretch, read
 from bridge.ward import Ward
 from bridge.wire import keys
-from tests.bridge.record.crowd import STEP, TICK_S, WARD
-from tests.bridge.record.test_contents import KNOBS, S, about, recorded, run
+from tests.bridge.recording.crowd import STEP, TICK_S, WARD
+from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
 
 SPEED = 10.0
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bridge.bus.contract import Message
-from bridge.record import kinds
-from bridge.record.files import Folder, recorded_in
-from bridge.record.kinds import KINDS, PRIVATE, Kind, Said
-from bridge.record.mcap_writer import MAX_CHANNELS
-from bridge.record.tape import MOST_OF_A_BRIDGE, Item, Tape
+from bridge.recording import kinds
+from bridge.recording.files import Folder, recorded_in
+from bridge.recording.kinds import KINDS, PRIVATE, Kind, Said
+from bridge.recording.mcap_writer import MAX_CHANNELS
+from bridge.recording.tape import MOST_OF_A_BRIDGE, Item, Tape
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally

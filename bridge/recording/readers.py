@@ -24,11 +24,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record import stretches
-from bridge.record.stretches import Stretch
-from bridge.recording_csv import read_csv
-from bridge.recording_error import RecordingError, check_file
-from bridge.recording_units import (
+from bridge.recording import stretches
+from bridge.recording.csv_reader import read_csv
+from bridge.recording.error import RecordingError, check_file
+from bridge.recording.plausible import (
     FASTEST_HZ,
     SLOWEST_HZ,
     believed_accel,
@@ -38,6 +37,7 @@ from bridge.recording_units import (
     rate_of,
     warn_of_gyro,
 )
+from bridge.recording.stretches import Stretch
 from bridge.wire import keys
 from bridge.wire.codec import MAX_ACCEL, MAX_CELSIUS, MAX_RATE
 from bridge.wire.messages import Calibration

@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from bridge.record.files import PART, in_use, new_file
-from bridge.record.kinds import PACKAGE
-from bridge.record.mcap_reader import McapReader
-from bridge.record.mcap_writer import McapWriter
-from bridge.record.tape import ABOUT
-from bridge.recording_error import RecordingError, check_file
+from bridge.recording.error import RecordingError, check_file
+from bridge.recording.files import PART, in_use, new_file
+from bridge.recording.kinds import PACKAGE
+from bridge.recording.mcap_reader import McapReader
+from bridge.recording.mcap_writer import McapWriter
+from bridge.recording.tape import ABOUT
 from bridge.wording import count
 
 Tell = Callable[[int, int], None]

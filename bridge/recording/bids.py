@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.record.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
-from bridge.record.files import check_new, new_file
-from bridge.record.stretches import Recorded, Stretch
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
+from bridge.recording.export import AXES, BEGIN, BOOT, events, make_folder, rows_of
+from bridge.recording.files import check_new, new_file
+from bridge.recording.stretches import Recorded, Stretch
 
 BIDS_VERSION = "1.10.0"
 LABEL = re.compile(r"[0-9a-zA-Z]+\Z")
