@@ -1,25 +1,31 @@
-"""CSV into the named columns of a recording, in SI units; the unit is in each column's name."""
+"""CSV as the columns of a recording, in SI units; the unit is in each column's name.
+
+A header row, one row a sample:
+    t_s | t_ms | t_us                                       time of the sample
+    gyro_x_rad_s ... gyro_z_rad_s | gyro_x_dps ... | gyro_x_mdps ...      also gx_dps and so on
+    accel_x_m_s2 ... accel_z_m_s2 | accel_x_g ... | accel_x_mg ...        also ax_g and so on
+    temperature_c, rate_hz
+What is in other columns is passed over, be it numbers or not.
+"""
 
 import csv
 import difflib
 import logging
 import re
 from array import array
-from collections.abc import Iterable, Iterator
-from itertools import chain, islice
-from operator import itemgetter
+from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.os_words import why
 from bridge.recording.error import RecordingError
+from bridge.recording.recording import Floats
+from bridge.recording.table import Table
 from bridge.wording import count
 
 _log = logging.getLogger(__name__)
-Floats = NDArray[np.float64]
 
 _G = 9.80665
 _DEGREE = float(np.pi / 180)
@@ -44,29 +50,9 @@ def _axes(long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...
 _USED = frozenset(chain(_TIME, ("rate_hz", "temperature_c"), *chain(*(_axes(*vector) for vector in _VECTORS.values()))))
 
 
-class Csv(NamedTuple):
-    """A file's columns gyro_rad_s (n, 3), and where there are accel_m_s2 (n, 3), temperature_c (n,), t_s (n,) or else rate_hz ().
-
-    made_of: the names in the header, in small letters, that each of them is made of.
-    """
-
-    path: Path
-    columns: dict[str, Floats]
-    made_of: dict[str, tuple[str, ...]]
-
-    def place(self, column: str, sample: int, axis: int = 0) -> tuple[str, str]:
-        """What the file calls a column, or an axis of it; where in the file a sample is."""
-        with self.path.open(encoding="utf-8-sig", newline="") as file:
-            rows = _rows(file)
-            _, header = next(rows)
-            line, _ = next(islice(rows, sample, None))
-        names = [name.strip() for name in header]
-        return repr(names[list(map(str.lower, names)).index(self.made_of[column][axis])]), f" in line {line}"
-
-
-def read_csv(path: Path) -> Csv:
+def read_csv(path: Path) -> Table:
     """All that is used of a file; raises RecordingError."""
-    names, at = _table(path)
+    names, at, lines = _numbers(path)
     columns, made_of = dict[str, Floats](), dict[str, tuple[str, ...]]()
     for column, (long, short, units) in _VECTORS.items():
         found = _vectors(at, long, short, units)
@@ -83,36 +69,38 @@ def read_csv(path: Path) -> Csv:
         columns["rate_hz"] = _constant(path, at["rate_hz"])
     if "temperature_c" in at:
         made_of["temperature_c"], columns["temperature_c"] = ("temperature_c",), at["temperature_c"].copy()
-    return Csv(path, columns, made_of)
+
+    def place(column: str, sample: int, axis: int) -> tuple[str, str]:
+        return repr(made_of[column][axis if len(made_of[column]) > 1 else 0]), f" in line {lines[sample]}"
+
+    return Table(columns, place)
 
 
-def _rows(file: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
-    """The header, then a row a sample, each with the line that it ends with."""
-    reader = csv.reader(file, skipinitialspace=True)
-    return ((reader.line_num, row) for row in reader if row)
-
-
-def _table(path: Path) -> tuple[list[str], dict[str, Floats]]:
-    """The names in the header, and the columns that are used, by name; only these numbers are kept, a file may be long."""
-    numbers = array("d")
+def _numbers(path: Path) -> tuple[list[str], dict[str, Floats], Sequence[int]]:
+    """The names in the header, the columns that are used by name, and each sample's line; a file may be long."""
+    numbers, lines = array("d"), array("L")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = _rows(file)
-            names = _names(path, next(rows, (0, []))[1])
+            reader = csv.reader(file, skipinitialspace=True)
+            rows = (row for row in reader if row)
+            names = _names(path, next(rows, []))
             used = [i for i, name in enumerate(names) if name in _USED]
             if not any(all(axis in names for axis in axes) for axes in _axes(*_VECTORS["gyro_rad_s"])):
                 raise RecordingError(f"{path}: {_no_gyro(names)}")
-            chosen = itemgetter(*used)
-            for line, row in rows:
+            for row in rows:
+                line = reader.line_num
                 if len(row) != len(names):
                     commas = "; are there commas in its numbers?" if len(row) > len(names) else ""
                     raise RecordingError(
                         f"{path}: line {line} has {count(len(row), 'column')}; the header has {len(names)}{commas}"
                     )
+                lines.append(line)
                 try:
-                    numbers.extend(map(float, chosen(row)))
-                except ValueError:
-                    raise _bad_number(path, names, used, line, row) from None
+                    numbers.extend([float(row[i]) for i in used])
+                except ValueError as error:
+                    raise RecordingError(
+                        f"{path}: line {line}: {error}; numbers are expected under {', '.join(names[i] for i in used)}"
+                    ) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
     except UnicodeDecodeError:
@@ -120,7 +108,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, Floats]]:
     except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV with a header row: {error}") from None
     table = np.frombuffer(numbers, np.float64).reshape(-1, len(used))
-    return names, {names[i]: table[:, at] for at, i in enumerate(used)}
+    return names, {names[i]: table[:, at] for at, i in enumerate(used)}, lines
 
 
 def _names(path: Path, header: list[str]) -> list[str]:
@@ -130,22 +118,10 @@ def _names(path: Path, header: list[str]) -> list[str]:
         )
     if len(header) == 1 and (between := next((mark for mark in ";\t" if mark in header[0]), "")):
         raise RecordingError(f"{path}: its columns are {between!r} apart; commas are expected, and points in numbers")
-    if len(header) < 3:
-        raise RecordingError(
-            f"{path}: its first row is {','.join(header)[:60]!r}; the names of the columns are expected there, commas between"
-        )
-    if all(map(_is_number, header)):
-        raise RecordingError(
-            f"{path}: its first row is of numbers; the names of the columns are expected there, as t_s,gx_dps,gy_dps,gz_dps"
-        )
     names = [name.strip().lower() for name in header]
-    if "" in names:
-        raise RecordingError(
-            f"{path}: column {names.index('') + 1} of the header has no name; give it one, or end no row with a comma"
-        )
     twice = {name for name in names if names.count(name) > 1}
     if twice:
-        raise RecordingError(f"{path}: the header has {', '.join(sorted(twice))} more than once")
+        raise RecordingError(f"{path}: the header has {', '.join(map(repr, sorted(twice)))} more than once")
     return names
 
 
@@ -195,18 +171,3 @@ def _no_gyro(names: list[str]) -> str:
         if name not in wanted and (close := difflib.get_close_matches(name, wanted, n=1, cutoff=0.6))
     ]
     return f"{missing}; the header has {', '.join(names)}. {' '.join(hints[:3])}".strip()
-
-
-def _bad_number(path: Path, names: list[str], used: list[int], line: int, row: list[str]) -> RecordingError:
-    for i in used:
-        if not _is_number(row[i]):
-            return RecordingError(f"{path}: line {line}, column {names[i]!r}: {row[i][:32]!r} is not a number")
-    return RecordingError(f"{path}: line {line} is not of numbers")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

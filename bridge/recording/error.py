@@ -4,6 +4,8 @@ from pathlib import Path
 
 from bridge import os_words
 
+MAX_BYTES = 1 << 29  # of a file that is read into arrays, and of what it unpacks to
+
 
 class RecordingError(Exception):
     """A recording cannot be used: the file, what is in it, and what was expected."""
