@@ -1,6 +1,6 @@
 """Checks whether the files of a ward go together: ids, endpoints, certificates, and the rules of routers."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
 from pathlib import Path
@@ -24,7 +24,6 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
-        *_strangers(wards),
         *router_faults(routers),
         *_twice(wards),
         *_otherwise(wards),
@@ -43,21 +42,18 @@ def soon(wards: Mapping[Path, Root], routers: Sequence[RouterFile]) -> Iterator[
 def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
     """Devices given a model of their own that are not there, as far as these files tell; sentences as above."""
     for path, root in wards.items():
-        if root.devices is not None:
-            there, so = set(root.devices.read()), "enrolled: its model is of no use"
-        else:
-            there = _listed(wards.values(), root.ward)
-            so = "in [[bridge.devices]]: its model is of no use, unless another bridge has it"
+        listed = {
+            one.id
+            for other in wards.values()
+            if other.ward == root.ward and other.bridge
+            for one in other.bridge.devices
+        }
+        there = set(root.devices.read()) if root.devices is not None else listed
         models: Mapping[str, str] = root.estimator.models if root.estimator is not None and there else {}
         for device in sorted(models.keys() - there):
             close = get_close_matches(device, there, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
-            yield f"{path}: [estimator]: models: {device!r} is not {so}{hint}"
-
-
-def _listed(roots: Iterable[Root], ward: str) -> set[str]:
-    """The devices of all bridges of a ward."""
-    return {device.id for root in roots if root.ward == ward and root.bridge for device in root.bridge.devices}
+            yield f"{path}: [estimator]: models: {device!r} is not enrolled, nor a device of these files{hint}"
 
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
@@ -82,29 +78,8 @@ def _of_ward(root: Root, now: datetime) -> Iterator[str]:
         yield f"[bus]: the certificate is for {member.label}; of [{member.role.value}] {there}"
 
 
-def _strangers(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """Devices of a bridge that an estimator of its ward, of another file or the same, would not use."""
-    for path, root in wards.items():
-        if root.devices is None:
-            continue
-        places = root.devices.read()
-        for there, other in wards.items():
-            if other.bridge is None or other.ward != root.ward or (other is not root and root.estimator is None):
-                continue
-            where = "" if other is root else f" in {there}"
-            for device in other.bridge.devices:
-                if places.get(device.id, other.bridge.id) not in ("", other.bridge.id):
-                    by = f"is enrolled by {places[device.id]!r}, and listed by {other.bridge.id!r}"
-                    yield f"{path}: [devices]: {device.id!r} {by}{where}"
-                elif device.id not in places:
-                    yield (
-                        f"{path}: [devices]: {device.id!r} of [[bridge.devices]]{where} is not enrolled: the estimator would"
-                        " not use it"
-                    )
-
-
 def _twice(wards: Mapping[Path, Root]) -> Iterator[str]:
-    """A bridge, an estimator, a store or a device that two files have."""
+    """A bridge, an estimator or a device that two files have."""
     seen: dict[tuple[str, str, str], Path] = {}
     for path, root in wards.items():
         for what, name in _names(root):
@@ -117,10 +92,8 @@ def _names(root: Root) -> Iterator[tuple[str, str]]:
     if root.bridge is not None:
         yield "bridge", root.bridge.id
         yield from (("device", device.id) for device in root.bridge.devices)
-    if (estimator := root.estimator) is not None:
-        yield "estimator", estimator.id
-        if root.bus.identity is None:  # else it may run on another machine
-            yield "store", str(Path(estimator.store).absolute())
+    if root.estimator is not None:
+        yield "estimator", root.estimator.id
 
 
 def _otherwise(wards: Mapping[Path, Root]) -> Iterator[str]:

@@ -81,13 +81,21 @@ def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path
     paths, scans = [], []
     for stem, stretch in stems.items():
         paths += _write(home / "motion", stem, stretch, session.task, systems[stretch.device])
-        scans.append((f"motion/{stem}_motion.tsv", _rfc3339(int(stretch.time_ns[0]))))
+        began = datetime.fromtimestamp(int(stretch.time_ns[0]) / 1e9, UTC)
+        scans.append((f"motion/{stem}_motion.tsv", f"{began:%Y-%m-%dT%H:%M:%S.%f}Z"))
         paths += _write_events(home / "motion", stem, recorded, stretch)
     _add_rows(listed, known_scans, scans)
     _add_rows(people, known_people, [(f"sub-{session.subject}",)])
     about = folder / "dataset_description.json"
     if not about.exists():
-        _write_json(about, _about())
+        made_by = {"Name": "truerate", "Version": version("truerate")}
+        told = {
+            "Name": "Recorded by truerate",
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "GeneratedBy": [made_by],
+        }
+        _write_json(about, told)
         if not any(folder.glob("README*")):
             with new_file(folder / "README") as file:
                 file.write(_README.encode())
@@ -151,7 +159,7 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
         for rows in rows_of([channel.values for channel in found], _NONE):
             file.write("".join("\t".join(row) + "\n" for row in rows).encode())
     _write_json(paths[1], sidecar(stretch, task, system))
-    heads = (
+    heads = [
         "name",
         "component",
         "type",
@@ -160,7 +168,7 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
         "reference_frame",
         "sampling_frequency",
         "description",
-    )
+    ]
     told = [
         (c.name, c.component, c.type, stretch.device, c.units, "sensor" if c.component != _NONE else _NONE,
          f"{stretch.rate_hz:g}", c.description)
@@ -179,12 +187,11 @@ def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch)
         for event in events(recorded)
         if event.device == stretch.device and event.event not in (BOOT, BEGIN) and first <= event.time_ns <= last
     ]
-    if not rows:
-        return []
-    path = folder / f"{stem}_events.tsv"
-    _write_table(path, ("onset", "duration", "trial_type", "description"), rows)
-    _write_json(path.with_suffix(".json"), {"description": {"Description": "what was written, or came of it"}})
-    return [path, path.with_suffix(".json")]
+    paths = [folder / f"{stem}_{name}" for name in _EVENTS] if rows else []
+    if rows:
+        _write_table(paths[0], ("onset", "duration", "trial_type", "description"), rows)
+        _write_json(paths[1], {"description": {"Description": "what was written, or came of it"}})
+    return paths
 
 
 def _systems(devices: Sequence[str]) -> dict[str, str]:
@@ -198,15 +205,6 @@ def _systems(devices: Sequence[str]) -> dict[str, str]:
             )
         taken[label] = device
     return systems
-
-
-def _rfc3339(time_ns: int) -> str:
-    return f"{datetime.fromtimestamp(time_ns / 1e9, UTC):%Y-%m-%dT%H:%M:%S.%f}Z"
-
-
-def _about() -> dict[str, Any]:
-    made_by = {"Name": "truerate", "Version": version("truerate")}
-    return {"Name": "Recorded by truerate", "BIDSVersion": BIDS_VERSION, "DatasetType": "raw", "GeneratedBy": [made_by]}
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
@@ -223,21 +221,16 @@ def _lines(path: Path, heads: Sequence[str]) -> list[str]:
     """A table that may be there already, or the beginning of one; raises RecordingError for what is no text."""
     try:
         known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    except UnicodeDecodeError as error:
-        raise RecordingError(
-            f"{path}: is not UTF-8, which BIDS asks for ({error.reason} at byte {error.start}); save it as UTF-8, or move it away"
-        ) from None
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path}: is not UTF-8, which BIDS asks for; save it as UTF-8, or move it away") from None
     return known or ["\t".join(heads)]
 
 
 def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Add rows to a table; those it has are not added again."""
-    lines = ["\t".join(row) for row in rows]
-    width = known[0].count("\t")
-    missing = _NONE
-    padded = [line + f"\t{missing}" * (width - line.count("\t")) for line in lines]
     had = {line.split("\t", 1)[0] for line in known}
-    new = [line for line in padded if line.split("\t", 1)[0] not in had]
+    width = known[0].count("\t") + 1
+    new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]
     unfinished = path.with_name(f".{path.name}.new")
     unfinished.write_text("".join(line + "\n" for line in (*known, *new)), encoding="utf-8")
     unfinished.replace(path)

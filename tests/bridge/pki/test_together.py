@@ -130,14 +130,6 @@ def a_key_for_all(files: Files) -> None:
     (files.pki.path / "bridge.b1.key").chmod(0o644)
 
 
-def a_stranger(files: Files) -> None:
-    files.write("bridge.b1", "estimator.e1", more='[devices]\nenrolled = ["b1/d7"]\n')
-
-
-def anothers_device(files: Files) -> None:
-    files.write("bridge.b1", "estimator.e1", more='[devices]\nenrolled = ["b2/d1"]\n')
-
-
 def unknown(files: Files) -> None:
     files.router.write_text(
         files.router.read_text().replace("bridge:b1", "bridge:b9").replace("bridge/b1", "bridge/b9")
@@ -173,8 +165,6 @@ def of_another_authority(files: Files) -> None:
         (by_another_name, "the router's certificate is for 127.0.0.1 alone"),
         (expired, "expired on"),
         (a_key_for_all, "chmod 600"),
-        (a_stranger, "[devices]: 'd1' of [[bridge.devices]] in ONE is not enrolled"),
-        (anothers_device, "[devices]: 'd1' is enrolled by 'b2', and listed by 'b1' in ONE"),
         (unknown, "ROUTER has no rules for bridge:b1 in ward 'w'"),
         (another_ward, "has no rules for bridge:b1 in ward 'w2' (it has for bridge:b1 in ward w)"),
         (own_for_authority, "the certificate of 'bridge:b1' in it is no authority's"),
@@ -238,18 +228,6 @@ def test_a_role_that_would_be_denied_silently_says_so_itself(
         assert main(arguments) == 2
         assert needed in capsys.readouterr().err
     assert not (tmp_path / "truerate.sqlite3").exists(), "who may not serve leaves no store behind"
-
-
-def test_two_estimators_on_one_machine_have_two_stores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, store in (("e1", "a.sqlite3"), ("e2", "./a.sqlite3"), ("e3", "b.sqlite3")):
-        bus = '[bus]\nconnect = ["tcp/127.0.0.1:7447"]'
-        text = f'ward = "w"\n{bus}\n[estimator]\nid = "{name}"\nstore = "{store}"\n'
-        (tmp_path / f"{name}.toml").write_text(text, "utf-8")
-    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e3"))]) == 0
-    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e2"))]) == 2
-    assert "of ward 'w' is in" in capsys.readouterr().err
-    (tmp_path / "e2.toml").write_text((tmp_path / "e2.toml").read_text("utf-8").replace('"w"', '"w2"'), "utf-8")
-    assert main(["config", "check", *(str(tmp_path / f"{name}.toml") for name in ("e1", "e2"))]) == 0
 
 
 def test_a_plain_bus_asks_nobody_who_he_is() -> None:
