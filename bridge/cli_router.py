@@ -54,10 +54,8 @@ def _looked_through(path: Path) -> RouterFile:
     file = router_check.read(path)
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
         raise BusError("\n".join(wrong))
-    for words in file.faults:
+    for words in (*file.faults, *routers_together.faults(file)):
         _log.warning("%s: %s", path, words)
-    for words in routers_together.faults([file]):
-        _log.warning("%s", words)
     return file
 
 

@@ -24,7 +24,6 @@ def faults(wards: Mapping[Path, Root], routers: Sequence[RouterFile], now: datet
     return [
         *(f"{router.path}: {words}" for router in routers for words in _of_router(router, now)),
         *(f"{path}: {words}" for path, root in wards.items() for words in _of_ward(root, now)),
-        *router_faults(routers),
         *_twice(wards),
         *_otherwise(wards),
         *(f"{path}: {words}" for path, root in wards.items() if routers for words in _between(root, routers)),
@@ -57,7 +56,7 @@ def unused(wards: Mapping[Path, Root]) -> Iterator[str]:
 
 
 def _of_router(router: RouterFile, now: datetime) -> Iterator[str]:
-    yield from router.faults
+    yield from (*router.faults, *router_faults(router))
     if router.identity is not None:
         yield from identity_faults(router.identity, now, (Role.ROUTER,))
 

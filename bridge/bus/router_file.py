@@ -1,6 +1,7 @@
 """A router's own file, JSON5, made: it serves zenohd and `truerate router` alike. Pure."""
 
 import json
+import re
 from collections.abc import Sequence
 
 from bridge.bus import zenoh_settings
@@ -9,6 +10,7 @@ from bridge.pki.member import Member
 from bridge.pki.papers import Identity
 from bridge.wire import keys
 
+_INNERMOST, _WIDTH = re.compile(r"[\[{][^\[\]{}]*[\]}]"), 100
 # Over every part, why it is there.
 _WHY = {
     "connect": "other routers, which this one joins",
@@ -27,7 +29,8 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
     parts = []
     for part, value in settings.items():
         why = f"  // {_WHY[part]}\n" if part in _WHY else ""
-        parts.append(f"{why}  {json.dumps(part)}: {_indented(value)}")
+        shown = _INNERMOST.sub(_on_one_line, json.dumps(value, indent=2)).replace("\n", "\n  ")
+        parts.append(f"{why}  {json.dumps(part)}: {shown}")
     head = "".join(f"// {line}\n" for line in title.splitlines())
     return f"{head}{{\n" + ",\n".join(parts) + "\n}\n"
 
@@ -45,23 +48,7 @@ def guarded(
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 
-def _indented(value: object) -> str:
-    """Lists of words on one line, everything else by levels."""
-    return _laid_out(value, 1)
-
-
-def _laid_out(value: object, level: int) -> str:
-    inner, outer = "  " * (level + 1), "  " * level
-    if isinstance(value, dict) and value:
-        flat = json.dumps(value)
-        if len(flat) + 2 * level < 80 and not any(isinstance(item, dict | list) for item in value.values()):
-            return flat
-        rows = [f"{inner}{json.dumps(key)}: {_laid_out(item, level + 1)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(rows) + f"\n{outer}}}"
-    if isinstance(value, list) and value:
-        flat = json.dumps(value)
-        if len(flat) + 2 * level < 110 and not any(isinstance(item, dict) for item in value):
-            return flat
-        rows = [f"{inner}{_laid_out(item, level + 1)}" for item in value]
-        return "[\n" + ",\n".join(rows) + f"\n{outer}]"
-    return json.dumps(value)
+def _on_one_line(match: re.Match[str]) -> str:
+    """Where there is room for it."""
+    flat = " ".join(match[0].split()).replace("[ ", "[").replace(" ]", "]").replace("{ ", "{").replace(" }", "}")
+    return flat if len(flat) < _WIDTH else match[0]

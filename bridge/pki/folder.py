@@ -48,17 +48,13 @@ class Folder:
         """The same name, the same key, the same hosts, the same issuer; from now on, by default for as long as before."""
         member = self.current(member)
         files = self.identity(member)
-        if not Path(files.certificate).exists():
+        if missing := [path for path in (files.certificate, files.key) if not Path(path).exists()]:
             raise ValueError(
-                f"{files.certificate}: there is none to renew; `truerate pki issue {member.label}` makes one"
+                f"{missing[0]}: is not there, and a renewal needs the certificate and its key: copy it back from the machine of"
+                f" {member.label}, or make new ones: truerate pki issue {member.label}, where it had some after revoke"
             )
         own = certificates(files.certificate)[0]
         hosts, lasted = hosts_of(own), lasts_of(own)
-        if not Path(files.key).exists():
-            raise ValueError(
-                f"{files.key} is not there, and a renewal keeps the key: copy it back from the machine of {member.label}, or"
-                f" give that a new one: truerate pki revoke {member.label}, then issue"
-            )
         key = Path(files.key).read_bytes()
         if days is not None:
             ends = now + timedelta(days=days)

@@ -272,24 +272,8 @@ class TwoRouters:
         return main(["config", "check", str(self.ward), str(self.first), str(self.second)])
 
 
-def nobody_joins(two: TwoRouters) -> None:
-    two.write("r1", "r2", [], [])
-
-
-def joins_nobody(two: TwoRouters) -> None:
-    two.write("r1", "r2", [], ["tls/10.0.0.7:7447"])
-
-
-def joins_itself(two: TwoRouters) -> None:
-    two.write("r1", "r2", [], ["tls/10.0.0.6:7447"])
-
-
 def one_does_not_know(two: TwoRouters) -> None:
     two.write("r1", "r2", [], ["tls/10.0.0.5:7447"], without="bridge:b1")
-
-
-def not_the_other(two: TwoRouters) -> None:
-    two.write("r1", "r2", [], ["tls/10.0.0.5:7447"], without="router:r1")
 
 
 def joins_as_nobody(two: TwoRouters) -> None:
@@ -300,11 +284,7 @@ def joins_as_nobody(two: TwoRouters) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (nobody_joins, "nothing joins it to"),
-        (joins_nobody, "nothing joins it to"),
-        (joins_itself, "nothing joins it to"),
         (one_does_not_know, "second.json5 has no rules for bridge:b1"),
-        (not_the_other, "second.json5 has no rules for router:r1"),
         (joins_as_nobody, "transport.link.tls.connect_private_key is"),
     ],
 )
