@@ -42,13 +42,13 @@ class Contents:
         self._paths = sorted(paths, key=_begin_ns) if len(paths) > 1 else list(paths)
 
     def __iter__(self) -> Iterator[Heard]:
-        total = sum(_size(path) for path in self._paths)
-        for path in self._paths:
+        sizes = [path.stat().st_size for path in self._paths]
+        for path, size in zip(self._paths, sizes, strict=True):
             for done, entry in _entries(path, self.trouble, self.refused):
                 if (heard := self._heard(entry)) is not None:
                     yield heard
-                self._tell(self.size + done, total)
-            self.size += _size(path)
+                self._tell(self.size + done, sum(sizes))
+            self.size += size
 
     def passed_over(self) -> list[str]:
         """What is not understood, a line for each reason."""
@@ -94,10 +94,3 @@ def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[i
 
 def _begin_ns(path: Path) -> int:
     return next((entry.log_ns for _, entry in _entries(path, [], Tally())), 0)
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None

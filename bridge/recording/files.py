@@ -9,11 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from bridge.os_words import why
 from bridge.recording.error import RecordingError
 
 PART = ".part"
-_MB = 1_000_000
-_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 class Output:
@@ -77,13 +76,9 @@ class Folder:
 
     def said(self, error: OSError) -> str:
         """What keeps us from writing, for a person."""
-        if error.errno in _FULL:
-            with contextlib.suppress(OSError):
-                return f"the disk is full: {self.free_bytes() / _MB:.1f} MB are free in {self.path}"
-            return f"the disk is full: {self.path}"
         if error.errno == errno.EFBIG:
             return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
-        return f"{self.path} cannot be written to: {error.strerror or error}"
+        return f"{self.path} cannot be written to: {why(error)}"
 
 
 def with_part(path: Path) -> Path:
@@ -132,7 +127,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
         finally:
             unfinished.unlink(missing_ok=True)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from None
 
 
 def in_use(path: Path) -> bool:

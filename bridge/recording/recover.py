@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from bridge.os_words import why
 from bridge.recording.error import RecordingError, check_file
 from bridge.recording.files import PART, in_use, new_file
 from bridge.recording.kinds import PACKAGE
@@ -48,7 +49,7 @@ def recover(path: Path, out: Path | None = None, tell: Tell = lambda _done, _of:
                 if reader.whole and not path.name.endswith(PART):
                     raise RecordingError(f"{path}: it is whole; there is nothing to recover")
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from None
     return done
 
 
@@ -74,12 +75,8 @@ def _copied(reader: McapReader, copy: BinaryIO, path: Path, target: Path, tell: 
     if writer is None:
         raise RecordingError(f"{path}: nothing can be recovered; {'; '.join(reader.trouble) or 'it holds no message'}")
     writer.finish()
-    trouble = [*reader.trouble, *(_not_ours(schema, n) for schema, n in foreign.items())]
-    return Recovered(target, writer.messages, first_ns, last_ns, tuple(trouble))
-
-
-def _not_ours(schema: str, n: int) -> str:
-    return f"{count(n, 'message')} passed over, of {schema or 'no schema'!r}"
+    others = [f"{count(n, 'message')} passed over, of {schema or 'no schema'!r}" for schema, n in foreign.items()]
+    return Recovered(target, writer.messages, first_ns, last_ns, (*reader.trouble, *others))
 
 
 def _name(path: Path) -> Path:
