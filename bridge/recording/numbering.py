@@ -29,11 +29,6 @@ class Numbering:
         self._tick = 0
         self._time_ns = 0
 
-    @property
-    def next(self) -> int:
-        """The number that would go on; 0 before any batch."""
-        return self._next or 0
-
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Follows:
         """How the batch stands to what came before; it is taken as said."""
         follows = self._judge(batch)

@@ -12,7 +12,6 @@ from bridge.recording import kinds, load
 from bridge.recording.error import RecordingError
 from bridge.recording.files import Folder
 from bridge.recording.mcap_writer import McapWriter
-from bridge.recording.numbering import Numbering
 from bridge.recording.recorder import Knobs, WardRecorder
 from bridge.recording.recover import recover
 from bridge.recording.stretches import NOT_CORRECTED, read
@@ -167,17 +166,6 @@ def test_columns_that_come_and_go(tmp_path: Path) -> None:
     assert stretch.temperature_c[4] == 20
     assert (np.diff(stretch.temperature_c[4:11]) > 0).all()
     assert stretch.temperature_c[10] == 30.5
-
-
-def test_numbers_that_begin_anew_are_another_stretch() -> None:
-    numbering = Numbering()
-    assert numbering.follow(samples("one", 100, 5, NOW)).anew
-    assert numbering.follow(samples("one", 105, 5, NOW + S))[:3] == (0, 0, False)
-    assert numbering.follow(samples("one", 102, 5, NOW))[:3] == (5, 0, False)  # late
-    assert numbering.follow(samples("one", 107, 5, NOW))[:3] == (3, 0, False)  # in part
-    assert numbering.follow(samples("one", 120, 5, NOW + 2 * S))[:3] == (0, 8, False)
-    assert numbering.follow(samples("one", 0, 5, NOW + 9 * S)).anew  # the same boot number after a restart
-    assert numbering.next == 5
 
 
 # ---- recovery ---------------------------------------------------------------------------------------------------------
