@@ -10,8 +10,7 @@ from bridge.recording.kinds import KINDS, PACKAGE, Said
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.tape import ABOUT
 from bridge.wire import keys
-from bridge.wire.refusal import Refusal, Tally, in_words
-from bridge.wording import count
+from bridge.wire.refusal import Refusal, Tally
 
 Tell = Callable[[int, int], None]
 
@@ -49,11 +48,6 @@ class Contents:
                     yield heard
                 self._tell(self.size + done, sum(sizes))
             self.size += size
-
-    def passed_over(self) -> list[str]:
-        """What is not understood, a line for each reason."""
-        counts = self.refused.as_dict().items()
-        return [f"{count(n, 'message')} passed over: {in_words(reason)}" for reason, n in counts]
 
     def _heard(self, entry: Entry) -> Heard | None:
         what = entry.topic.split("/", 1)[0]

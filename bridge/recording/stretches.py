@@ -1,16 +1,18 @@
 """The samples of recordings as arrays: for each device its stretches, a stretch being one boot with rising numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.recording.contents import Contents, Tell
+from bridge.recording.contents import Tell
 from bridge.recording.error import RecordingError
-from bridge.recording.numbering import Numbering
+from bridge.recording.survey import Boot, Device, survey
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, SampleBatch, Verdict
+from bridge.wire.refusal import in_words
+from bridge.wording import count
 
 Singles = NDArray[np.float32]
 #: quality of a sample of which no corrected rate was recorded
@@ -115,78 +117,41 @@ class Recorded:
         )
 
 
-@dataclass(slots=True)
-class _Device:
-    bridge: str = ""
-    infos: dict[int, DeviceInfo] = field(default_factory=dict)
-    numberings: dict[int, Numbering] = field(default_factory=dict)
-    batches: dict[tuple[int, int], list[SampleBatch]] = field(
-        default_factory=dict
-    )  # by boot and how often it began anew
-    anew: dict[int, int] = field(default_factory=dict)
-    corrected: dict[int, list[CorrectedBatch]] = field(default_factory=dict)
-
-
 def read(paths: Sequence[Path], *, corrected: bool = True, tell: Tell = lambda _done, _of: None) -> Recorded:
     """Read whole files; raises RecordingError for one that is none of ours."""
     wanted = ["raw", "info", "calibration", "note", *(["corrected"] if corrected else [])]
-    contents = Contents(paths, wanted, tell)
-    devices: dict[str, _Device] = {}
-    calibrations: dict[tuple[str, int, str], Calibration] = {}
-    notes: dict[tuple[str, int, str], Note] = {}
-    for key, said, _ in contents:
-        device = devices.setdefault(key.device, _Device())
-        if isinstance(said, SampleBatch):
-            _take(device, said)
-        elif isinstance(said, CorrectedBatch):
-            device.corrected.setdefault(said.boot, []).append(said)
-        elif isinstance(said, DeviceInfo):
-            device.infos[said.boot] = said
-        elif isinstance(said, Calibration):
-            calibrations[said.device, said.time_ns, said.id] = said
-        elif isinstance(said, Note):
-            notes[said.device, said.time_ns, said.text] = said
-    trouble = contents.trouble + contents.passed_over()
-    trouble += [
-        f"of {name} there are {sum(map(len, batches))} corrected rates, but no readings"
-        for name in sorted(devices)
-        if not devices[name].batches and (batches := [b for of in devices[name].corrected.values() for b in of])
-    ]
+    found = survey(paths, tell, wanted, keep=True)
+    refused = found.refused.as_dict().items()
+    trouble = found.trouble + [f"{count(n, 'message')} passed over: {in_words(reason)}" for reason, n in refused]
+    stretches = dict[str, list[Stretch]]()
+    for name, device in found.devices.items():
+        parts = [(boot, batches) for boot in device.boots.values() for batches in boot.kept]
+        parts.sort(key=lambda part: part[1][0].start_time_ns)
+        rates = sum(len(batch) for boot in device.boots.values() for batch in boot.rates)
+        if parts:
+            stretches[name] = [_stretch(name, device, *part, number) for number, part in enumerate(parts, 1)]
+        elif rates:
+            trouble.append(f"of {name} there are {rates} corrected rates, but no readings")
     return Recorded(
-        stretches={name: _stretches(name, devices[name]) for name in sorted(devices) if devices[name].batches},
-        calibrations=list(calibrations.values()),
-        notes=sorted(notes.values(), key=lambda note: note.time_ns),
+        stretches=stretches,
+        calibrations=[one for device in found.devices.values() for one in device.calibrations.values()],
+        notes=sorted(
+            (one for device in found.devices.values() for one in device.notes.values()), key=lambda n: n.time_ns
+        ),
         trouble=trouble,
     )
 
 
-def _take(device: _Device, batch: SampleBatch) -> None:
-    numbering = device.numberings.setdefault(batch.boot, Numbering())
-    follows = numbering.follow(batch)
-    if follows.skip == len(batch):
-        return
-    if follows.anew:
-        device.anew[batch.boot] = device.anew.get(batch.boot, 0) + 1
-    device.bridge = batch.bridge
-    new = batch.after(follows.skip) if follows.skip else batch
-    device.batches.setdefault((batch.boot, device.anew[batch.boot]), []).append(new)
-
-
-def _stretches(name: str, device: _Device) -> list[Stretch]:
-    in_order = sorted(device.batches.items(), key=lambda item: item[1][0].start_time_ns)
-    return [_stretch(name, device, boot, number, batches) for number, ((boot, _), batches) in enumerate(in_order, 1)]
-
-
-def _stretch(name: str, device: _Device, boot: int, number: int, batches: list[SampleBatch]) -> Stretch:
+def _stretch(name: str, device: Device, boot: Boot, batches: list[SampleBatch], number: int) -> Stretch:
     ticks = np.concatenate([batch.ticks for batch in batches])
     sequence = np.concatenate([np.arange(b.sequence, b.sequence + len(b), dtype=np.int64) for b in batches])
     accels = [batch.accel for batch in batches if batch.accel is not None]
     return Stretch(
         device=name,
         bridge=device.bridge,
-        boot=boot,
+        boot=boot.boot,
         number=number,
-        info=device.infos.get(boot),
+        info=device.infos.get(boot.boot),
         tick_period_s=batches[0].tick_period_s,
         sequence=sequence,
         ticks=ticks,
@@ -195,7 +160,7 @@ def _stretch(name: str, device: _Device, boot: int, number: int, batches: list[S
         accel=np.concatenate(accels) if len(accels) == len(batches) else None,
         temperature_c=_temperature(batches),
         flags=np.concatenate([batch.flags for batch in batches]),
-        corrected=_rates(device.corrected.get(boot, []), sequence, ticks),
+        corrected=_rates(boot.rates, sequence, ticks),
     )
 
 

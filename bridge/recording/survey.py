@@ -1,4 +1,4 @@
-"""`truerate recording info`: who is in recordings, from when to when, how fast, with which gaps; calibrations and notes."""
+"""Surveys recordings, file by file: devices, boots, rates, gaps, calibrations and notes; keeps the samples where asked to."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ class Boot:
     """One boot of a device: host times of its first and last sample, samples, and what is missing between them.
 
     corrected: samples by quality, each once, from the first reading to the last: a reader who came late was told of some
-    before them.
+    before them. kept: the readings, each once, in parts where numbers begin anew; rates: corrected rates as they came.
     """
 
     boot: int
@@ -27,10 +27,13 @@ class Boot:
     gaps: int = 0
     repeated: int = 0
     device_s: float = 0.0
-    first: int = 0  # number of the first reading
-    numbering: Numbering = field(default_factory=Numbering)
+    first: int = 0  # number of the first reading, and the one after the last
+    end: int = 0
+    kept: list[list[SampleBatch]] = field(default_factory=list)
+    rates: list[CorrectedBatch] = field(default_factory=list)
+    _numbering: Numbering = field(default_factory=Numbering)
     _rated: Numbering = field(default_factory=Numbering)
-    _rates: list[tuple[int, int, str]] = field(default_factory=list)  # first number, the one after the last, quality
+    _runs: list[tuple[int, int, str]] = field(default_factory=list)  # first number, the one after the last, quality
 
     @property
     def rate_hz(self) -> float:
@@ -41,17 +44,20 @@ class Boot:
     def corrected(self) -> Counter[str]:
         """See the class."""
         found = Counter[str]()
-        for first, end, quality in self._rates if self.samples else ():
+        for first, end, quality in self._runs if self.samples else ():
             found[quality] += max(0, end - max(first, self.first))
         return +found
 
-    def read(self, batch: SampleBatch) -> None:
+    def read(self, batch: SampleBatch, *, keep: bool) -> None:
         """Count readings in."""
-        skip, missing, anew, step = self.numbering.follow(batch)
+        skip, missing, anew, step = self._numbering.follow(batch)
         self.repeated += skip
         if skip == len(batch):
             return
         times = batch.sample_time_ns
+        if keep:
+            self.kept += [[]] if anew else []
+            self.kept[-1].append(batch.after(skip) if skip else batch)
         if anew:
             self.gaps += bool(self.samples)
         else:
@@ -64,25 +70,34 @@ class Boot:
         self.first_ns = min(self.first_ns or int(times[skip]), int(times[skip]))
         self.last_ns = max(self.last_ns, int(times[-1]))
         self.samples += len(batch) - skip
+        self.end = batch.sequence + len(batch)
 
-    def rated(self, batch: CorrectedBatch) -> None:
+    def rated(self, batch: CorrectedBatch, *, keep: bool) -> None:
         """Count corrected rates in."""
+        if keep:
+            self.rates.append(batch)
         skip, _, anew, _ = self._rated.follow(batch)
         if skip < len(batch):
             first, quality = batch.sequence + skip, Quality(batch.quality).name
-            if not anew and self._rates[-1][1:] == (first, quality):
-                first = self._rates.pop()[0]
-            self._rates.append((first, batch.sequence + len(batch), quality))
+            if not anew and self._runs[-1][1:] == (first, quality):
+                first = self._runs.pop()[0]
+            self._runs.append((first, batch.sequence + len(batch), quality))
 
 
 @dataclass(slots=True)
 class Device:
-    """What is known of a device: its boots by number, calibrations and notes in order."""
+    """What is known of a device: its boots by number, what it says of itself in each, calibrations and notes in order."""
 
-    info: DeviceInfo | None = None
+    bridge: str = ""
+    infos: dict[int, DeviceInfo] = field(default_factory=dict)
     boots: dict[int, Boot] = field(default_factory=dict)
     calibrations: dict[str, Calibration] = field(default_factory=dict)
     notes: dict[tuple[int, str], Note] = field(default_factory=dict)
+
+    @property
+    def info(self) -> DeviceInfo | None:
+        """Of its last boot that it said anything of."""
+        return next(reversed(self.infos.values()), None)
 
 
 @dataclass(slots=True)
@@ -104,9 +119,11 @@ class Survey:
         return (self.last_ns - self.first_ns) * 1e-9
 
 
-def survey(paths: Sequence[Path], tell: Tell = lambda _done, _of: None) -> Survey:
-    """Look through files; raises RecordingError for one that is none of ours."""
-    contents = Contents(paths, tell=tell)
+def survey(
+    paths: Sequence[Path], tell: Tell = lambda _done, _of: None, wanted: Sequence[str] = (), *, keep: bool = False
+) -> Survey:
+    """Look through files; raises RecordingError for one that is none of ours. wanted: as of Contents; keep: the samples."""
+    contents = Contents(paths, wanted, tell)
     devices: dict[str, Device] = {}
     wards: set[str] = set()
     messages = 0
@@ -115,11 +132,12 @@ def survey(paths: Sequence[Path], tell: Tell = lambda _done, _of: None) -> Surve
         wards.add(key.ward)
         device = devices.setdefault(key.device, Device())
         if isinstance(said, SampleBatch):
-            device.boots.setdefault(said.boot, Boot(said.boot)).read(said)
+            device.bridge = said.bridge
+            device.boots.setdefault(said.boot, Boot(said.boot)).read(said, keep=keep)
         elif isinstance(said, CorrectedBatch):
-            device.boots.setdefault(said.boot, Boot(said.boot)).rated(said)
+            device.boots.setdefault(said.boot, Boot(said.boot)).rated(said, keep=keep)
         elif isinstance(said, DeviceInfo):
-            device.info = said if said.boot or device.info is None else device.info
+            device.infos[said.boot] = said
         elif isinstance(said, Calibration):
             device.calibrations[said.id or str(said.time_ns)] = said
         elif isinstance(said, Note):

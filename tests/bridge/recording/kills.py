@@ -78,5 +78,5 @@ def _what_is_left(folder: Path, crowd: Crowd, moment_s: float, began_s: float) -
     boots = {name: device.boots[7] for name, device in found.devices.items() if device.boots}
     before = crowd.sent_by(began_s)
     # What was sent before there was a file comes from caches while it begins: it counts from then on.
-    last = min(max(before, boots[name].numbering.next) if name in boots else before for name in crowd.names)
+    last = min(max(before, boots[name].end) if name in boots else before for name in crowd.names)
     return Killed(moment_s - began_s, (sent - last) / RATE_HZ, sum(boot.missing for boot in boots.values()), trouble)
