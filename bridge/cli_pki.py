@@ -1,4 +1,4 @@
-"""The verbs `truerate pki ...`: arguments in, exit code out. `show` says by it whether somebody has to act."""
+"""The verbs `truerate pki ...`: arguments in, exit code out; that of `show` tells whether somebody has to act."""
 
 import argparse
 import json

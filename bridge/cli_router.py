@@ -50,7 +50,7 @@ def router(args: argparse.Namespace) -> int:
 
 
 def _looked_through(path: Path) -> RouterFile:
-    """A router's own file; BusError where by its certificate it would be of no use."""
+    """Read and check a router's file. Raises BusError where its certificate cannot be used."""
     file = router_check.read(path)
     if file.identity is not None and (wrong := faults(file.identity, datetime.now(UTC), (Role.ROUTER,))):
         raise BusError("\n".join(wrong))

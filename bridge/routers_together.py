@@ -10,7 +10,7 @@ _ANEW = "`truerate pki router` writes both files of a router, copy both"
 
 
 def faults(router: RouterFile) -> Iterator[str]:
-    """Whether a router's two files are of one writing: it lets in the issuers of those it has rules for, and nobody else."""
+    """Members whom a router lets in without having rules for them, and the other way round."""
     try:
         trusted = [common_name(one) for one in certificates(router.identity.ca)] if router.identity else []
         own = {member_of(router.identity).common_name} if router.identity else set()

@@ -1,4 +1,4 @@
-"""A router's own file, JSON5, made: it serves zenohd and `truerate router` alike. Pure."""
+"""Makes a router's own file, JSON5, for zenohd and `truerate router` alike. Pure."""
 
 import json
 import re
@@ -25,7 +25,7 @@ _WHY = {
 
 
 def rendered(settings: zenoh_settings.Settings, title: str) -> str:
-    """As JSON5, each part under a line that says why."""
+    """The settings as JSON5, each part under a line that says why."""
     parts = []
     for part, value in settings.items():
         why = f"  // {_WHY[part]}\n" if part in _WHY else ""
@@ -36,7 +36,7 @@ def rendered(settings: zenoh_settings.Settings, title: str) -> str:
 
 
 def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Settings:
-    """For one machine, which nobody else can reach."""
+    """Settings of a router that only its own machine can reach."""
     settings = zenoh_settings.router(listen, keys.VIEWED)
     return zenoh_settings.joined(settings, join) if join else settings
 
@@ -44,7 +44,7 @@ def plain(listen: Sequence[str], join: Sequence[str] = ()) -> zenoh_settings.Set
 def guarded(
     listen: Sequence[str], identity: Identity, places: Sequence[tuple[str, Member]], join: Sequence[str] = ()
 ) -> zenoh_settings.Settings:
-    """For others to come: certificates on both sides, and rules for each member in its ward."""
+    """Settings of a router for other machines: certificates on both sides, and rules for each member in its ward."""
     return zenoh_settings.secured_router(listen, keys.VIEWED, identity, access_control(places), join)
 
 

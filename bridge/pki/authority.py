@@ -45,7 +45,7 @@ def new_authority(name: str, now: datetime, days: int = CA_DAYS) -> Pair:
 
 
 def new_issuer(authority: Pair, member: Member) -> Pair:
-    """What signs the certificates of one member, as long as the authority lasts."""
+    """A new issuer, which signs the certificates of one member, and is valid as long as the authority."""
     ca, key = x509.load_pem_x509_certificate(authority.certificate), ec.generate_private_key(ec.SECP256R1())
     name = f"{ISSUER_OF}{member.common_name}"
     made = _begun(name, ca.subject, key, ca.not_valid_before_utc, ca.not_valid_after_utc, below=0)
@@ -62,7 +62,7 @@ def issue(
     key: bytes | None = None,
     usages: Sequence[x509.ObjectIdentifier] = (),
 ) -> Pair:
-    """A certificate for a member, of a new key or of `key`; behind it that of an issuer, up to which others may not reach.
+    """A certificate for a member, of a new key or of `key`, followed by its issuer's.
 
     hosts: names and addresses that a router is reached at; clients refuse a router by any other. usages: those of the
     role, unless told otherwise. Raises ValueError.
@@ -85,7 +85,7 @@ def issue(
 
 
 def check_hosts(member: Member, hosts: Sequence[str]) -> list[x509.GeneralName]:
-    """The names in a member's certificate; ValueError where a router is reached nowhere, or by what is no host."""
+    """The alternative names of a member's certificate. Raises ValueError for a router without hosts, and for an invalid host."""
     if member.role is Role.ROUTER and not hosts:
         raise ValueError("a router's certificate names where it is reached: say --host NAME, or an address, for each")
     return [_host(host) for host in hosts] or [x509.UniformResourceIdentifier(f"urn:truerate:{member.common_name}")]
@@ -135,7 +135,7 @@ def _begun(
     ends: datetime,
     below: int | None = None,
 ) -> x509.CertificateBuilder:
-    """below: of who signs certificates, how many that sign others may be under it; None: it signs none."""
+    """A certificate yet to be signed. below: the path length of an authority; None for a certificate that signs no others."""
     signs = below is not None
     may = x509.KeyUsage(
         digital_signature=not signs,

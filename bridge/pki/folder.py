@@ -1,4 +1,4 @@
-"""The folder of an authority: its own pair, one pair a member, in `issuers` what signs each, and the names that were revoked.
+"""The folder of an authority: its own pair, a pair per member, an issuer per member, and the revoked names.
 
 A file is written beside, then renamed: whole or not at all. A renewal keeps the private key, so only one file changes and
 a pair never is of two. Private keys are 0600 from their first byte on.
@@ -19,20 +19,20 @@ _CA, _ISSUERS, _MEMBERS, _REVOKED = "ca", "issuers", ".members.pem", "revoked.tx
 
 
 class Folder:
-    """Where `truerate pki` keeps what it makes. Every method raises ValueError, or OSError of the disk's."""
+    """The folder that `truerate pki` works in. Methods raise ValueError, and OSError of the disk."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def make(self, name: str, now: datetime) -> None:
-        """A new authority, in a folder that has none."""
+        """Make an authority in a folder that has none."""
         if any((self.path / there).exists() for there in (f"{_CA}.pem", f"{_CA}.key", _ISSUERS)):
             raise ValueError(f"{self.path}: there is an authority here already; all its certificates would be void")
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         _keep(self.path / _CA, new_authority(name, now))
 
     def issue(self, member: Member, now: datetime, days: int = DAYS, hosts: tuple[str, ...] = ()) -> Identity:
-        """A first pair for a role and a name, of the generation that is not revoked."""
+        """Make the first pair of a member, in the generation that is not revoked."""
         member = self.current(member)
         files = self.identity(member)
         if Path(files.certificate).exists():
@@ -45,7 +45,7 @@ class Folder:
         return files
 
     def renew(self, member: Member, now: datetime, days: int | None = None) -> Identity:
-        """The same name, the same key, the same hosts, the same issuer; from now on, by default for as long as before."""
+        """Make a new certificate with the same name, key, hosts and issuer, by default for as long as the one before."""
         member = self.current(member)
         files = self.identity(member)
         if missing := [path for path in (files.certificate, files.key) if not Path(path).exists()]:
@@ -67,7 +67,7 @@ class Folder:
         return files
 
     def issuer(self, member: Member) -> Pair:
-        """What signs this member's certificates, and nobody else's; made where there is none yet."""
+        """The issuer of a member, made where there is none yet."""
         here = self.path / _ISSUERS / member.file
         if not Path(f"{here}.pem").exists():
             if not all((self.path / f"{_CA}.{kind}").exists() for kind in ("key", "pem")):
@@ -78,12 +78,12 @@ class Folder:
         return _pair(here)
 
     def admit(self, router: Member, members: Iterable[Member]) -> None:
-        """Write what a router verifies its members by: their issuers."""
+        """Write the issuers of a router's members, by which it verifies them."""
         issuers = [signer(self.identity(member).certificate) for member in (router, *members)]
         _write(Path(self.gate(router).ca), b"".join(issuers), 0o644)
 
     def revoke(self, member: Member, now: datetime, why: str) -> Member:
-        """Never use this name again: the member that was, whose common name the routers' rules must lose."""
+        """Revoke the current generation of a member, and return it: no router's rules may name it from now on."""
         member = self.current(member)
         if not Path(self.identity(member).certificate).exists():
             raise ValueError(f"{self.path}: {member.label} has no certificate that could be revoked")
@@ -92,7 +92,7 @@ class Folder:
         return member
 
     def revoked(self) -> dict[str, str]:
-        """When and why, by common name; ValueError where a line names nobody, for whoever was in it is not let in again."""
+        """When and why each common name was revoked. Raises ValueError where a line names no member."""
         found = dict(line.partition(" ")[::2] for line in self._lines())
         for name in found:
             try:
@@ -115,7 +115,7 @@ class Folder:
         return now
 
     def members(self) -> Iterator[tuple[Member, Lasts]]:
-        """Everybody who has a certificate that is not revoked, and how long that lasts."""
+        """Each member whose certificate is not revoked, and how long that certificate is valid."""
         for path in sorted(self.path.glob("*.pem")):
             try:
                 member = Member.parse(path.stem.replace(".", ":"))
@@ -125,18 +125,18 @@ class Folder:
                 yield member, lasts_of(certificates(str(path))[0])
 
     def authority_lasts(self) -> Lasts:
-        """How long the authority itself does."""
+        """How long the authority's certificate is valid."""
         if not (path := self.path / f"{_CA}.pem").exists():
             raise self._none()
         return lasts_of(certificates(str(path))[0])
 
     def identity(self, member: Member) -> Identity:
-        """Its files, whether they are there or not."""
+        """Paths of a member's files, whether they exist or not."""
         here = self.path / member.file
         return Identity(str(self.path / f"{_CA}.pem"), f"{here}.pem", f"{here}.key")
 
     def gate(self, router: Member) -> Identity:
-        """A router's files, as `identity`, but for what it verifies others by: see `admit`."""
+        """Paths of a router's files, with the file of `admit` as the authorities it trusts."""
         return replace(self.identity(router), ca=str(self.path / f"{router.file}{_MEMBERS}"))
 
     def _none(self) -> ValueError:
@@ -165,7 +165,7 @@ def _pair(here: Path) -> Pair:
 
 
 def _keep(here: Path, pair: Pair) -> None:
-    """The key first: a certificate is there with its key, or not at all."""
+    """Write a pair, the key first: there is no certificate without its key."""
     _write(Path(f"{here}.key"), pair.key, 0o600)
     _write(Path(f"{here}.pem"), pair.certificate, 0o644)
 

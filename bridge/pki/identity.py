@@ -1,4 +1,4 @@
-"""Checks the files by which a program says who it is, before it shows them to a router: what is wrong, in words."""
+"""Checks a certificate, its key and its authorities before they are shown to a router: what is wrong, in words."""
 
 import stat
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ ISSUER_OF = "issuer of "
 
 
 def certificates(path: str) -> list[x509.Certificate]:
-    """All of a PEM file, the holder's own first; ValueError says what is wrong with the file."""
+    """All certificates of a PEM file, the holder's own first. Raises ValueError that says what is wrong with the file."""
     try:
         found = x509.load_pem_x509_certificates(Path(path).read_bytes())
         for one in found:
@@ -55,7 +55,7 @@ def certificates(path: str) -> list[x509.Certificate]:
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Empty where it has none."""
+    """Common name of a certificate; empty where it has none."""
     found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(found[0].value) if found else ""
 
@@ -70,7 +70,7 @@ def hosts_of(certificate: x509.Certificate) -> list[str]:
 
 
 def signer(path: str) -> bytes:
-    """The certificate, PEM, of who signed the first one in a file, which brings it along."""
+    """The second certificate of a file, PEM: the issuer of the first."""
     return certificates(path)[1].public_bytes(Encoding.PEM)
 
 
@@ -83,19 +83,19 @@ def member_of(identity: Identity) -> Member:
 
 
 def verified(certificate: str, ca: str) -> bool:
-    """Whether one of a file of authorities has signed a certificate, dates aside; ValueError where one is no PEM."""
+    """Whether an authority in the file `ca` has signed a certificate, dates aside. Raises ValueError for no PEM."""
     return bool(_chain(certificates(certificate), certificates(ca))[1])
 
 
 def lasts(identity: Identity) -> Lasts:
-    """Of its own certificate and all above that which ends first; ValueError where one cannot be read."""
+    """How long the certificate and all those above it are valid. Raises ValueError where one cannot be read."""
     chain, ends = _chain(certificates(identity.certificate), certificates(identity.ca))
     latest = sorted(map(lasts_of, ends), key=lambda one: one.ends)[-1:]
     return min((*map(lasts_of, chain), *latest), key=lambda one: one.ends)
 
 
 def lasts_of(certificate: x509.Certificate) -> Lasts:
-    """From when until when this one is good, whatever is above it."""
+    """How long one certificate is valid, whatever is above it."""
     return Lasts(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
@@ -191,7 +191,7 @@ def _dates(certificate: x509.Certificate, now: datetime) -> Iterator[str]:
 def _chain(
     given: Sequence[x509.Certificate], trusted: Sequence[x509.Certificate]
 ) -> tuple[list[x509.Certificate], list[x509.Certificate]]:
-    """The first of the given and those above it, and who of the trusted has signed the last: nobody where a signer is missing."""
+    """The chain from the first of the given up, and the trusted that signed its end: none where a signer is missing."""
     chain, left = [given[0]], list(given[1:])
     while not (ends := [ca for ca in trusted if _signed(chain[-1], ca)]):
         issuer = next((one for one in left if _signed(chain[-1], one)), None)

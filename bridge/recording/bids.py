@@ -1,4 +1,4 @@
-"""Recordings as BIDS-Motion, the Brain Imaging Data Structure's form for movement: one tracking system a device, one run a boot.
+"""Exports recordings as a BIDS-Motion dataset (Brain Imaging Data Structure): a tracking system per device, a run per boot.
 
 https://bids-specification.readthedocs.io, "Motion"; Jeung et al., Scientific Data 11, 2024.
 """
@@ -29,7 +29,7 @@ _EVENTS = ("events.tsv", "events.json")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A column of a motion file: what BIDS calls its type, component and unit."""
+    """A column of a motion file, with its BIDS type, component and unit."""
 
     name: str
     component: str
@@ -41,7 +41,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Whose data they are, by labels of letters and digits; never a name."""
+    """Subject, task and session labels, of letters and digits; never a person's name."""
 
     subject: str
     task: str
@@ -54,17 +54,17 @@ class Session:
 
     @property
     def stem(self) -> str:
-        """What every file of it begins with."""
+        """Beginning of every file name of the session."""
         return f"sub-{self.subject}" + (f"_ses-{self.session}" if self.session else "")
 
     @property
     def folder(self) -> Path:
-        """Its folder in a dataset."""
+        """The session's folder in a dataset."""
         return Path(f"sub-{self.subject}", *([f"ses-{self.session}"] if self.session else []))
 
 
 def export_bids(recorded: Recorded, folder: Path, session: Session) -> list[Path]:
-    """Write a dataset, or add to one; the files made. Raises RecordingError."""
+    """Write a dataset, or add a subject to one, and return the files written. Raises RecordingError."""
     systems = _systems(list(recorded.stretches))
     home = folder / session.folder
     make_folder(folder)
@@ -127,7 +127,7 @@ def channels(stretch: Stretch) -> list[Channel]:
 
 
 def sidecar(stretch: Stretch, task: str, system: str) -> dict[str, Any]:
-    """What _motion.json says."""
+    """Content of a *_motion.json file."""
     found = channels(stretch)
     counts = {
         f"{kind}ChannelCount": sum(c.type == kind for c in found) for kind in ("ACCEL", "GYRO", "LATENCY", "MISC")
@@ -180,7 +180,7 @@ def _write(folder: Path, stem: str, stretch: Stretch, task: str, system: str) ->
 
 
 def _write_events(folder: Path, stem: str, recorded: Recorded, stretch: Stretch) -> list[Path]:
-    """Notes and calibrations within a stretch; no file when there is none."""
+    """Write notes and calibrations within a stretch; no file when there is none."""
     first, last = int(stretch.time_ns[0]), int(stretch.time_ns[-1])
     rows = [
         (f"{(event.time_ns - first) * 1e-9:.3f}", _NONE, event.event.split()[0], f"{event.event}: {event.text}")
@@ -218,7 +218,7 @@ def _write_table(path: Path, heads: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 def _lines(path: Path, heads: Sequence[str]) -> list[str]:
-    """A table that may be there already, or the beginning of one; raises RecordingError for what is no text."""
+    """Lines of a table that exists, or the header of a new one. Raises RecordingError where it is not UTF-8."""
     try:
         known = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     except UnicodeDecodeError:
@@ -227,7 +227,7 @@ def _lines(path: Path, heads: Sequence[str]) -> list[str]:
 
 
 def _add_rows(path: Path, known: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Add rows to a table; those it has are not added again."""
+    """Append rows whose first column is not yet in the table."""
     had = {line.split("\t", 1)[0] for line in known}
     width = known[0].count("\t") + 1
     new = ["\t".join((*row, *[_NONE] * (width - len(row)))) for row in rows if row[0] not in had]

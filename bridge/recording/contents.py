@@ -1,4 +1,4 @@
-"""What is in recordings, as messages: through the same door as on the bus, whole or torn, several files as one."""
+"""Decoded messages of recordings, checked as on the bus; several files, whole or torn, are read as one."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ class Heard(NamedTuple):
 
 
 class Contents:
-    """The messages of some files, the earliest first. After iterating, what was wrong with them is known.
+    """The messages of files, the earliest file first. `refused` and `trouble` are complete after iterating.
 
     wanted: kinds to decode, by the first word of their topic; all when empty. refused: messages that are not understood.
     trouble: what is wrong with a file, for a person. Raises RecordingError for a file that is none of ours.
@@ -65,7 +65,7 @@ class Contents:
 
 
 def _entries(path: Path, trouble: list[str], refused: Tally) -> Iterator[tuple[int, Entry]]:
-    """Bytes read so far and an entry, for each; refuses a file that is no recording of a ward."""
+    """Pairs of bytes read so far and an entry. Raises RecordingError for a file that is not a recording of a ward."""
     try:
         with path.open("rb") as file:
             reader = McapReader(file, str(path))

@@ -38,7 +38,7 @@ _VECTORS = {"gyro_rad_s": ("gyro_", "g", _GYRO), "accel_m_s2": ("accel_", "a", _
 
 
 def _axes(long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...], float]:
-    """The three names that a vector's columns may have, and what of SI their unit is."""
+    """The names that the three columns of a vector may have, with the factor from their unit to SI."""
     return {
         tuple(f"{prefix}{axis}_{unit}" for axis in "xyz"): scale
         for unit, scale in units.items()
@@ -51,7 +51,7 @@ _USED = frozenset(chain(_TIME, ("rate_hz", "temperature_c"), *chain(*(_axes(*vec
 
 
 def read_csv(path: Path) -> Table:
-    """All that is used of a file; raises RecordingError."""
+    """Read the columns of a recording. Raises RecordingError."""
     names, at, lines = _numbers(path)
     columns, made_of = dict[str, Floats](), dict[str, tuple[str, ...]]()
     for column, (long, short, units) in _VECTORS.items():
@@ -77,7 +77,7 @@ def read_csv(path: Path) -> Table:
 
 
 def _numbers(path: Path) -> tuple[list[str], dict[str, Floats], Sequence[int]]:
-    """The names in the header, the columns that are used by name, and each sample's line; a file may be long."""
+    """Names in the header, the columns used by name, and the line number of each sample."""
     numbers, lines = array("d"), array("L")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -126,7 +126,7 @@ def _names(path: Path, header: list[str]) -> list[str]:
 
 
 def _vectors(at: dict[str, Floats], long: str, short: str, units: dict[str, float]) -> dict[tuple[str, ...], Floats]:
-    """All that the file has of a vector (n, 3), SI, by the names of its columns."""
+    """The vector (n, 3) in SI, once for each unit the file has it in, by column names."""
     found = {}
     for axes, scale in _axes(long, short, units).items():
         if all(name in at for name in axes):
@@ -141,7 +141,7 @@ def _since_first(time: Floats) -> Floats:
 
 
 def _agreed(path: Path, found: dict[tuple[str, ...], Floats]) -> tuple[tuple[str, ...], Floats]:
-    """What is said in several units must be the same in all of them: else nobody knows which is meant. And its columns."""
+    """Column names and values; RecordingError where two units of the same quantity disagree."""
     (names, value), *others = found.items()
     for (name, *_), other in others:
         most = float(np.abs(value).max(initial=0.0))

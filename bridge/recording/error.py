@@ -1,4 +1,4 @@
-"""The one way a recording is refused, and files that are none."""
+"""The error raised for a recording that cannot be used."""
 
 from pathlib import Path
 
@@ -12,6 +12,6 @@ class RecordingError(Exception):
 
 
 def check_file(path: Path) -> None:
-    """Refuse what cannot be read, without opening it: a pipe would block. Raises RecordingError."""
+    """Raise RecordingError for a path that cannot be read, without opening it: a pipe would block."""
     if why := os_words.unreadable(path):
         raise RecordingError(f"{path}: cannot be read: {why}")

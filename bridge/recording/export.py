@@ -1,4 +1,4 @@
-"""Recordings as files for others: a file for each boot of each device, .npz or .csv, which `bridge.recording.load` reads back.
+"""Exports recordings as .npz or .csv, a file per boot and device, which `bridge.recording.load` reads back.
 
 npz: `t_s`, `gyro_rad_s`, `accel_m_s2`, `temperature_c`, `rate_hz` as there; of each sample `host_time_ns`, `sequence`, `flags`;
 where corrected rates were recorded `rate_rad_s`, `rate_std_rad_s`, `bias_rad_s` (n, 3), NaN where there is none, and `quality`
@@ -34,7 +34,7 @@ BOOT, BEGIN = "boot", "recording begins"
 
 
 class Event(NamedTuple):
-    """A moment of a device."""
+    """A boot, calibration or note of a device at a host time."""
 
     time_ns: int
     device: str
@@ -44,7 +44,7 @@ class Event(NamedTuple):
 
 
 def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
-    """Write every stretch, and the events; the files made. Raises RecordingError; `ending` is one of WRITERS."""
+    """Write every stretch and the events, and return the files. `ending` is one of WRITERS. Raises RecordingError."""
     make_folder(folder)
     named = {
         folder / f"{device}{f'_boot{stretch.number}' if numbered else ''}{ending}": stretch
@@ -63,7 +63,7 @@ def export(recorded: Recorded, folder: Path, ending: str) -> list[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make the last part of a folder's name, if it is not there."""
+    """Make a folder in an existing one, unless it exists. Raises RecordingError."""
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:
@@ -90,7 +90,7 @@ def columns(stretch: Stretch) -> Columns:
 
 
 def events(recorded: Recorded) -> list[Event]:
-    """Boots, or where the recording of one began, calibrations and notes, in order of time."""
+    """Boots (or where a recording began within a boot), calibrations and notes, in order of time."""
     boots = [
         Event(int(s.time_ns[0]), s.device, s.boot, BOOT if _from_its_boot(s) else BEGIN, s.info.model if s.info else "")
         for stretches in recorded.stretches.values()
@@ -156,7 +156,7 @@ def _write_events(file: BinaryIO, recorded: Recorded) -> None:
 
 
 def harmless(text: str) -> str:
-    """What a device or a person said, as no spreadsheet does it: there `=`, `+`, `-` and `@` begin a formula."""
+    """A text that no spreadsheet takes for a formula, which begins with `=`, `+`, `-` or `@`."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
 
 

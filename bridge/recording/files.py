@@ -1,4 +1,4 @@
-"""The files of a recorder: NAME.mcap.part while it is written, locked; NAME.mcap when it is whole."""
+"""Files of a recorder: NAME.mcap.part, locked, while it is written, and NAME.mcap when it is finished."""
 
 import contextlib
 import errno
@@ -27,18 +27,18 @@ class Output:
         os.fsync(self.file.fileno())
 
     def finish(self) -> None:
-        """The file is whole: give it its name."""
+        """Give the finished file its name."""
         self.sync()
         with_part(self.path).rename(self.path)
         self.file.close()
         sync_folder(self.path.parent)
 
     def abandon(self) -> None:
-        """Leave it as it is."""
+        """Close the file as it is."""
         self.file.close()
 
     def discard(self) -> None:
-        """There is nothing in it."""
+        """Delete the file."""
         with_part(self.path).unlink(missing_ok=True)
         self.file.close()
 
@@ -66,16 +66,16 @@ class Folder:
         raise FileExistsError(errno.EEXIST, "a thousand files of one second are there already", str(self.path))
 
     def free_bytes(self) -> int:
-        """Room on the disk, for those who are not root."""
+        """Free bytes on the disk for users other than root."""
         room = os.statvfs(self.path)
         return room.f_bavail * room.f_frsize
 
     def leftovers(self) -> list[Path]:
-        """Files of this ward that nobody finished, and nobody writes now."""
+        """Unfinished files of this ward that no recorder has open."""
         return [path for path in sorted(self.path.glob(f"{self._ward}-*.mcap{PART}")) if not in_use(path)]
 
     def said(self, error: OSError) -> str:
-        """What keeps us from writing, for a person."""
+        """Why the folder cannot be written to, in words."""
         if error.errno == errno.EFBIG:
             return f"the file may not grow further: a limit of this process, or of the disk of {self.path}"
         return f"{self.path} cannot be written to: {why(error)}"
@@ -87,7 +87,7 @@ def with_part(path: Path) -> Path:
 
 
 def recorded_in(path: Path) -> str:
-    """Where a file is, and what it needs, for a person."""
+    """Where a file is and how to finish it, in words."""
     return f"recorded in {path}" + (
         f": make it whole by truerate recording recover {path}" if path.suffix == PART else ""
     )
@@ -102,7 +102,7 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def check_new(paths: Iterable[Path]) -> None:
-    """Refuse names that are taken, before the first of them is written; raises RecordingError."""
+    """Raise RecordingError where one of the files exists, before the first of them is written."""
     for path in paths:
         if path.exists():
             raise RecordingError(f"{path}: is there already and is not overwritten; give another name, or remove it")
@@ -110,7 +110,7 @@ def check_new(paths: Iterable[Path]) -> None:
 
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that is there when the block ends well, whole and on the disk, and else is not.
+    """A file that exists only if the block ends without an error, then whole and on the disk.
 
     Raises RecordingError when it is there already, or cannot be written.
     """
@@ -143,7 +143,7 @@ def in_use(path: Path) -> bool:
 
 
 def sync_folder(path: Path) -> None:
-    """Return when the disk knows the names in a folder."""
+    """Synchronise the names in a folder with the disk."""
     with contextlib.suppress(OSError):
         folder = os.open(path, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""What of a ward is recorded: each kind of message under its schema, decoded by the one door, with its own time.
+"""Kinds of messages that are recorded: schema, decoder and time of each.
 
 A channel's topic is the key without `truerate/@v1/<ward>/`; the whole key is in the channel's metadata.
 """
@@ -38,7 +38,7 @@ class Kind:
     repeated: bool = False
 
     def time_ns(self, said: Said) -> int:
-        """When it was, by who said it: of samples, the first one's host time."""
+        """The time in the message; of samples, the host time of the first."""
         return int(getattr(said, self.own_ns))
 
 
@@ -59,12 +59,12 @@ DESCRIPTORS = described(pb.DESCRIPTOR)
 
 
 def topic(key: str) -> str:
-    """The topic of a key."""
+    """MCAP topic of a key."""
     return key.split("/", 3)[3]
 
 
 def log_ns(own_ns: int, now_ns: int) -> int:
-    """The log time: the message's own, unless its clock, or its age, is out of all proportion to the recorder's."""
+    """Log time: the message's own, or the recorder's where the two are further apart than MAX_APART_NS."""
     return own_ns if abs(own_ns - now_ns) <= MAX_APART_NS else now_ns
 
 

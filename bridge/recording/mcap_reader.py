@@ -1,4 +1,4 @@
-"""MCAP reader for any binary file, however it ended: what is whole is read, the rest is told.
+"""MCAP reader for whole, torn and damaged files: every whole chunk is read, the rest is reported.
 
 The readers of the `mcap` package stop at the first damaged byte. Here each record is framed by its length and parsed by
 the package; behind damage reading goes on at the next chunk whose checksum holds.
@@ -193,7 +193,7 @@ class McapReader:
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
-    """The records of a chunk, of no more bytes than are taken; ValueError where its checksum does not hold."""
+    """Records of a chunk. Raises ValueError where it is too large, or its checksum does not match."""
     size = chunk.uncompressed_size
     if chunk.compression == "zstd" and zstandard.get_frame_parameters(chunk.data).content_size not in (
         size,

@@ -1,4 +1,4 @@
-"""Whether a batch goes on where the last one ended: exactly once, gaps seen, and numbers that begin anew."""
+"""Tracks sequence numbers of one boot: repeated samples, gaps, and numbers that begin anew."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ ANEW_NS = 1_000_000_000
 
 
 class Follows(NamedTuple):
-    """How a batch stands to what came before it.
+    """How a batch continues the batches before it.
 
     skip: samples at its beginning that are known already; missing: samples lost before the others; anew: numbers start
     over; step: ticks from the last known sample to the first new one.
@@ -22,7 +22,7 @@ class Follows(NamedTuple):
 
 
 class Numbering:
-    """One boot of one device, followed batch by batch."""
+    """Sequence numbers of one boot of one device."""
 
     def __init__(self) -> None:
         self._next: int | None = None
@@ -30,7 +30,7 @@ class Numbering:
         self._time_ns = 0
 
     def follow(self, batch: SampleBatch | CorrectedBatch) -> Follows:
-        """How the batch stands to what came before; it is taken as said."""
+        """Compare a batch with those before it, and take it in."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
             self._next = batch.sequence + len(batch)

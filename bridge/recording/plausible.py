@@ -1,4 +1,4 @@
-"""Whether the numbers of a recording can be in the units they are said to be in: rad/s, m/s², s.
+"""Checks whether the values of a recording can be in rad/s, m/s² and s.
 
 A wrong unit is no small error: each is a factor of 57, of 9.8, or of a thousand, and would be corrected without a word.
 """
@@ -76,7 +76,7 @@ def check_rate(path: Path, time_s: Floats, rate_hz: float) -> None:
 
 
 def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Refuse rates (n, 3), rad/s, that stay where no gyro gets; a spike, a reading alone, is mended later."""
+    """Refuse rates (n, 3), rad/s, that stay beyond any gyro's range; single spikes are mended later."""
     beyond = np.abs(gyro).max(axis=1) > ABSURD
     stays = beyond[:-2] & beyond[1:-1] & beyond[2:]
     if np.count_nonzero(stays) > _ABSURD_S * rate_hz:
@@ -88,7 +88,7 @@ def check_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
 
 
 def warn_of_gyro(path: Path, gyro: Floats, rate_hz: float) -> None:
-    """Say it of readings (n, 3), rad/s, that are too far apart for a rest to be seen, or rounded more than any gyro does."""
+    """Warn of readings (n, 3), rad/s, too rare for rests to be seen, or rounded more than those of any gyro."""
     if rate_hz <= _LEAST_HZ:
         _log.warning(
             "%s: at %.3g Hz no rest can be seen, and so nothing learnt of bias or scale: more than %g Hz is needed",

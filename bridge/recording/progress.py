@@ -1,4 +1,4 @@
-"""What a recorder says while it records: a live line on a terminal, elsewhere a log line a minute."""
+"""Progress of a recorder: a live line on a terminal, elsewhere a log line per minute."""
 
 import logging
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""`truerate record`: a subscriber that writes down all that a ward says, until it is asked to stop."""
+"""`truerate record`: subscribes to a ward and records its messages until stopped."""
 
 import logging
 import threading
@@ -98,7 +98,7 @@ def _connected(open_bus: OpenBus, endpoints: Sequence[str], stop: threading.Even
 def _first(
     subscription: Subscription, devices: Sequence[str], stop: threading.Event, deadline: float
 ) -> list[Message] | None:
-    """What came of wanted devices, the newest of it, until one of them sent samples; None when none did."""
+    """The newest messages of wanted devices until one of them sent samples; None when none did."""
     holds, heard = dict[str, Message](), deque[Message](maxlen=QUEUE)
     while not stop.is_set() and time.monotonic() < deadline:
         came = [(key, one) for one in subscription.drain(QUEUE, _ROUND_S) if (key := _wanted(one, devices)) is not None]

@@ -1,4 +1,4 @@
-"""What a recorder does: messages in, files out. No clock, no bus: times are arguments, files come from a `Folder`.
+"""Core of the recorder: messages in, files out. No clock and no bus: times are arguments, files come from a `Folder`.
 
 A file that refuses (a full disk, a pulled stick) is finished if that can be done, else left; a new one is begun when there
 is room again; what came meanwhile is counted. Nothing that happens to a file ends the recorder.
@@ -29,7 +29,7 @@ MOST_REPEATED = MAX_CHANNELS // 2
 
 
 class NoRoom(OSError):
-    """There is room, but not for us."""
+    """The room left on the disk is for others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Knobs:
 
 @dataclass(slots=True)
 class Account:
-    """What was recorded, and what was not. heard: when each device last sent samples, in the seconds of `take`."""
+    """Counts of what was recorded and what was not. heard: when each device last sent samples, seconds as in `take`."""
 
     heard: dict[str, float] = field(default_factory=dict)
     raw: int = 0
@@ -84,7 +84,7 @@ class WardRecorder:
         self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
 
     def take(self, messages: Iterable[Message], wall_ns: int, now_s: float) -> None:
-        """Record what came; what is not understood is counted, and what comes while nothing can be written."""
+        """Record messages. Those that are refused, or come while nothing can be written, are counted."""
         for message in messages:
             if (understood := self._understood(message)) is None:
                 continue
@@ -104,7 +104,7 @@ class WardRecorder:
                 self._latest[message.key] = item
 
     def tick(self, wall_ns: int, now_s: float) -> None:
-        """What is due: a flush, a new file, another try. Call it several times a second."""
+        """Flush, begin a new file or try again, where that is due. Call it several times a second."""
         if self._tape is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
@@ -115,7 +115,7 @@ class WardRecorder:
                 self._guarded(lambda: self._rotate(wall_ns, now_s), now_s)
 
     def said(self, error: OSError) -> str:
-        """Why nothing can be written, for a person."""
+        """Why nothing can be written, in words."""
         return str(error) if isinstance(error, NoRoom) else self._place.said(error)
 
     def close(self) -> None:
@@ -151,7 +151,7 @@ class WardRecorder:
     # ---- the file -------------------------------------------------------------------------------------------------
 
     def _put(self, item: Item, wall_ns: int) -> bool:
-        """Whether there is room for its channel."""
+        """Write a message; False where there are too many channels."""
         if self._tape is None or self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
             self.account.messages += self._tape is not None
             return True
@@ -206,7 +206,7 @@ class WardRecorder:
             self._stall(error, now_s)
 
     def _stall(self, error: OSError, now_s: float) -> None:
-        """No more into this file: finish it if that can be done, else leave it to `truerate recording recover`."""
+        """Close the file after an error, finished where it can be written to, and try another later."""
         account, tape, self._tape = self.account, self._tape, None
         account.trouble = self.said(error)
         # What stopped a long file need not stop the next one.
@@ -239,5 +239,5 @@ class WardRecorder:
 
 
 def _repeated(kind: Kind, said: Said) -> bool:
-    """Whether the next file begins with it too: a calibration that was not accepted leaves the one before in force."""
+    """Whether the next file begins with the message: a calibration that was not accepted leaves the one before in force."""
     return kind.repeated and not (isinstance(said, Calibration) and said.verdict is not Verdict.ACCEPTED)

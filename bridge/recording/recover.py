@@ -1,4 +1,4 @@
-"""A recording that ended by accident, made whole: every message that can be read into a new file, and what is lost said."""
+"""Recovers a torn or damaged recording: copies every readable message to a new file, and says what is lost."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -21,7 +21,7 @@ Tell = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What came of it: messages kept from first_ns to last_ns (log time), and what is wrong with the file it came from."""
+    """Result of a recovery: messages from first_ns to last_ns (log time), and what is wrong with the original."""
 
     out: Path
     messages: int
@@ -30,7 +30,7 @@ class Recovered:
     trouble: tuple[str, ...]
 
     def said(self) -> list[str]:
-        """For a person, a line each."""
+        """Lines for a person."""
         kept = f"{count(self.messages, 'message')}, from {_clock(self.first_ns)} to {_clock(self.last_ns)}"
         return [f"{self.out}: {kept}", *self.trouble]
 

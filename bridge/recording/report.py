@@ -21,7 +21,7 @@ _COLUMNS = (
 
 
 def show(console: Console, survey: Survey) -> None:
-    """Print it."""
+    """Print a survey."""
     wards = ", ".join(sorted(survey.wards)) or "?"
     console.print(
         f"ward {wards}: {count(len(survey.devices), 'device')}, {_clock(survey.first_ns)} to {_clock(survey.last_ns)} UTC, "

@@ -1,4 +1,4 @@
-"""[recorder] of a ward's file, and the words of a command line that win over it."""
+"""The table [recorder] of a ward's file; arguments of the command line take precedence."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The samples of recordings as arrays: for each device its stretches, a stretch being one boot with rising numbers."""
+"""Samples of recordings as arrays, in stretches: a stretch is one boot of a device with rising sequence numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Stretch:
 
 @dataclass(slots=True)
 class Recorded:
-    """All of some files: the stretches of each device in order of time, calibrations and notes.
+    """Content of recordings: the stretches of each device in order of time, calibrations and notes.
 
     trouble: what is wrong with them, and what of them was not understood, for a person.
     """
@@ -90,7 +90,7 @@ class Recorded:
         return min((int(s.time_ns[0]) for stretches in self.stretches.values() for s in stretches), default=0)
 
     def calibrations_of(self, stretch: Stretch) -> list[Calibration]:
-        """Those accepted ones that were made of this stretch's boot, in order; of several stretches of a boot, each its own."""
+        """Accepted calibrations made during a stretch, in order of time."""
         same = [one for one in self.stretches[stretch.device] if one.boot == stretch.boot]
         at = same.index(stretch)
         since_ns = int(stretch.time_ns[0]) if at else 0
@@ -105,7 +105,7 @@ class Recorded:
         return sorted(made, key=lambda one: one.time_ns)
 
     def only(self, devices: Sequence[str]) -> "Recorded":
-        """Of these devices; raises RecordingError for one that is not there."""
+        """The content of these devices alone. Raises RecordingError for one that is not there."""
         for device in devices:
             if device not in self.stretches:
                 raise RecordingError(f"there are no samples of {device!r}; there are of {', '.join(self.stretches)}")

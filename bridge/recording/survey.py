@@ -42,7 +42,7 @@ class Boot:
 
     @property
     def corrected(self) -> Counter[str]:
-        """See the class."""
+        """Corrected samples by quality."""
         found = Counter[str]()
         for first, end, quality in self._runs if self.samples else ():
             found[quality] += max(0, end - max(first, self.first))
@@ -96,13 +96,13 @@ class Device:
 
     @property
     def info(self) -> DeviceInfo | None:
-        """Of its last boot that it said anything of."""
+        """What the device said of itself in its last boot."""
         return next(reversed(self.infos.values()), None)
 
 
 @dataclass(slots=True)
 class Survey:
-    """Everything of some files."""
+    """Summary of recordings."""
 
     devices: dict[str, Device]
     wards: set[str]

@@ -1,4 +1,4 @@
-"""Columns of samples, as a file names them, checked and made a Recording: whole, finite, in order, in believable units."""
+"""Checks columns of samples, and makes a Recording of them: whole, finite, in order, in plausible units."""
 
 import logging
 from collections.abc import Callable
@@ -41,7 +41,7 @@ def in_arrays(column: str, sample: int, _axis: int) -> tuple[str, str]:
 
 
 class Table(NamedTuple):
-    """What a file has of gyro_rad_s (n, 3), accel_m_s2 (n, 3), temperature_c (n,), t_s (n,) and rate_hz (); whose, if it says."""
+    """Columns gyro_rad_s (n, 3) and, if known, accel_m_s2 (n, 3), temperature_c (n,), t_s (n,), rate_hz (), device and boot."""
 
     columns: dict[str, Floats]
     place: Place = in_arrays
@@ -50,7 +50,7 @@ class Table(NamedTuple):
 
 
 def recording_of(path: Path, table: Table, rate_hz: float | None) -> Recording:
-    """rate_hz is used where the file has neither times nor a rate. Raises RecordingError."""
+    """A Recording of a table; rate_hz is used where the file has neither times nor a rate. Raises RecordingError."""
     columns = table.columns
     gyro = columns["gyro_rad_s"]
     if gyro.ndim != 2 or gyro.shape[1] != 3:

@@ -1,4 +1,4 @@
-"""One file of a recorder: messages onto channels, and what becomes of a file that refuses."""
+"""One file of a recorder: writes messages to channels, and closes the file after an error."""
 
 from collections import Counter
 from pathlib import Path
@@ -17,7 +17,7 @@ MOST_OF_A_BRIDGE = MAX_CHANNELS // 8
 
 
 class Item(NamedTuple):
-    """A message to be written, and the time it says of itself."""
+    """A message to be written; own_ns is the time in it."""
 
     key: str
     kind: Kind
@@ -54,7 +54,7 @@ class Tape:
         return True
 
     def left(self, *, writable: bool) -> Path | None:
-        """Leave the file; what is left of it: nothing, a whole file, or, where it cannot be written to, one that ends in PART."""
+        """Close the file, and return its path: None where nothing was in it, one that ends in PART where it is not finished."""
         path = self.output.path
         try:
             if not self.writer.messages:
