@@ -20,7 +20,7 @@ from bridge.wire.refusal import Refusal
 _HARMLESS = ("iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp")
 #: settings that are a site's own
 _OWN = (".id", ".listen.endpoints", ".connect.endpoints")
-_SHORT = 60
+_SHORT = 80  # values that are shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +111,11 @@ def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
             else:
                 yield from _differing(f"{where}[{name}]", there[name], wanted[name])
     elif _plain(said) != _plain(ours):
-        has, wants = (text if len(text := json.dumps(one)) < _SHORT else "another" for one in (said, ours))
-        wants = "" if wants == "another" else f"; it is to be {wants}"
-        yield f"{where[1:]} is {has}{wants}, as `truerate pki router` writes it"
+        has, wanted = json.dumps(said), json.dumps(ours)
+        if len(has + wanted) < _SHORT:
+            yield f"{where[1:]} is {has}; `truerate pki router` writes {wanted}"
+        else:
+            yield f"{where[1:]} is not what `truerate pki router` writes: write the file anew"
 
 
 def _tables(value: Any) -> bool:
