@@ -111,9 +111,9 @@ def _differing(where: str, said: Any, ours: Any) -> Iterator[str]:
             else:
                 yield from _differing(f"{where}[{name}]", there[name], wanted[name])
     elif _plain(said) != _plain(ours):
-        has, wanted = json.dumps(said), json.dumps(ours)
-        if len(has + wanted) < _SHORT:
-            yield f"{where[1:]} is {has}; `truerate pki router` writes {wanted}"
+        has, expected = json.dumps(said), json.dumps(ours)
+        if len(has + expected) < _SHORT:
+            yield f"{where[1:]} is {has}; `truerate pki router` writes {expected}"
         else:
             yield f"{where[1:]} is not what `truerate pki router` writes: write the file anew"
 
