@@ -51,11 +51,14 @@ def read(path: Path) -> RouterFile:
     faults = list(_of_endpoints(listen, join))
     try:
         places = _places(said["access_control"])
-        if any(map(secured, listen)):
-            ours = router_file.guarded(listen, identity or Identity(*map(str, files)), places, join)
+        if any(map(secured, listen)) and identity is None:
+            faults.append(
+                "transport.link.tls: root_ca_certificate, listen_certificate and listen_private_key are needed"
+            )
         else:
-            ours = router_file.plain(listen, join)
-        faults += _differing("", said, with_defaults(ours))
+            guarded = any(map(secured, listen)) and identity
+            ours = router_file.guarded(listen, guarded, places, join) if guarded else router_file.plain(listen, join)
+            faults += _differing("", said, with_defaults(ours))
     except (ValueError, Refusal) as error:
         faults.append(f"access_control: {error}")
     return RouterFile(

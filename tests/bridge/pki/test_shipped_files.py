@@ -76,6 +76,7 @@ BREAKS = [
     ('"gossip": {"enabled": false}', '"gossip": {"enabled": true}', "scouting.gossip.enabled is true"),
     ('"gossip": {"enabled": false}', '"gossip": {}', "scouting.gossip.enabled is"),
     ('"mode": "router"', '"mode": "peer"', 'mode is "peer"; `truerate pki router` writes "router"'),
+    ('"listen_private_key": "/etc/truerate/pki/router.router-3.key",', "", "and listen_private_key are needed"),
     ('"enable_mtls": true', '"enable_mtls": false', "transport.link.tls.enable_mtls is false"),
     ('"close_link_on_expiration": true', '"close_link_on_expiration": false', "close_link_on_expiration is false"),
     ('"default_permission": "deny"', '"default_permission": "allow"', 'access_control.default_permission is "allow"'),
