@@ -242,60 +242,20 @@ def test_another_name_of_the_role_is_no_better(files: Files) -> None:
         bus.routers_as(Role.BRIDGE, name="b1")
 
 
-class TwoRouters:
-    """Of one ward, each on a machine of its own, the second of which joins the first."""
-
-    def __init__(self, path: Path) -> None:
-        self.pki = Folder(path / "pki")
-        self.pki.make("w", utc_now())
-        self.first, self.second = path / "first.json5", path / "second.json5"
-        self.ward = path / "ward.toml"
-        for name, host in (("r1", "10.0.0.5"), ("r2", "10.0.0.6")):
-            self.pki.issue(Member.parse(f"router:{name}"), utc_now(), hosts=(host,))
-        self.pki.issue(Member.parse("bridge:b1"), utc_now())
-        connect = TEXT.format(pki=self.pki.path, who="bridge.b1").replace(
-            '"tls/127.0.0.1:7447"', '"tls/10.0.0.5:7447", "tls/10.0.0.6:7447"'
-        )
-        self.ward.write_text(connect + BRIDGE.format(device="d1"), "utf-8")
-        self.write("r1", "r2", [], ["tls/10.0.0.5:7447"])
-
-    def write(self, one: str, two: str, joins: list[str], joins_too: list[str], without: str = "") -> None:
-        for path, name, join in ((self.first, one, joins), (self.second, two, joins_too)):
-            router = Member.parse(f"router:{name}")
-            known = [member for member, _ in self.pki.members() if member != router]
-            self.pki.admit(router, known)
-            places = [("w", member) for member in known if path == self.first or member.label != without]
-            settings = router_file.guarded(["tls/0.0.0.0:7447"], self.pki.gate(router), places, join)
-            path.write_text(router_file.rendered(settings, "a router"), "utf-8")
-
-    def check(self) -> int:
-        return main(["config", "check", str(self.ward), str(self.first), str(self.second)])
-
-
-def one_does_not_know(two: TwoRouters) -> None:
-    two.write("r1", "r2", [], ["tls/10.0.0.5:7447"], without="bridge:b1")
-
-
-def joins_as_nobody(two: TwoRouters) -> None:
-    text = two.second.read_text("utf-8")
-    two.second.write_text(text.replace('"connect_private_key": "', '"connect_private_key": "/nowhere'), "utf-8")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        (one_does_not_know, "second.json5 has no rules for bridge:b1"),
-        (joins_as_nobody, "transport.link.tls.connect_private_key is"),
-    ],
-)
-def test_two_routers_that_do_not_go_together_are_told(
-    wrong: Callable[[TwoRouters], None], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_second_of_two_routers_is_to_know_everybody_too(
+    files: Files, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    two = TwoRouters(tmp_path)
-    assert two.check() == 0, capsys.readouterr().err
-    wrong(two)
-    assert two.check() == 2
-    assert words in capsys.readouterr().err
+    second, router = tmp_path / "second.json5", Member.parse("router:r2")
+    files.pki.issue(router, utc_now(), hosts=("127.0.0.2",))
+    files.one.write_text(files.one.read_text().replace(":7447", ':7447", "tls/127.0.0.2:7447'))
+    for known in (["bridge:b1", "estimator:e1"], ["estimator:e1"]):
+        members = [Member.parse(who) for who in known]
+        files.pki.admit(router, members)
+        places = [("w", member) for member in members]
+        settings = router_file.guarded(["tls/0.0.0.0:7447"], files.pki.gate(router), places, ["tls/127.0.0.1:7447"])
+        second.write_text(router_file.rendered(settings, "a router"), "utf-8")
+        assert main(["config", "check", *map(str, (files.one, files.router, second))]) == (0 if len(known) == 2 else 2)
+    assert f"{second} has no rules for bridge:b1 in ward 'w'" in capsys.readouterr().err
 
 
 def test_of_a_file_that_cannot_be_read_nothing_follows(
