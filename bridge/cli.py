@@ -19,7 +19,7 @@ from bridge.drivers import registry
 from bridge.health import Health
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
-from bridge.recording_error import RecordingError
+from bridge.recording.error import RecordingError
 from bridge.router_watch import RouterWatch
 from bridge.vitals import Vitals
 from bridge.ward import Ward

@@ -21,7 +21,7 @@ VERBS = {
     "estimator.cli_demo": ("demo",),
     "bridge.cli": ("bridge",),
     "bridge.cli_router": ("router",),
-    "bridge.record.cli": ("record", "recording"),
+    "bridge.recording.cli": ("record", "recording"),
     "bridge.cli_pki": ("pki",),
     "estimator.cli_estimator": ("estimator",),
     "estimator.cli_devices": ("devices", "status", "watch"),
@@ -104,7 +104,7 @@ def _failed(given: argparse.Namespace, words: str, code: int) -> int:
 def _expected() -> tuple[type[Exception], ...]:
     # Imported late: most commands need none of them.
     from bridge.bus.contract import BusError  # noqa: PLC0415
-    from bridge.recording_error import RecordingError  # noqa: PLC0415
+    from bridge.recording.error import RecordingError  # noqa: PLC0415
     from estimator.calibration_file import CalibrationFileError  # noqa: PLC0415
     from estimator.database import StoreError  # noqa: PLC0415
     from estimator.demo.ward import DemoFailed  # noqa: PLC0415

@@ -66,11 +66,19 @@ def read_settings(path: str) -> zenoh_settings.Settings:
     if words := os_words.unreadable(Path(path)):
         raise BusError(f"{path}: {words}")
     with as_bus_error(f"{path}: zenoh cannot read it"):
-        config = zenoh.Config.from_file(path)
-        said = {part: json.loads(config.get_json(part)) for part in _PARTS}
-        tls = said["transport"]["link"]["tls"]
-        tls |= {name: json.loads(config.get_json(f"transport/link/tls/{name}")) for name in TLS_INSTEAD}
-        return said
+        return _whole(zenoh.Config.from_file(path))
+
+
+def with_defaults(settings: zenoh_settings.Settings) -> zenoh_settings.Settings:
+    """Settings as `read_settings` reads them from a file."""
+    return _whole(zenoh.Config.from_json5(json.dumps(settings)))
+
+
+def _whole(config: zenoh.Config) -> zenoh_settings.Settings:
+    said = {part: json.loads(config.get_json(part)) for part in _PARTS}
+    tls = said["transport"]["link"]["tls"]
+    tls |= {name: json.loads(config.get_json(f"transport/link/tls/{name}")) for name in TLS_INSTEAD}
+    return said
 
 
 def close_session(session: zenoh.Session) -> None:

@@ -19,9 +19,8 @@ from msgspec import Struct
 from bridge import host_time, os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
-from bridge.record import stretches
-from bridge.record.stretches import Recorded
-from bridge.recording import MAX_BYTES, RecordingError, load
+from bridge.recording import MAX_BYTES, RecordingError, load, stretches
+from bridge.recording.stretches import Recorded
 from bridge.wire.refusal import Tally
 
 _CHUNK_S = 0.02  # host seconds between deliveries

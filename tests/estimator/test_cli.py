@@ -102,16 +102,20 @@ MODELS = '[estimator]\nid = "e"\nmodels = { chst = "lsm9ds1", chest = "lsm9ds1" 
 @pytest.mark.parametrize(
     ("ward", "bridges", "said"),
     [
-        (WARD + '[devices]\nenrolled = ["b/chest", "wrist"]\n', "", "'chst' is not enrolled: its model is of no use"),
+        (
+            WARD + '[devices]\nenrolled = ["b/chest", "wrist"]\n',
+            "",
+            "'chst' is not enrolled, nor a device of these files",
+        ),
         (
             WARD + DEVICE,
             "",
-            "'chst' is not in [[bridge.devices]]: its model is of no use, unless another bridge has it",
+            "'chst' is not enrolled, nor a device of these files",
         ),
         (
             WARD,
             WARD + DEVICE,
-            "'chst' is not in [[bridge.devices]]: its model is of no use, unless another bridge has it",
+            "'chst' is not enrolled, nor a device of these files",
         ),
         (WARD, 'ward = "another"\n' + DEVICE, ""),
         (WARD, "", ""),
