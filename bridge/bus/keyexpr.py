@@ -5,6 +5,7 @@ the session that names it for ever.
 """
 
 import re
+from collections.abc import Sequence
 
 from bridge.bus.contract import BusError
 
@@ -26,6 +27,13 @@ def check_pattern(pattern: str) -> str:
     if _NOT_CANONICAL.search(pattern):
         raise BusError(f"pattern {pattern!r} is not in its shortest form: write '**' for '**/**' and '*/**' for '**/*'")
     return pattern
+
+
+def check_patterns(patterns: str | Sequence[str]) -> tuple[str, ...]:
+    """Return one pattern or several, each checked, else raise BusError."""
+    if not patterns:
+        raise BusError("no pattern to subscribe to; give one or more")
+    return tuple(map(check_pattern, (patterns,) if isinstance(patterns, str) else dict.fromkeys(patterns)))
 
 
 def _check(text: str, shape: re.Pattern[str], rule: str) -> str:

@@ -13,7 +13,7 @@ from typing import Protocol, Self
 from bridge.bus.contract import BusError, Message
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox, Reading, newest_last
-from bridge.bus.keyexpr import check_key, check_pattern, matches
+from bridge.bus.keyexpr import check_key, check_pattern, check_patterns, matches
 
 
 class MemoryBroker:
@@ -63,7 +63,7 @@ class MemoryBus:
 
     def subscribe(
         self,
-        pattern: str,
+        patterns: str | Sequence[str],
         *,
         history: bool = False,
         capacity: int = 65536,
@@ -72,7 +72,7 @@ class MemoryBus:
     ) -> "_Subscription":
         """See contract.Bus."""
         inbox = Inbox(capacity, all_past=all_past)
-        return _Subscription(self, self._open(), check_pattern(pattern), inbox, most_past, history=history)
+        return _Subscription(self, self._open(), check_patterns(patterns), inbox, most_past, history=history)
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "_Answerer":
         """See contract.Bus."""
@@ -206,13 +206,13 @@ class _Subscription(Reading):
         self,
         bus: MemoryBus,
         broker: MemoryBroker,
-        pattern: str,
+        patterns: tuple[str, ...],
         inbox: Inbox,
         most_past: int | None,
         *,
         history: bool,
     ) -> None:
-        self.bus, self._broker, self._pattern, self._inbox, self._history = bus, broker, pattern, inbox, history
+        self.bus, self._broker, self._patterns, self._inbox, self._history = bus, broker, patterns, inbox, history
         self._last: dict[_Publisher, int] = {}
         with broker.lock:
             broker.subscriptions.append(self)
@@ -225,7 +225,7 @@ class _Subscription(Reading):
             self._inbox.put([message])
 
     def hears(self, publisher: _Publisher) -> bool:
-        return publisher.bus.reaches(self.bus) and matches(self._pattern, publisher.key)
+        return publisher.bus.reaches(self.bus) and any(matches(pattern, publisher.key) for pattern in self._patterns)
 
     def repair(self, publisher: _Publisher) -> None:
         past = publisher not in self._last

@@ -17,10 +17,20 @@ from bridge.bus.announced import Announced
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.inbox import Inbox
-from bridge.bus.keyexpr import check_key, check_pattern, matches
+from bridge.bus.keyexpr import check_key, check_pattern, check_patterns, matches
 from bridge.bus.knock import knock
 from bridge.bus.routers import Routers
-from bridge.bus.zenoh_session import Declared, as_bus_error, close_session, each, is_zenohs, open_session, said
+from bridge.bus.zenoh_session import (
+    Declared,
+    Joined,
+    Together,
+    as_bus_error,
+    close_session,
+    each,
+    is_zenohs,
+    open_session,
+    said,
+)
 from bridge.bus.zenoh_subscription import PAST_S, Repaired, Subscription
 
 _log = logging.getLogger(__name__)
@@ -103,7 +113,7 @@ class ZenohBus:
 
     def subscribe(
         self,
-        pattern: str,
+        patterns: str | Sequence[str],
         *,
         history: bool = False,
         capacity: int = 65536,
@@ -115,15 +125,20 @@ class ZenohBus:
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
         """
         inbox = Inbox(capacity, all_past=all_past)
-        channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL)
-        with self._doing(f"subscribe to {check_pattern(pattern)}"):
+        patterns = check_patterns(patterns)
+        with self._doing(f"subscribe to {', '.join(patterns)}"):
             if not history:
-                self._plain.add(pattern)
-                plain = self._session.declare_subscriber(pattern, channel)
-                return Subscription(self, plain, plain.handler, inbox, pattern)
-            heartbeats = self._session.declare_subscriber(f"{pattern}/@adv/pub/**", handlers.FifoChannel(_CHANNEL))
-            live = self._session.declare_subscriber(pattern, channel)
-            return Repaired(self, live, heartbeats, inbox, pattern, most_past)
+                self._plain.update(patterns)
+                return Subscription(self, *self._heard(patterns), inbox, patterns)
+            heartbeats = self._heard([f"{pattern}/@adv/pub/**" for pattern in patterns])
+            return Repaired(self, *self._heard(patterns), heartbeats, inbox, patterns, most_past)
+
+    def _heard(self, patterns: Sequence[str]) -> tuple[Together, Joined[zenoh.Sample]]:
+        found = list[zenoh.Subscriber[handlers.Handler[zenoh.Sample]]]()
+        for one in patterns:
+            channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(_CHANNEL)
+            found.append(self._session.declare_subscriber(one, channel))
+        return Together(found), Joined([one.handler for one in found])
 
     def answer(self, pattern: str, handler: Callable[[str, bytes], bytes]) -> "Declared":
         """See contract.Bus."""

@@ -10,9 +10,10 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -28,6 +29,8 @@ _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 _RETRY_S = 0.1
+#: how often several channels are looked at, none of which has anything
+POLL_S = 0.005
 #: how zenoh says what is wrong with a file
 _MESSAGE = re.compile(r'Message \{ msg: "(?P<words>.*)", location: Some\(Location \{ line: (?P<line>\d+)', re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(.*?)`, expected (.*)", re.DOTALL)
@@ -87,6 +90,42 @@ class Channel(Protocol[_T_co]):
 
     def try_recv(self) -> _T_co | None:
         """The next, or None where there is none yet."""
+
+
+class Joined(Generic[_T]):
+    """Several channels read as one, each in its turn. One that is closed closes all."""
+
+    def __init__(self, channels: Sequence[Channel[_T]]) -> None:
+        self._channels = deque(channels)
+
+    def try_recv(self) -> _T | None:
+        """See Channel."""
+        for _ in range(len(self._channels)):
+            item = self._channels[0].try_recv()
+            self._channels.rotate(-1)
+            if item is not None:
+                return item
+        return None
+
+    def recv(self) -> _T:
+        """See Channel: zenoh has nothing that waits for several, so each is looked at every POLL_S."""
+        if len(self._channels) == 1:
+            return self._channels[0].recv()
+        while (item := self.try_recv()) is None:
+            time.sleep(POLL_S)
+        return item
+
+
+class Together:
+    """What zenoh gives for several things declared."""
+
+    def __init__(self, declared: Sequence["Undeclared"]) -> None:
+        self._declared = declared
+
+    def undeclare(self) -> None:
+        """See Undeclared."""
+        for one in self._declared:
+            one.undeclare()
 
 
 class Undeclared(Protocol):

@@ -9,7 +9,6 @@ from functools import partial
 from typing import NamedTuple, Self
 
 import zenoh
-from zenoh import handlers
 
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox, Reading, newest_last
@@ -19,7 +18,7 @@ from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared, each, 
 _log = logging.getLogger(__name__)
 
 _BATCH = 512
-_EVERYBODY = ""
+_EVERYBODY = "all of "
 #: where an advanced publisher of a key has its cache and its heartbeats; in one, its last number
 _ADVANCED, _NUMBER_BYTES = "/@adv/pub/", 4
 #: whoever may speak may put something under many keys at once: of no publisher that could be asked for what is missing
@@ -58,13 +57,13 @@ class Subscription(Reading, Declared):
         subscriber: Undeclared,
         samples: Channel[zenoh.Sample],
         inbox: Inbox,
-        pattern: str,
+        patterns: Sequence[str],
     ) -> None:
         super().__init__(bus, subscriber)
         self._samples, self._inbox = samples, inbox
         #: whether nothing waits for us; and when that was so last, and all before was taken
         self._empty, self._emptied_s = False, time.monotonic()
-        bus.run(self._pump, f"receive {pattern}")
+        bus.run(self._pump, f"receive {patterns[0]}")
 
     def _pump(self) -> None:
         try:
@@ -113,27 +112,29 @@ class Repaired(Subscription):
     def __init__(
         self,
         bus: Home,
-        subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
-        heartbeats: zenoh.Subscriber[handlers.Handler[zenoh.Sample]],
+        subscriber: Undeclared,
+        samples: Channel[zenoh.Sample],
+        heartbeats: tuple[Undeclared, Channel[zenoh.Sample]],
         inbox: Inbox,
-        pattern: str,
+        patterns: Sequence[str],
         most_past: int | None = None,
     ) -> None:
-        self._pattern, self._heartbeats, self._most_past = pattern, heartbeats, most_past
+        self._patterns, self._heartbeats, self._most_past = patterns, heartbeats[0], most_past
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._past_came = False
         self._early = set[str]()  # publishers that were heard of before their past came
         self._news, self._away = threading.Event(), threading.Event()  # there may be a gap; and perhaps in everything
-        self._first = bus.past(f"{pattern}/@adv/**", "" if most_past is None else f"_max={most_past}")
-        super().__init__(bus, subscriber, subscriber.handler, inbox, pattern)
-        bus.run(lambda: each(heartbeats.handler, self._heard), f"heartbeats of {pattern}")
-        bus.run(self._go_on_repairing, f"repair {pattern}")
+        self._first = [bus.past(f"{one}/@adv/**", "" if most_past is None else f"_max={most_past}") for one in patterns]
+        super().__init__(bus, subscriber, samples, inbox, patterns)
+        bus.run(lambda: each(heartbeats[1], self._heard), f"heartbeats of {patterns[0]}")
+        bus.run(self._go_on_repairing, f"repair {patterns[0]}")
 
     def _begin(self) -> None:
         first: list[zenoh.Sample] = []
         over_s = time.monotonic() + _OVER_S
-        while not _drained(self._first, first) and time.monotonic() < over_s:
+        while (left := [one for one in self._first if not _drained(one, first)]) and time.monotonic() < over_s:
+            self._first = left
             time.sleep(_TURN_S)
         self._hand_on(lambda: newest_last([past for one in _by_source(first).items() if (past := self._past_of(*one))]))
         self._past_came = True
@@ -193,15 +194,16 @@ class Repaired(Subscription):
             self._repair()
         except zenoh.ZError as error:
             if not self._inbox.closed:
-                _log.error("what is lost of %s is not fetched again any more (%s)", self._pattern, said(error))
+                _log.error("what is lost of %s is not fetched again any more (%s)", self._patterns[0], said(error))
 
     def _repair(self) -> None:
         """Ask about gaps, all that are due at once; who hangs keeps only its own waiting."""
         asked: dict[str, _Asked] = {}
         while not self._inbox.closed:
-            if self._away.is_set() and _EVERYBODY not in asked:
+            if self._away.is_set() and not any(one.startswith(_EVERYBODY) for one in asked):
                 self._away.clear()
-                asked[_EVERYBODY] = _Asked.now(self._bus.past(f"{self._pattern}/@adv/**", "_max=1"))
+                for pattern in self._patterns:
+                    asked[_EVERYBODY + pattern] = _Asked.now(self._bus.past(f"{pattern}/@adv/**", "_max=1"))
             with self._order:
                 gaps = self._sequences.due(self._read_to_s()) if self._past_came else []
             for gap in gaps:
@@ -234,7 +236,7 @@ class Repaired(Subscription):
     def _answered(self, source: str, found: list[zenoh.Sample]) -> None:
         now_s = time.monotonic()
         by_source = _by_source(found)
-        if source != _EVERYBODY:
+        if not source.startswith(_EVERYBODY):
             self._hand_on(partial(self._sequences.answered, source, by_source.get(source, {}), now_s))
             return
         with self._order:
@@ -258,7 +260,7 @@ class Repaired(Subscription):
         """See contract.Subscription."""
         super().close()
         with contextlib.suppress(zenoh.ZError):
-            self._heartbeats.undeclare()  # type: ignore[no-untyped-call]
+            self._heartbeats.undeclare()
 
 
 def _message(sample: zenoh.Sample) -> Message:
