@@ -129,10 +129,6 @@ class Bus(Protocol):
     def connected(self) -> bool:
         """Whether a router (or the memory broker) is there now."""
 
-    @property
-    def ports(self) -> frozenset[int]:
-        """Our end of each line to a router over TCP, with TLS or without."""
-
     def close(self) -> None:
         """Close the session and everything declared in it; a second close does nothing."""
 

@@ -113,11 +113,6 @@ class MemoryBus:
         """See contract.Bus."""
         return self._attached and self._broker.running and not self._closed
 
-    @property
-    def ports(self) -> frozenset[int]:
-        """See contract.Bus."""
-        return frozenset()
-
     def detach(self) -> None:
         """Begin an outage of this bus alone."""
         with self._broker.lock:

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import zenoh
-from zenoh import handlers
 
 from bridge import os_words
 from bridge.bus import zenoh_settings
+from bridge.bus.cache import Cache
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import HandlerError
 from bridge.toml_file import nearest
@@ -29,6 +29,8 @@ _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 _RETRY_S = 0.1
+#: messages between zenoh and our thread, which always drains: a full channel would stop the session's receiving
+CHANNEL = 65536
 #: how often several channels are looked at, none of which has anything
 POLL_S = 0.005
 #: how zenoh says what is wrong with a file
@@ -143,11 +145,8 @@ class Home(Protocol):
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that closing waits for; work must end when its channel does."""
 
-    def past(self, selector: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """What caches of publishers hold, as it comes."""
-
-    def learn(self, keys: set[str]) -> None:
-        """Make zenoh remember keys that cached messages came by."""
+    def forget(self, cache: Cache) -> None:
+        """A publisher was closed."""
 
 
 class Declared:

@@ -18,7 +18,6 @@ from estimator.config import Ward
 from estimator.database import Database, StoreError
 from estimator.database.owner import owned
 from estimator.loops.compiled import ready
-from estimator.service.hang_up import HangUp
 from estimator.service.vitals import Vitals
 
 log = logging.getLogger(__name__)
@@ -77,13 +76,6 @@ def run(ward: Ward) -> None:
         rest.daemon = True
         stack.callback(rest.cancel)
         rest.start()
-        cycles, hang_up = Cycles(), HangUp(routers, lambda: control.ports)
-        stack.callback(hang_up.close)
-
-        def tend(devices: int) -> None:
-            cycles.tend(devices)
-            hang_up.look()
-
         Service(
             ward.ward,
             ward.estimator,
@@ -94,7 +86,7 @@ def run(ward: Ward) -> None:
             clerk=clerk,
             enrolment=ward.devices,
             peers=frozenset(others),
-            tend=tend,
+            tend=Cycles().tend,
         ).run(stop)
 
 

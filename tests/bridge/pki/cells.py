@@ -53,9 +53,9 @@ MAY_SEE_ALIVE = {
     "bridge:b2": {"bridge b1"},
     **{who: set(TOKENS) for who in MEMBERS[2:]},
 }
-# Who looks gets what is now.
-KEPT = {kind: key for kind, key in KEYS.items() if kind != BY_NAME}
-MAY_LOOK_BACK = {who: kinds - {BY_NAME} for who, kinds in MAY_HEAR.items()}
+# These kinds have no cache.
+KEPT = {kind: key for kind, key in KEYS.items() if kind != BY_NAME and not kind.startswith("owned")}
+MAY_LOOK_BACK = {who: kinds & set(KEPT) for who, kinds in MAY_HEAR.items()}
 SOURCES = {kind: next(who for who, kinds in MAY_SAY.items() if kind in kinds) for kind in KEYS}
 WITNESS = "recorder:r2"
 SETTLED_S = 0.5
@@ -129,7 +129,7 @@ def heard(ward: GuardedWard, count: int) -> Counts:
 
 def past(bus: ZenohBus, key: str) -> list[bytes]:
     """What everybody who answers for the history of a key has of it."""
-    return [reply.ok.payload.to_bytes() for reply in bus.past(f"{key}/@adv/**") if reply.ok is not None]
+    return [reply.ok.payload.to_bytes() for reply in bus.past(key) if reply.ok is not None]
 
 
 def asked(ward: GuardedWard, count: int) -> Counts:
