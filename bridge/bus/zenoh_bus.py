@@ -14,7 +14,6 @@ from bridge.bus import zenoh_settings
 from bridge.bus.cache import Cache
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
-from bridge.bus.inbox import Inbox
 from bridge.bus.keyexpr import check_key, check_pattern, check_patterns
 from bridge.bus.knock import knock
 from bridge.bus.repair import Repair
@@ -93,7 +92,6 @@ class ZenohBus:
 
         What a publisher with a still empty cache sends within some 5 ms of this call may not be seen.
         """
-        inbox = Inbox(capacity, all_past=all_past)
         patterns = check_patterns(patterns)
         with self._doing(f"subscribe to {', '.join(patterns)}"):
             found = list[zenoh.Subscriber[handlers.Handler[zenoh.Sample]]]()
@@ -101,7 +99,9 @@ class ZenohBus:
                 channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL)
                 found.append(self._session.declare_subscriber(one, channel))
             samples = Joined([one.handler for one in found])
-            subscription = Subscription(self, Together(found), samples, inbox, patterns, repaired=history)
+            subscription = Subscription(
+                self, Together(found), samples, patterns, capacity, repaired=history, all_past=all_past
+            )
             if history:
                 self._repair.begin(subscription, most_past)
             return subscription

@@ -9,7 +9,7 @@ import zenoh
 
 from bridge.bus.cache import IDENTITY_BYTES, STAMP_BYTES
 from bridge.bus.contract import Message
-from bridge.bus.inbox import Inbox, Reading, newest_last
+from bridge.bus.inbox import Inbox, newest_last
 from bridge.bus.sequences import Gap, Sequences, Source
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared
 
@@ -20,7 +20,7 @@ _BATCH = 512
 Found = dict[Source, dict[int, Message]]
 
 
-class Subscription(Reading, Declared):
+class Subscription(Inbox, Declared):
     """Hands on what comes; `repaired`: after the past, which `begin` brings, and with what the session fetches for `due`."""
 
     def __init__(
@@ -28,14 +28,16 @@ class Subscription(Reading, Declared):
         bus: Home,
         subscriber: Undeclared,
         samples: Channel[zenoh.Sample],
-        inbox: Inbox,
         patterns: Sequence[str],
+        capacity: int,
         *,
         repaired: bool,
+        all_past: bool = True,
     ) -> None:
-        super().__init__(bus, subscriber)
+        Inbox.__init__(self, capacity, all_past=all_past)
+        Declared.__init__(self, bus, subscriber)
         self.patterns, self.repaired = patterns, repaired
-        self._samples, self._inbox = samples, inbox
+        self._samples = samples
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._begun = threading.Event()
@@ -73,9 +75,9 @@ class Subscription(Reading, Declared):
 
     def close(self) -> None:
         """See contract.Subscription."""
-        self._inbox.close()
+        Inbox.close(self)
         self._begun.set()
-        super().close()
+        Declared.close(self)
 
     def _pump(self) -> None:
         try:
@@ -88,11 +90,11 @@ class Subscription(Reading, Declared):
         except zenoh.ZError:
             _log.debug("subscription closed")
         finally:
-            self._inbox.close()
+            Inbox.close(self)
 
     def _take(self, samples: Sequence[zenoh.Sample]) -> None:
         if not self.repaired:
-            self._inbox.put([_message(sample) for sample in samples])
+            self.put([_message(sample) for sample in samples])
             return
         now_s, ready = time.monotonic(), list[Message]()
         with self._order:
@@ -102,13 +104,13 @@ class Subscription(Reading, Declared):
                     ready.append(message)
                 else:
                     ready += self._sequences.take(Source(message.key, stamp[0]), stamp[1], message, now_s)
-            self._inbox.put(ready)
+            self.put(ready)
 
     def _hand_on(self, ready: Callable[[], Sequence[Message]]) -> None:
         with self._order:
-            self._inbox.put(ready(), past=True)
+            self.put(ready(), past=True)
             for key, count in self._sequences.missed.items():
-                self._inbox.add_missed(count, key)
+                self.add_missed(count, key)
             self._sequences.missed.clear()
 
 
