@@ -1,23 +1,24 @@
 """What publishers sent lately: numbered, kept, and told to subscribers that come later or have lost some of it.
 
-A message of a publisher with a cache carries 16 bytes in its attachment: a random identity of the publisher, and the number
-of the message, big-endian, from 0 on. Caches answer queries on `KEY/@adv/*`, KEY a pattern: the chunk is where routers' rules
-let who may publish KEY answer, and who may hear it ask. Without parameters all that is kept comes, one reply a message;
-`most=N` is the last N of each publisher; `publisher=IDENTITY;from=N` all of one publisher from a number on; `last=S` the
-attachment alone of the newest message, of publishers that sent one within S seconds and have paused since.
+A message of a publisher with a cache carries 20 bytes in its attachment: 8 random ones of its session, 4 of the publisher in
+it, and 8 with the number of the message, from 0 on. Caches answer queries on `KEY/@adv/SESSION`, KEY a pattern, SESSION the
+eight bytes in hex or `*`; the chunk `@adv` is where routers' rules let who may publish KEY answer, and who may hear it ask.
+Without parameters all that is kept comes, one reply a message; `most=N` is the last N of each publisher; `publisher=P;from=N`
+all of one publisher from a number on; `last=S` the attachment alone of the newest message, of publishers that sent one within S
+seconds and have paused since.
 
 A session answers once for all its keys that differ in the last chunk only, on `PLACE/*/@adv/SESSION`: a router's rules must let
 it, as they do for every kind but `owned`.
 """
 
-import os
 import time
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from bridge.bus.keyexpr import matches
 
-IDENTITY_BYTES, STAMP_BYTES = 8, 16
+SESSION_BYTES, IDENTITY_BYTES, STAMP_BYTES = 8, 12, 20
 #: the chunk between a key and whose cache is meant
 HISTORY = "@adv"
 PARAMETERS = ("most", "publisher", "from", "last")
@@ -28,18 +29,36 @@ PAUSED_S = 1.5
 Kept = tuple[int, bytes]
 
 
+class Source(NamedTuple):
+    """A publisher: its key, because a publisher of one key may claim the identity of another, and its identity."""
+
+    key: str
+    identity: bytes
+
+    @property
+    def place(self) -> str:
+        """Where its session's caches of this key are asked."""
+        return f"{self.key}/{HISTORY}/{self.identity[:SESSION_BYTES].hex()}"
+
+    @property
+    def publisher(self) -> int:
+        """Which publisher of its session it is."""
+        return int.from_bytes(self.identity[SESSION_BYTES:], "big")
+
+
 class Cache:
     """The last messages of one publisher."""
 
-    def __init__(self, key: str, size: int) -> None:
-        self.key, self.identity = key, os.urandom(IDENTITY_BYTES)
+    def __init__(self, key: str, size: int, session: bytes, publisher: int) -> None:
+        self.key, self.size, self._publisher = key, size, publisher
+        self._identity = session + publisher.to_bytes(IDENTITY_BYTES - SESSION_BYTES, "big")
         self.next = 0
         self._kept = deque[Kept](maxlen=size)
         self._put_s = 0.0
 
     def stamp(self, number: int) -> bytes:
         """The attachment of the message with this number."""
-        return self.identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
+        return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
         """The message that was just sent."""
@@ -55,7 +74,7 @@ class Cache:
             return [(kept[-1][0], b"")] if kept and PAUSED_S <= paused_s <= float(asked["last"]) else []
         if "publisher" in asked:
             first = int(asked["from"])
-            return [one for one in kept if one[0] >= first] if asked["publisher"] == self.identity.hex() else []
+            return [one for one in kept if one[0] >= first] if int(asked["publisher"]) == self._publisher else []
         return kept[-int(asked["most"]) :] if "most" in asked else kept
 
 

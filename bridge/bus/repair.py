@@ -1,16 +1,17 @@
 """One thread a session: answers for the caches of its publishers, and asks others' caches for what its subscriptions lack."""
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import count
 
 import zenoh
 from zenoh import handlers
 
-from bridge.bus.cache import HISTORY, PARAMETERS, Cache, Caches
+from bridge.bus.cache import HISTORY, PARAMETERS, SESSION_BYTES, Cache, Caches, Source
 from bridge.bus.handlers import HandlerError
-from bridge.bus.sequences import Source
 from bridge.bus.zenoh_session import CHANNEL, Channel, said
 from bridge.bus.zenoh_subscription import Found, Subscription, by_source
 
@@ -52,6 +53,7 @@ class Repair:
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
+        self._name, self._numbers = os.urandom(SESSION_BYTES), count()
         self._caches, self._cached = Caches(), 0
         self._asked: dict[str, Channel[zenoh.Query]] = {}
         self._queryables = list[object]()  # zenoh takes back what nobody holds
@@ -61,15 +63,17 @@ class Repair:
         self._routers: set[str] = set()
         self._there_s = self._changed_s = time.monotonic()
 
-    def keep(self, cache: Cache, size: int) -> None:
-        """Answer for a publisher's cache from now on."""
+    def keep(self, key: str, size: int) -> Cache:
+        """A publisher's cache, for which is answered from now on."""
         self._cached += size
+        cache = Cache(key, size, self._name, next(self._numbers))
         if (place := self._caches.add(cache)) is not None:
-            asked = f"{place}/*/{HISTORY}/{self._session.zid()}".removeprefix("/")
+            asked = f"{place}/*/{HISTORY}/{self._name.hex()}".removeprefix("/")
             ring: handlers.RingChannel[zenoh.Query] = handlers.RingChannel(_QUESTIONS)
             queryable = self._session.declare_queryable(asked, ring)
             self._queryables.append(queryable)
             self._asked = self._asked | {place: queryable.handler}
+        return cache
 
     def forget(self, cache: Cache) -> None:
         """Its publisher was closed."""
@@ -91,12 +95,12 @@ class Repair:
                 subscription.begin(past)
 
         for pattern in subscription.patterns:
-            self._ask(pattern, what, came)
+            self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
-    def past(self, pattern: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
+    def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
         """What caches hold, as it comes; asked for at once."""
         return self._session.get(
-            f"{pattern}/{HISTORY}/*?{what}",
+            f"{place}?{what}",
             handlers.FifoChannel(CHANNEL + self._cached),  # has room for all that our own thread answers
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -120,8 +124,8 @@ class Repair:
                 if not self._session.is_closed():
                     _log.error("what is lost may not be fetched again (%s)", said(error))
 
-    def _ask(self, pattern: str, what: str, then: Callable[[Found], None]) -> None:
-        self._questions.append(_Question(self.past(pattern, what), then, time.monotonic() + _OVER_S))
+    def _ask(self, place: str, what: str, then: Callable[[Found], None]) -> None:
+        self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
 
     def _answer(self) -> None:
         """What others ask of our caches."""
@@ -164,7 +168,7 @@ class Repair:
                     to.answered(source, found)
 
                 try:
-                    self._ask(source.key, f"publisher={source.identity.hex()};from={start}", then)
+                    self._ask(source.place, f"publisher={source.publisher};from={start}", then)
                 except zenoh.ZError as error:  # somebody published under a key that cannot be asked for
                     _log.debug("%s cannot be asked: %s", source.key, said(error))
                     then({})
@@ -181,4 +185,4 @@ class Repair:
         for subscription in self._subscriptions():
             if subscription.repaired and subscription.caught_up:
                 for pattern in subscription.patterns:
-                    self._ask(pattern, f"last={within_s:.0f}", subscription.heard)
+                    self._ask(f"{pattern}/{HISTORY}/*", f"last={within_s:.0f}", subscription.heard)

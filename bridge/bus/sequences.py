@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 
+from bridge.bus.cache import Source
+
 _T = TypeVar("_T")
 
 #: pause before a gap is asked about once more; it doubles up to the second value
@@ -15,13 +17,6 @@ PATIENCE_S = 30.0
 MOST_HELD = 1 << 16
 #: publishers that are remembered: whoever may publish may invent any number
 MOST_SOURCES = 1 << 16
-
-
-class Source(NamedTuple):
-    """A publisher: its key, because a publisher of one key may claim the identity of another, and its identity."""
-
-    key: str
-    identity: bytes
 
 
 class Gap(NamedTuple):

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import handlers
 
 from bridge.bus import zenoh_settings
-from bridge.bus.cache import Cache
+from bridge.bus.cache import HISTORY, Cache
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.keyexpr import check_key, check_pattern, check_patterns
@@ -67,13 +67,10 @@ class ZenohBus:
     def publisher(self, key: str, *, cache: int = 0) -> Publisher:
         """See contract.Bus."""
         with self._doing(f"publish on {check_key(key)}"):
-            kept = Cache(key, cache) if cache > 0 else None
             # BLOCK, because DROP silently lost two thirds at saturation and bursts of a few thousand. A frozen reader is
             # cut off by the router after CUT_OFF_S, which bounds how long a put can wait for it.
             made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
-            if kept:
-                self._repair.keep(kept, cache)
-            return Publisher(self, made, key, kept)
+            return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, cache: Cache) -> None:
         """A publisher was closed."""
@@ -169,7 +166,7 @@ class ZenohBus:
 
     def past(self, pattern: str) -> handlers.Handler[zenoh.Reply]:
         """What publishers' caches hold now, as it comes."""
-        return self._repair.past(pattern)
+        return self._repair.past(f"{pattern}/{HISTORY}/*")
 
     def _subscriptions(self) -> Iterator[Subscription]:
         return (one for one in list(self.declared) if isinstance(one, Subscription))

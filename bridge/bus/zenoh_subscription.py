@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 
 import zenoh
 
-from bridge.bus.cache import IDENTITY_BYTES, STAMP_BYTES
+from bridge.bus.cache import IDENTITY_BYTES, STAMP_BYTES, Source
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox, newest_last
-from bridge.bus.sequences import Gap, Sequences, Source
+from bridge.bus.sequences import Gap, Sequences
 from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared
 
 _log = logging.getLogger(__name__)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.bus import sequences as module
-from bridge.bus.sequences import LONGEST_PAUSE_S, PATIENCE_S, Gap, Sequences, Source
+from bridge.bus.cache import Source
+from bridge.bus.sequences import LONGEST_PAUSE_S, PATIENCE_S, Gap, Sequences
 
 A = Source("t/a", b"a")
 
