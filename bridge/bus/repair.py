@@ -2,6 +2,7 @@
 
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -28,9 +29,11 @@ _LAST_S = 2.0
 _LAST_WITHIN_S, _AFTER_S = 40.0, 10.0
 #: questions to our caches that may wait; an older one is answered by nothing, and asked again
 _QUESTIONS = 4096
+#: so many are answered before this thread looks to the rest of its work
+_AT_ONCE = 256
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Question:
     replies: Channel[zenoh.Reply]
     then: Callable[[Found], None]
@@ -53,7 +56,7 @@ class Repair:
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
-        self._name, self._numbers = os.urandom(SESSION_BYTES), count()
+        self._name, self._numbers, self._lock = os.urandom(SESSION_BYTES), count(), threading.Lock()
         self._caches, self._cached = Caches(), 0
         self._asked: dict[str, Channel[zenoh.Query]] = {}
         self._queryables = list[object]()  # zenoh takes back what nobody holds
@@ -65,19 +68,22 @@ class Repair:
 
     def keep(self, key: str, size: int) -> Cache:
         """A publisher's cache, for which is answered from now on."""
-        self._cached += size
         cache = Cache(key, size, self._name, next(self._numbers))
-        if (place := self._caches.add(cache)) is not None:
-            asked = f"{place}/*/{HISTORY}/{self._name.hex()}".removeprefix("/")
-            ring: handlers.RingChannel[zenoh.Query] = handlers.RingChannel(_QUESTIONS)
-            queryable = self._session.declare_queryable(asked, ring)
-            self._queryables.append(queryable)
-            self._asked = self._asked | {place: queryable.handler}
+        with self._lock:
+            self._cached += size
+            if (place := self._caches.add(cache)) is not None:
+                asked = f"{place}/*/{HISTORY}/{self._name.hex()}".removeprefix("/")
+                ring: handlers.RingChannel[zenoh.Query] = handlers.RingChannel(_QUESTIONS)
+                queryable = self._session.declare_queryable(asked, ring)
+                self._queryables.append(queryable)
+                self._asked = self._asked | {place: queryable.handler}
         return cache
 
     def forget(self, cache: Cache) -> None:
         """Its publisher was closed."""
-        self._caches.discard(cache)
+        with self._lock:
+            self._cached -= cache.size
+            self._caches.discard(cache)
 
     def watch(self, channel: Channel[zenoh.Sample], handle: Callable[[zenoh.Sample], None]) -> None:
         """Hand on what comes there, until it is closed."""
@@ -130,7 +136,9 @@ class Repair:
     def _answer(self) -> None:
         """What others ask of our caches."""
         for place, questions in self._asked.items():
-            while (query := questions.try_recv()) is not None:
+            for _ in range(_AT_ONCE):
+                if (query := questions.try_recv()) is None:
+                    break
                 with query:  # leaving tells that no more is to come
                     pattern = str(query.key_expr).rpartition(f"/{HISTORY}/")[0]
                     asked = {name: value for name in PARAMETERS if (value := query.parameters.get(name)) is not None}

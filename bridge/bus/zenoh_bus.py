@@ -11,7 +11,7 @@ import zenoh
 from zenoh import handlers
 
 from bridge.bus import zenoh_settings
-from bridge.bus.cache import HISTORY, Cache
+from bridge.bus.cache import HISTORY
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import Guarded, HandlerError
 from bridge.bus.keyexpr import check_key, check_pattern, check_patterns
@@ -22,8 +22,6 @@ from bridge.bus.zenoh_publisher import Publisher
 from bridge.bus.zenoh_session import (
     CHANNEL,
     Declared,
-    Joined,
-    Together,
     as_bus_error,
     close_session,
     each,
@@ -72,9 +70,11 @@ class ZenohBus:
             made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
-    def forget(self, cache: Cache) -> None:
-        """A publisher was closed."""
-        self._repair.forget(cache)
+    def forget(self, declared: Declared) -> None:
+        """It was closed."""
+        self.declared.discard(declared)
+        if isinstance(declared, Publisher) and declared.cache is not None:
+            self._repair.forget(declared.cache)
 
     def subscribe(
         self,
@@ -95,10 +95,7 @@ class ZenohBus:
             for one in patterns:
                 channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL)
                 found.append(self._session.declare_subscriber(one, channel))
-            samples = Joined([one.handler for one in found])
-            subscription = Subscription(
-                self, Together(found), samples, patterns, capacity, repaired=history, all_past=all_past
-            )
+            subscription = Subscription(self, found, patterns, capacity, repaired=history, all_past=all_past)
             if history:
                 self._repair.begin(subscription, most_past)
             return subscription

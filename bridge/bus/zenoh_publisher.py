@@ -12,7 +12,7 @@ class Publisher(Declared):
 
     def __init__(self, bus: Home, publisher: zenoh.Publisher, key: str, cache: Cache | None) -> None:
         super().__init__(bus, publisher)
-        self._publisher, self._key, self._cache = publisher, key, cache
+        self._publisher, self._key, self.cache = publisher, key, cache
 
     def put(self, payload: bytes) -> None:
         """See contract.Publisher."""
@@ -20,11 +20,11 @@ class Publisher(Declared):
             if self._closed:
                 raise BusError(f"the publisher of {self._key!r} is closed")
             try:
-                if self._cache is None:
+                if self.cache is None:
                     self._publisher.put(payload)
                 else:
-                    self._publisher.put(payload, attachment=self._cache.stamp(self._cache.next))
-                    self._cache.keep(payload)
+                    self._publisher.put(payload, attachment=self.cache.stamp(self.cache.next))
+                    self.cache.keep(payload)
             except BaseException as error:
                 if not is_zenohs(error):
                     raise
@@ -33,15 +33,9 @@ class Publisher(Declared):
     @property
     def wanted(self) -> bool:
         """See contract.Publisher."""
-        if self._cache is not None:
+        if self.cache is not None:
             return True
         try:
             return bool(self._publisher.matching_status.matching)  # type: ignore[attr-defined] # its stub has it wrong
         except zenoh.ZError:
             return False  # it is closed
-
-    def close(self) -> None:
-        """See contract.Publisher."""
-        if self._cache is not None and not self._closed:
-            self._bus.forget(self._cache)
-        super().close()

@@ -19,7 +19,6 @@ import zenoh
 
 from bridge import os_words
 from bridge.bus import zenoh_settings
-from bridge.bus.cache import Cache
 from bridge.bus.contract import BusError
 from bridge.bus.handlers import HandlerError
 from bridge.toml_file import nearest
@@ -118,18 +117,6 @@ class Joined(Generic[_T]):
         return item
 
 
-class Together:
-    """What zenoh gives for several things declared."""
-
-    def __init__(self, declared: Sequence["Undeclared"]) -> None:
-        self._declared = declared
-
-    def undeclare(self) -> None:
-        """See Undeclared."""
-        for one in self._declared:
-            one.undeclare()
-
-
 class Undeclared(Protocol):
     """What zenoh gives for something declared."""
 
@@ -145,14 +132,14 @@ class Home(Protocol):
     def run(self, work: Callable[[], None], name: str) -> None:
         """Run work in a thread that closing waits for; work must end when its channel does."""
 
-    def forget(self, cache: Cache) -> None:
-        """A publisher was closed."""
+    def forget(self, declared: "Declared") -> None:
+        """It was closed."""
 
 
 class Declared:
     """Something declared in a bus; see contract.Declared."""
 
-    def __init__(self, bus: Home, declared: Undeclared) -> None:
+    def __init__(self, bus: Home, *declared: Undeclared) -> None:
         self._bus, self._declared = bus, declared
         self._lock = threading.Lock()
         self._closed = False
@@ -164,9 +151,10 @@ class Declared:
             if self._closed:
                 return
             self._closed = True
-            self._bus.declared.discard(self)
+            self._bus.forget(self)
             try:
-                self._declared.undeclare()
+                for one in self._declared:
+                    one.undeclare()
             except zenoh.ZError:
                 _log.debug("already gone with its session")
 

@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 import zenoh
+from zenoh import handlers
 
 from bridge.bus.cache import IDENTITY_BYTES, STAMP_BYTES, Source
 from bridge.bus.contract import Message
 from bridge.bus.inbox import Inbox, newest_last
 from bridge.bus.sequences import Gap, Sequences
-from bridge.bus.zenoh_session import Channel, Declared, Home, Undeclared
+from bridge.bus.zenoh_session import Declared, Home, Joined
 
 _log = logging.getLogger(__name__)
 
@@ -26,8 +27,7 @@ class Subscription(Inbox, Declared):
     def __init__(
         self,
         bus: Home,
-        subscriber: Undeclared,
-        samples: Channel[zenoh.Sample],
+        subscribers: Sequence[zenoh.Subscriber[handlers.Handler[zenoh.Sample]]],
         patterns: Sequence[str],
         capacity: int,
         *,
@@ -35,9 +35,9 @@ class Subscription(Inbox, Declared):
         all_past: bool = True,
     ) -> None:
         Inbox.__init__(self, capacity, all_past=all_past)
-        Declared.__init__(self, bus, subscriber)
+        Declared.__init__(self, bus, *subscribers)
         self.patterns, self.repaired = patterns, repaired
-        self._samples = samples
+        self._samples = Joined([one.handler for one in subscribers])
         self._sequences: Sequences[Message] = Sequences()
         self._order = threading.Lock()  # of whatever is handed on
         self._begun = threading.Event()
