@@ -59,7 +59,7 @@ SPEAKERS = (
 #: what no page shows: logs and counts of the service
 NOT_SHOWN = re.compile(
     r"%s|%d|^tokens refused|messages refused|messages missed|^commands to|recalibration needed|restored$"
-    r"|damaged state|^a state of|by an accelerometer only"
+    r"|damaged state|the state goes with|^a state of|by an accelerometer only"
 )
 #: parts of sentences, which are tried as wholes below
 PIECES = {
