@@ -12,7 +12,7 @@ from bridge import logs, os_words
 from bridge.cli_parser import Parser, Version
 from bridge.toml_file import ConfigError
 from bridge.wire.refusal import Refusal
-from estimator import command
+from estimator.command import INTERRUPTED
 
 log = logging.getLogger("truerate")
 
@@ -66,14 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             given = build(_first(words)).parse_args(words)
             logs.begin(given.log_format)
-            command.interruptible()
             return int(given.run(given) or 0)
         finally:
             _say_all()
     except (ConfigError, Refusal) as error:
         return _failed(given, str(error.detail if isinstance(error, Refusal) else error), 2)
     except KeyboardInterrupt:
-        return command.INTERRUPTED
+        return INTERRUPTED
     except BrokenPipeError:
         return 1
     except Exception as error:
@@ -143,4 +142,4 @@ def build(verb: str = "") -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(command.over(main()))
+    sys.exit(main())

@@ -6,6 +6,7 @@ evidence that needs more of its own (gravity.py) appends it. Knobs, state and re
 goes on as if it had never stopped.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, expm1, inf, isfinite, isnan, radians
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from estimator.track.evidence import Evidence, Receipt
 from estimator.track.state import StateStruct, shaped
 from estimator.track.temperature import TemperatureLaw
-from estimator.track.walk import Walk
+from estimator.track.walk import Walks
 
 Floats = NDArray[np.float64]
 
@@ -96,10 +97,11 @@ def start(
 
 
 class FilterState(StateStruct):
-    """now, and unsure (3,): variance of the slope as the law had it; the walks of what waits are saved with the evidence."""
+    """now; unsure (3,): variance of the slope as the law had it; walks since what waits to be taken was measured."""
 
     now: BiasState
     unsure: Floats
+    walks: Walks
 
 
 class Step(NamedTuple):
@@ -119,8 +121,6 @@ class BiasFilter:
         self.law = law
         #: (6,) what the law's curvature moved the state by in the last step, None without a law
         self.bent: Floats | None = None
-        #: of each measurement that is to be taken later, oldest first
-        self.walks: list[Walk] = []
         self.restart(state)
 
     def _take(self, state: BiasState) -> None:
@@ -133,7 +133,7 @@ class BiasFilter:
         self._bent_c = state.bent_c
         #: variance (3,) of the walk in the last step, and gain and H of what was taken in since
         self._walked, self._taken = _NOTHING, list[tuple[Floats, Floats]]()
-        self.walks.clear()
+        self._walks = Walks.none(len(state.x))
 
     def restart(self, state: BiasState) -> None:
         """Forget all that came since, and go on from a state."""
@@ -142,8 +142,8 @@ class BiasFilter:
 
     @property
     def saved(self) -> FilterState:
-        """All that evolves from second to second, beside the walks."""
-        return FilterState(self.state, self._unsure)
+        """All that evolves from second to second."""
+        return FilterState(self.state, self._unsure, self._walks)
 
     def resume(self, saved: FilterState, law: TemperatureLaw | None) -> None:
         """Go on from what was saved, under a law. Raises ValueError."""
@@ -151,11 +151,12 @@ class BiasFilter:
         shaped(saved.now.x, n, finite=True)
         shaped(saved.now.P, n, n, finite=True)
         shaped(saved.unsure, 3)
+        saved.walks.check(n)
         if n < OWN or not isfinite(saved.now.time) or (np.diag(saved.now.P) < 0).any():
             raise ValueError("damaged state: no state of a bias filter")
         self.law = law
         self._take(saved.now)
-        self._unsure = saved.unsure
+        self._unsure, self._walks = saved.unsure, saved.walks
 
     def look_back(self, state: BiasState, time: float, temperature_c: float = np.nan) -> None:
         """What a state tells of the bias at a time before its own: a walk is as long backward as it is forward."""
@@ -216,13 +217,15 @@ class BiasFilter:
 
     def settle(self) -> None:
         """A second is over: leave nothing of rounding between both triangles of the covariance."""
-        self._kf.P = (self._kf.P + self._kf.P.T) / 2
+        P = self._kf.P + self._kf.P.T
+        P *= 0.5
+        self._kf.P = P
 
     def _step(self, step: Step) -> None:
         self._kf.predict(F=step.F, Q=step.Q)
         self._kf.x = step.x.copy()  # F is only its derivative
-        for walk in self.walks:
-            walk.step(step.F, self._walked)
+        if len(self._walks):
+            self._walks.step(step.F, self._walked)
 
     def expect(self, law: TemperatureLaw) -> None:
         """From now on believe the slope of a law in place of what was known of it."""
@@ -233,8 +236,7 @@ class BiasFilter:
             P = self._kf.P
             P[SLOPE, :] = P[:, SLOPE] = 0.0
             P[SLOPE, SLOPE] = np.diag(self._unsure)
-            for walk in self.walks:
-                walk.cross[SLOPE] = 0.0
+            self._walks.cross[:, SLOPE] = 0.0
 
     def follow(self, law: TemperatureLaw) -> None:
         """From now on go on by a law that the slope, as it is known, was learnt under."""
@@ -289,21 +291,18 @@ class BiasFilter:
         self._kf.P[BIAS, BIAS] += cov
         self.widened = cov if self.widened is None else self.widened + cov
 
-    def walk(self) -> Walk:
-        """The walk from what was measured in the last step, for evidence that is to be taken later."""
-        walk = Walk.begun(len(self._kf.x), self._walked)
-        for K, H in self._taken:
-            walk.taken(K, H)
-        self.walks.append(walk)
-        return walk
+    def wait(self) -> None:
+        """What was measured in the last step is to be taken later, by `take_first`."""
+        self._walks.begin(self._walked, self._taken)
 
-    def remembers(self, evidence: Evidence) -> bool:
-        """Whether the state goes on from when this was measured: it was not begun anew since."""
-        return evidence.walk is None or any(evidence.walk is walk for walk in self.walks)
+    @property
+    def waiting(self) -> int:
+        """How many measurements wait; none of what was measured before the state was begun anew does."""
+        return len(self._walks)
 
     def forget(self) -> None:
         """What was measured before now and has not been taken will not be."""
-        self.walks.clear()
+        self._walks = Walks.none(len(self._kf.x))
 
     def extend(self, own: BiasState) -> None:
         """Go on with a state that has other parts behind the filter's own six."""
@@ -313,47 +312,55 @@ class BiasFilter:
         """What `update` would say of a measurement, which is not taken."""
         if not _sound(evidence):
             return self._refused(evidence)
-        z, H, R, M = evidence.now
-        x, P = self._kf.x, self._kf.P
-        y, S = z - H @ x, H @ P @ H.T + R
-        if M is not None:
-            S = S + H @ M + M.T @ H.T
-        return self._receipt(evidence, y, S, float(y @ np.linalg.solve(S, y)))
+        H, P = evidence.H, self._kf.P
+        y, S = evidence.z - H @ self._kf.x, H @ P @ H.T + evidence.R
+        return self._receipt(evidence, y, S, float(y @ _inverse(S) @ y))
 
     def update(self, evidence: Evidence) -> Receipt:
-        """Take a measurement by filterpy, and undo that if it is not believable."""
+        """Take a measurement of now by filterpy, and undo that if it is not believable."""
+
+        def take(R: Floats) -> None:
+            self._kf.update(evidence.z, R=R, H=evidence.H)
+
+        receipt = self._tried(evidence, take)
+        if receipt.accepted:
+            self._taken.append((self._kf.K, evidence.H))
+            if len(self._walks):
+                self._walks.taken(self._kf.K, evidence.H)
+        return receipt
+
+    def take_first(self, evidence: Evidence) -> Receipt:
+        """Take the measurement that has waited longest; the bias has walked on since."""
+        H, noise, self._kf.M = self._walks.sight(evidence.H)
+
+        def take(R: Floats) -> None:
+            self._kf.update_correlated(evidence.z, R=R + noise, H=H)
+            self.settle()
+
+        receipt = self._tried(evidence, take)
+        self._walks.first_taken(self._kf.K if receipt.accepted else np.zeros(self._kf.M.shape), H)
+        return receipt
+
+    def _tried(self, evidence: Evidence, take: Callable[[Floats], None]) -> Receipt:
+        """Have a measurement taken with its covariance, or undo that."""
         if not _sound(evidence):
             return self._refused(evidence)
-        kf, R = self._kf, evidence.R
+        kf = self._kf
         x, P = kf.x, kf.P  # filterpy puts others in their place
-        self._take_in(evidence, R)
+        take(evidence.R)
         receipt = self._receipt(evidence, kf.y, kf.S, float(kf.y @ kf.SI @ kf.y))
         if not receipt.accepted:
             kf.x, kf.P = x, P
             if not evidence.soft:
                 return receipt
             # What is seen is then just within the gate, whatever makes it unlikely: the state may be the wrong one.
-            self._take_in(evidence, R + (receipt.test_ratio - 1) * receipt.innovation_cov)
+            take(evidence.R + (receipt.test_ratio - 1) * receipt.innovation_cov)
             receipt = receipt._replace(accepted=True, reason="")
-        if evidence.walk is not None:
-            self.walks = [walk for walk in self.walks if walk is not evidence.walk]
-        else:
-            self._taken.append((kf.K, evidence.H))
-        for walk in self.walks:
-            walk.taken(kf.K, evidence.H, evidence.walk)
         if evidence.common_var is not None and any(evidence.common_var.tolist()):
             # In doubt stays what is the same error in all measurements of a kind: no number of them tells of it.
             seen = ((evidence.H @ kf.P) * evidence.H).sum(axis=1)
             kf.P = kf.P + evidence.H.T @ np.diag(np.maximum(0.0, evidence.common_var - seen)) @ evidence.H
         return receipt
-
-    def _take_in(self, evidence: Evidence, R: Floats) -> None:
-        if evidence.walk is None:
-            self._kf.update(evidence.z, R=R, H=evidence.H)
-            return
-        H, noise, self._kf.M = evidence.walk.sight(evidence.H)
-        self._kf.update_correlated(evidence.z, R=R + noise, H=H)
-        self._kf.P = (self._kf.P + self._kf.P.T) / 2
 
     def _refused(self, evidence: Evidence) -> Receipt:
         """What is not finite, or claims to be without noise, never gets to filterpy: x would be NaN for ever, P look perfect."""
@@ -368,7 +375,13 @@ class BiasFilter:
 def _filter(n: int) -> Any:
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415 - it brings SciPy and Matplotlib: a second for every command
 
-    return KalmanFilter(dim_x=n, dim_z=3)
+    kf = KalmanFilter(dim_x=n, dim_z=3)
+    kf.inv = _inverse
+    return kf
+
+
+def _inverse(S: Floats) -> Floats:
+    return np.asarray(1 / S if len(S) == 1 else np.linalg.inv(S))
 
 
 def _stays(x: Floats) -> Step:
@@ -377,5 +390,5 @@ def _stays(x: Floats) -> Step:
 
 def _sound(evidence: Evidence) -> bool:
     """Whether all of a measurement is finite, and no part of it without noise."""
-    numbers = [*evidence.z.tolist(), *evidence.R.ravel().tolist(), float(evidence.H.sum())]
-    return all(map(isfinite, numbers)) and min(evidence.R.diagonal().tolist()) > 0.0
+    finite = isfinite(float(evidence.z.sum()) + float(evidence.R.sum()) + float(evidence.H.sum()))
+    return finite and min(evidence.R.diagonal().tolist()) > 0.0

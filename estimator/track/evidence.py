@@ -5,8 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.track.walk import Walk
-
 Floats = NDArray[np.float64]
 
 #: the largest believable NIS by degrees of freedom: false alarm 1e-6
@@ -17,7 +15,6 @@ class Evidence(NamedTuple):
     """A measurement z (m,) = H (m, n) x, with covariance R (m, m).
 
     common_var (m,): the part of R that is the same error in every measurement; no number of them gets below it.
-    walk: of the bias since it was measured, where that was not now.
     gate: the largest NIS believed. soft: beyond it R grows until it is not, and nothing is refused.
     """
 
@@ -28,15 +25,6 @@ class Evidence(NamedTuple):
     gate: float
     common_var: Floats | None = None
     soft: bool = False
-    walk: Walk | None = None
-
-    @property
-    def now(self) -> tuple[Floats, Floats, Floats, Floats | None]:
-        """z, H, R as of the present state, and the covariance (n, m) of its error with the noise, where there is any."""
-        if self.walk is None:
-            return self.z, self.H, self.R, None
-        H, noise, M = self.walk.sight(self.H)
-        return self.z, H, self.R + noise, M
 
 
 class Receipt(NamedTuple):

@@ -393,7 +393,7 @@ class Tracker:
         quiet = max(second.std.tolist()) < self.knobs.quiet_gyro and (
             second.accel_std is None or max(second.accel_std.tolist()) < self.knobs.quiet_accel
         )
-        resting = quiet and self._zaru.at_rest(second)
+        resting = quiet and self._zaru.at_rest(second, self._filter)
         gravity, up = None, None
         if span is not None:
             gravity, up = self._gravity.evidence(span, resting=resting), self._filter.x[GRAVITY]

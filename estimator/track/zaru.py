@@ -115,14 +115,11 @@ class Zaru:
         shaped(state.means, -1, 2, 3)
         for evidence, _, _ in state.waiting:
             m = len(evidence.z)
-            if m not in GATES or evidence.walk is None:
-                raise ValueError("damaged state: what waits is no measurement of a while ago")
+            if m not in GATES:
+                raise ValueError("damaged state: what waits is no measurement")
             shaped(evidence.z, m, finite=True)
             shaped(evidence.H, m, n, finite=True)
             shaped(evidence.R, m, m, finite=True)
-            shaped(evidence.walk.cross, n, 3, finite=True)
-            for three in (evidence.walk.var, evidence.walk.within):
-                shaped(three, 3, finite=True)
             if evidence.common_var is not None:
                 shaped(evidence.common_var, m)
         if state.contradiction is not None:
@@ -130,7 +127,6 @@ class Zaru:
             shaped(z, -1)
             shaped(R, len(z), len(z))
         self.state, self.tilt.state = state, state.tilt
-        bias.walks = [evidence.walk for evidence, _, _ in state.waiting if evidence.walk is not None]
 
     def moved(self, bias: BiasFilter) -> None:
         """What was seen of a rest is over."""
@@ -179,15 +175,14 @@ class Zaru:
 
     def _drop_forgotten(self, bias: BiasFilter) -> None:
         """What was measured before the filter was begun anew is in what it was begun from."""
-        while self.state.waiting and not bias.remembers(self.state.waiting[0][0]):
-            self.state.waiting.pop(0)
+        del self.state.waiting[: len(self.state.waiting) - bias.waiting]
 
     def surprises(self) -> list[Receipt]:
         """What surprised since this was asked last, as it was before the filter was told to expect it."""
         surprises, self.state.surprises = self.state.surprises, []
         return surprises
 
-    def at_rest(self, second: Second) -> bool:
+    def at_rest(self, second: Second, bias: BiasFilter) -> bool:
         """Note a quiet second; whether it, and those before it, are a rest and no breathing or swaying."""
         knobs = self.knobs
         self.state.quiet += 1
@@ -196,6 +191,7 @@ class Zaru:
         quiet = _calm(self.state.means, knobs.quasi_static**2, knobs.scatter)
         if self.tilt.watch(second):
             self.state.waiting.clear()
+            bias.forget()
         if second.start - self.state.quiet_until >= knobs.gap_s:
             self.state.gap_s, self.state.surprised = second.start - self.state.quiet_until, set()
         self.state.quiet_until = second.end
@@ -274,8 +270,8 @@ class Zaru:
             self.state.waiting.clear()  # the accelerometer came or went
             bias.forget()
         evidence = self._questioned(evidence)
-        late = evidence._replace(walk=bias.walk())
-        self.state.waiting.append((late, second.start, second.end))
+        bias.wait()
+        self.state.waiting.append((evidence, second.start, second.end))
         weighed = bias.weigh(_mean(evidence, self.state.waiting) if len(self.state.waiting) > 1 else evidence)
         if weighed.accepted:
             self.state.contradiction = None
@@ -289,7 +285,7 @@ class Zaru:
         self.state.contradiction = None
         # It may still turn: how sure that can be stays in question until it has moved and rests again.
         self.state.in_question = float(np.mean(weighed.innovation**2)) / 4
-        return [self._believed(weighed, self._questioned(late), bias, INSISTED)]
+        return [self._believed(weighed, self._questioned(evidence), bias, INSISTED)]
 
     def _at_edge(self, evidence: Evidence) -> Evidence:
         if evidence.kind != "zaru":
@@ -305,7 +301,7 @@ class Zaru:
     def _late(self, bias: BiasFilter) -> Receipt:
         """Take what has waited longest; the bias has walked on since."""
         evidence, _, _ = self.state.waiting.pop(0)
-        receipt = bias.update(evidence)
+        receipt = bias.take_first(evidence)
         unproven = min(evidence.R.diagonal().tolist()) >= self.knobs.unproven**2
         return receipt._replace(reason=receipt.reason or UNPROVEN) if unproven else receipt
 
@@ -394,11 +390,12 @@ def _mean(latest: Evidence, waiting: Iterable[_Waiting]) -> Evidence:
 
     Each counts by what it is worth: in a plain mean the first seconds, which are no proof, hid a turn from those that are.
     """
-    z, R = np.array([e.z for e, _, _ in waiting]), np.array([e.R for e, _, _ in waiting])
-    worth = 1 / R.diagonal(axis1=1, axis2=2).max(axis=1)
-    worth = worth / worth.sum()
-    square = np.square(worth)
-    cov = np.tensordot(square, R, 1)
+    z, R = np.array([e.z for e, _, _ in waiting]), np.array([e.R.ravel() for e, _, _ in waiting])
+    m = len(latest.z)
+    worth = 1 / R[:, :: m + 1].max(axis=1)
+    worth /= worth.sum()
+    square = worth * worth
+    cov = (square @ R).reshape(m, m)
     if latest.common_var is not None:
-        cov += (1 - square.sum()) * np.diag(latest.common_var)
+        cov.flat[:: m + 1] += (1 - square.sum()) * latest.common_var
     return latest._replace(z=worth @ z, R=cov)
