@@ -82,6 +82,7 @@ bench-load: setup-dev
 bench-faults: setup-dev
 	-$(BIN)/python -m tests.bench.suffering
 	$(BIN)/python -m tests.bench.estimator_kills $(ARGS)
+	$(BIN)/python -m tests.bench.store_faults
 
 # Three estimators share a ward: one is killed, one hangs; what a subscriber notices. ARGS='--devices 60 --rounds 1' for a short look.
 bench-cluster: setup-dev

@@ -113,7 +113,7 @@ def _history(given: argparse.Namespace) -> int:
     store = Store.reading(_place(given).store)
     try:
         found = history.read(store, device, since_ns)
-        known = [] if found else history.devices(store)
+        known = [] if found else store.devices()
     finally:
         store.close()
     if given.json:

@@ -1,4 +1,4 @@
-"""Everything the store has of one device: calibrations, boots, commands, and the bias over time. For people and pictures."""
+"""The history of one device from the store: calibrations, boots, commands, and the bias over time."""
 
 import re
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class Biases:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """One device, oldest first. `boots` and `commands` are rows of the store."""
+    """The history of one device, oldest first. `boots` and `commands` are rows of the store's tables `boots` and `audit`."""
 
     device: str
     calibrations: Sequence[Calibration]
@@ -42,7 +42,7 @@ class History:
 
 
 def read(store: Store, device: str, since_ns: int = 0) -> History:
-    """What is whole in the store of a device, from a time on; raises StoreError."""
+    """The history of a device from a time on (`since_ns`, host clock); raises StoreError."""
     where, values, order = "device = ? AND time_ns >= ?", (device, since_ns), "time_ns, rowid"
     points: dict[str, list[Row]] = {}
     for row in store.database.rows("bias_history", where, values, order):
@@ -57,30 +57,27 @@ def read(store: Store, device: str, since_ns: int = 0) -> History:
 
 
 def ahead(found: History, now_ns: int) -> int:
-    """How much of it is of times that are still to come: a clock was wrong then, or is wrong now."""
+    """Count the records whose time lies ahead of now: the clock was wrong when they were written, or is wrong now."""
     times = [c.time_ns for c in found.calibrations] + [row["time_ns"] for row in (*found.boots, *found.commands)]
     times += [time_ns for of in found.biases for time_ns in of.time_ns.tolist()]
     return len([time_ns for time_ns in times if time_ns > now_ns])
 
 
-def devices(store: Store) -> list[str]:
-    """Every device that was there; a command alone may have been to a name that somebody made up."""
-    tried = {row["device"] for row in store.database.rows("audit", "accepted OR verb = 'calibrate'")}
-    return sorted(tried | {row["device"] for table in ("calibrations", "boots") for row in store.database.rows(table)})
-
-
 def since(text: str, now: datetime) -> datetime:
-    """`7d`, `12h`, `30m` before now, or a date with or without a time, by clocks here; ValueError says what is taken."""
+    """The moment that a text means: `7d`, `12h`, `30m` before now, or a date with or without a time, in this machine's zone.
+
+    Raises ValueError, which says what is accepted.
+    """
     if match := _SPAN.match(text.strip()):
         try:
             return now - timedelta(seconds=float(match[1]) * _SECONDS[match[2]])
         except OverflowError:
-            raise ValueError(f"{text!r} is too long ago") from None
+            raise ValueError(f"{text!r} is too long ago: give a time after the year 1") from None
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError:
-        raise ValueError(f"{text!r} is no time: 7d, 12h, 30m, 2026-03-01 or 2026-03-01T14:30 are taken") from None
-    return found if found.tzinfo else found.astimezone()  # in summer another offset than in winter
+        raise ValueError(f"invalid time {text!r}: use 7d, 12h, 30m, 2026-03-01 or 2026-03-01T14:30") from None
+    return found if found.tzinfo else found.astimezone()  # with the zone's offset on that date
 
 
 def _biases(boot: str, rows: list[Row]) -> Biases:

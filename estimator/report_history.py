@@ -1,4 +1,4 @@
-"""A device's history in words and as JSON."""
+"""The history of a device as tables and as JSON."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -16,7 +16,7 @@ from estimator.history import Biases, History
 
 
 def as_tables(history: History) -> Iterator[RenderableType]:
-    """A table of calibrations, accepted and not, of boots, of commands, and of the bias of each boot; those that have rows."""
+    """Tables of calibrations (accepted and refused), boots, commands, and the bias of each boot; empty tables are left out."""
     refused = [row for row in history.commands if row["verb"] == "calibrate"]
     tried = [(c.time_ns, _calibration(c)) for c in history.calibrations]
     tried += [(row["time_ns"], ("", row["who"], "", row["message"])) for row in refused]
@@ -50,7 +50,7 @@ def as_tables(history: History) -> Iterator[RenderableType]:
 
 
 def as_json(history: History) -> dict[str, Any]:
-    """All of it in SI, times as ISO 8601."""
+    """The whole history as JSON values, in SI units, times in ISO 8601."""
     return {
         "device": history.device,
         "calibrations": [
@@ -85,7 +85,7 @@ def as_json(history: History) -> dict[str, Any]:
     }
 
 
-#: a moment, a boot and a number with its ± are whole; where there is no room, `to` and the boot are left out first
+#: how columns give way on a narrow terminal: times and numbers are never cut; `spare` columns are left out, the highest first
 _WHOLE = 14
 _SHOWN = {
     "when": Column("when", number=True),
@@ -104,7 +104,7 @@ def _table(title: str, headings: tuple[str, ...], rows: list[tuple[str, ...]]) -
         return
     shown = Columns([_SHOWN.get(name) or Column(name, number="±" in name, least=12) for name in headings], title=title)
     for row in rows:
-        shown.add(*map(printable, row))  # a file from elsewhere may say anything
+        shown.add(*map(printable, row))  # the file may come from elsewhere and hold control characters
     yield shown
 
 

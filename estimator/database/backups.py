@@ -1,6 +1,5 @@
 """Copies of a store: made while it is in use, numbered, the newest kept; and restored."""
 
-import errno
 import os
 import re
 import shutil
@@ -18,8 +17,6 @@ from estimator.database.schema import check, create
 KEEP = 7
 #: a backup is due when the newest is as old as this, s
 PERIOD_S = 86400.0
-#: what a network's file system may answer to fsync of a folder; the rename has happened all the same
-_NOT_OF_FOLDERS = {errno.EINVAL, errno.ENOTSUP, errno.EACCES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +65,18 @@ def back_up(store: Path, to: Path) -> None:
         raise StoreError(f"{to} is there already; choose another name, or remove it")
     part = to.with_name(to.name + ".part")
     try:
-        part.unlink(missing_ok=True)
-        part.touch()  # the system says why not; SQLite does not
+        part.write_bytes(b"")  # the system says why not; SQLite does not
         with closing(to_read(store)) as db, closing(sqlite3.connect(part)) as copy:
             db.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")
             check(copy, store)
         _place(part, to)
-    except FAULTS as error:
+    except (*FAULTS, StoreError) as error:
         part.unlink(missing_ok=True)
-        found = translated(str(store), error)
-        if isinstance(found, Damaged):
-            raise found from error
-        raise Unavailable(f"store {store} cannot be copied to {to}: {found}") from error
-    except StoreError:
-        part.unlink(missing_ok=True)
-        raise
+        found = error if isinstance(error, StoreError) else translated(str(store), error)
+        if isinstance(found, Unavailable):
+            found = Unavailable(f"store {store} cannot be copied to {to}: {found}")
+        raise found from error
 
 
 def restore(store: Path, backup: Path) -> str:
@@ -121,16 +114,16 @@ def make_sound(store: Path, backups: Backups) -> str:
         for backup in known:
             try:
                 restore(store, backup)
-            except Unavailable:
-                raise
             except StoreError as error:
+                if isinstance(error, Unavailable):
+                    raise
                 notes.append(f"backup {backup} is not restored: {error}")
                 continue
             made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(backup.stat().st_mtime))
             return "; ".join([*notes, f"backup {backup} of {made} is restored: what was kept later is lost"])
         set_aside(store)  # a log without its store
         part = store.with_name(store.name + ".part")
-        part.unlink(missing_ok=True)
+        part.write_bytes(b"")
         with closing(sqlite3.connect(part)) as db:
             create(db)
         _place(part, store)
@@ -164,11 +157,8 @@ def _place(part: Path, to: Path) -> None:
     """Rename a file that is written into its place, so that it is there after a loss of power."""
     _sync(part)
     part.replace(to)
-    try:
+    with suppress(OSError):  # many a network's file system does not synchronise folders
         _sync(to.parent)
-    except OSError as error:
-        if error.errno not in _NOT_OF_FOLDERS:
-            raise
 
 
 def _sync(place: Path) -> None:

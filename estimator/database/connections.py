@@ -66,6 +66,8 @@ def checked(path: Path, *, ours: bool = False) -> sqlite3.Connection:
         if db is not None:
             db.close()
         found = error if isinstance(error, StoreError) else translated(str(path), error)
+        if isinstance(error, sqlite3.Error) and type(found) is StoreError:  # our own SQL is right
+            found = Damaged(path, error)
         if isinstance(found, Damaged) and not ours and not _is_ours(path):
             found = StoreError(f"{path} is not a store of truerate's: {ADVICE}")
         raise found from error

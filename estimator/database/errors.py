@@ -31,7 +31,8 @@ class Damaged(StoreError):
 def translated(path: str, error: Exception) -> StoreError:
     """The StoreError that an error of SQLite or of the system means."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the primary result code
-    if code in _DAMAGED or isinstance(error, UnicodeDecodeError):
+    no_text = isinstance(error, (UnicodeDecodeError, sqlite3.OperationalError)) and not code  # Python's own of a column
+    if code in _DAMAGED or no_text:
         return Damaged(path, error)
     if isinstance(error, (sqlite3.OperationalError, OSError)) and code != sqlite3.SQLITE_ERROR:
         advice = "check that the folder exists, both are this user's to write, and the disk has room"

@@ -11,7 +11,6 @@ from bridge.bus.memory_bus import MemoryBus
 from bridge.sim.motion import Still
 from bridge.wire import codec, keys
 from bridge.wire.messages import Note, Quality, State, Verdict
-from estimator import history
 from estimator.device.correct import Cut
 from estimator.device.samples import Samples
 from estimator.outcome import Outcome
@@ -224,7 +223,7 @@ def test_commands_to_names_that_somebody_made_up_are_refused_counted_and_not_kep
     assert ward.store.database.rows("audit") == []
     assert ward.service._count_all()["commands to unknown devices"] == 3
     assert caplog.text.count("is unknown") == 1
-    assert history.devices(ward.store) == [NAME]
+    assert ward.store.devices() == [NAME]
 
 
 def test_a_note_is_published(ward: Ward, once: Stream) -> None:

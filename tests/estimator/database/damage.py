@@ -40,7 +40,8 @@ class Damaged:
         try:
             store = Store(self.path)
         except StoreError as error:
-            assert not backup, "a store that has backups is known"
+            if backup:
+                raise AssertionError(f"a store that has backups is known, and refused: {error}") from error
             assert self.path.read_bytes() == data, "what is refused is left as it is"
             return "refused" if "is not a store" in str(error) else str(error)
         found, notes = loaded(store), store.database.notes

@@ -24,6 +24,9 @@ def damaged(tmp_path_factory: pytest.TempPathFactory) -> Damaged:
 def test_a_flipped_bit_is_found_or_does_no_harm(damaged: Damaged, *, backup: bool) -> None:
     chance, size = random.Random(1), len(damaged.whole)
     data = [flipped(damaged.whole, chance.randrange(size), chance.randrange(8)) for _ in range(60)]
+    # Of the header: schema format to application id. Of a table's SQL: so that it is no text any more.
+    data += [flipped(damaged.whole, byte, 3) for byte in range(44, 72)]
+    data += [flipped(damaged.whole, damaged.whole.index(b"REAL NOT NULL"), 7)]
     found = {damaged.judge(one, backup=backup) for one in data}
     assert found == {"unharmed", "restored" if backup else "begun anew"}
 

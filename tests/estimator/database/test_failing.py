@@ -109,31 +109,10 @@ def test_what_is_written_together_is_there_as_a_whole_or_not_at_all(tmp_path: Pa
     store.close()
 
 
-#: writes calibrations until it is killed, and prints the number of each that is acknowledged
-WRITER = """
-import sys
-from dataclasses import replace
-from estimator.service.clerk import Clerk
-from estimator.service.store import Store
-from tests.estimator.database.kept import CALIBRATIONS, bias
-store = Store(sys.argv[1])
-clerk, number = Clerk(store.database), int(sys.argv[2])
-def said(n):
-    return lambda error: print(n, flush=True) if error is None else None
-while True:
-    number += 1
-    c = replace(CALIBRATIONS[0], id=f"k{number}", boot=number, time_ns=number)
-    clerk.do(lambda c=c: store.add_calibration(c), said(number))
-    clerk.do(lambda n=number: store.save_bias("chest", n, n, bias(n), history=True), soon=False)
-    while clerk._waiting:
-        clerk.collect()
-    clerk.collect()
-"""
-
-
 def killed(path: Path, lines: int, number: int) -> set[int]:
     """The numbers of calibrations that a writer had acknowledged when it was killed, after so many of them."""
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path), str(number)], stdout=subprocess.PIPE, text=True)
+    words = [sys.executable, "-m", "tests.estimator.database.writing", str(path), str(number)]
+    writer = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     assert writer.stdout is not None
     killer = threading.Timer(60.0, writer.kill)
     killer.start()
