@@ -5,11 +5,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 from bridge import host_time
 from bridge.account import News
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced, Readings
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced
 from bridge.intake import Intake
 from bridge.join import joined
 from bridge.unheard import ended, why
@@ -17,22 +17,11 @@ from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
 _READ_S = 0.2
-_WATCH_S = 0.5
 _KEPT_SAMPLES = 20_000
-_AT_ONCE = 256  # samples, or events, before the door is not waited with
 _SILENT_S = 3.0
+_LONGEST_PAUSE_S = 0.05  # what comes meanwhile must have room in the system's buffers
 
 _log = logging.getLogger(__name__)
-
-
-@runtime_checkable
-class Keeps(Protocol):
-    """A driver that can be read late: if `keeps`, what its device says waits, stamped, and read_kept never waits for more."""
-
-    keeps: bool
-
-    def read_kept(self, within_s: float) -> list[Event]:
-        """What came meanwhile, as much of it as can be understood within_s; raises DeviceLost."""
 
 
 class Taken(NamedTuple):
@@ -50,25 +39,21 @@ class Taken(NamedTuple):
 class Link:
     """A device and its thread. `take` may be called from any thread and never waits for the device.
 
-    A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for a port that
-    is not plugged in; else ever later, up to 2 s. Batches wait in a bounded queue; when nobody takes them the oldest are
-    dropped and counted. turn_s: how long a take may be busy with what waited, so that no device that floods delays others.
+    The thread reads all that came, then pauses until `read_soon`, 50 ms at most: what comes meanwhile waits in the system's
+    buffers, and costs one wake-up. Finished batches wait in a bounded queue; when nobody takes them the oldest are dropped
+    and counted. A device that vanishes is opened again by its own name: each 0.1 s where its driver finds that cheap, as for
+    a port that is not plugged in; else ever later, up to 2 s.
     """
 
-    def __init__(self, device: str, driver: Driver, intake: Intake, turn_s: float = 0.025) -> None:
+    def __init__(self, device: str, driver: Driver, intake: Intake) -> None:
         self.device = device
         self.over = False  # ended for good: a recording that is played
         self._driver = driver
         self._intake = intake
-        self._turn_s = turn_s
         self._stop = threading.Event()
-        self._ended = threading.Event()  # of a device that is pulled: it is lost, or the bridge stops
-        self._error: Exception | None = None
-        self._pulled: Keeps | None = None
+        self._due = threading.Event()  # to read
         self._heard_s = 0.0
-        self._lock = threading.RLock()
-        self._heard: list[Event] = []  # not yet through the door
-        self._unread = 0  # samples of it
+        self._lock = threading.Lock()  # of the intake and the queue
         self._queue: deque[SampleBatch] = deque()
         self._queued = 0
         self._there = False
@@ -85,12 +70,13 @@ class Link:
         """Begin to read."""
         self._thread.start()
 
+    def read_soon(self) -> None:
+        """Have the thread read what came: it will be taken in a moment."""
+        self._due.set()
+
     def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
         """What came since the last take; wanted: whether with an account, of this boot and these news."""
         with self._lock:
-            if self._pulled is not None:
-                self._pull(self._pulled)
-            self._let_in()
             batches = list(self._queue)
             self._queue.clear()
             self._queued = 0
@@ -107,10 +93,7 @@ class Link:
     def stop(self, timeout_s: float = 2.0) -> None:
         """End the thread and close the device; what was read can still be taken."""
         self._stop.set()
-        with self._lock:
-            if self._pulled is not None:
-                self._pull(self._pulled)
-        self._ended.set()
+        self._due.set()
         if self._thread.is_alive():
             self._driver.close()  # ends a read
             self._thread.join(timeout_s)
@@ -123,10 +106,7 @@ class Link:
             wait_s = min(max(2 * wait_s, _FIRST_WAIT_S), _LONGEST_WAIT_S)
             try:
                 self._driver.open()
-                if isinstance(self._driver, Keeps) and self._driver.keeps:
-                    self._watch(self._driver)
-                else:
-                    self._read_on()
+                self._read_on()
             except DeviceUnavailable as error:
                 if error.soon:
                     wait_s = _FIRST_WAIT_S
@@ -140,12 +120,9 @@ class Link:
             except Exception as error:  # noqa: BLE001 - a fault of one driver must not silence its device, or the others
                 self._complain(f"its driver failed: {error!r}", trace=True)
             finally:
-                with self._lock:
-                    self._pulled = self._error = None
                 self._there = False
                 self._driver.close()
-                with self._lock:
-                    self._let_out()
+                self._release()
 
     def _read_on(self) -> None:
         self._heard_s = time.monotonic()
@@ -153,47 +130,39 @@ class Link:
             self._pace()
             self._hear(self._driver.read(_READ_S))
             self._look()
-
-    def _watch(self, driver: Keeps) -> None:
-        """As _read_on, of a device whose bytes wait until they are taken: it is read by whoever takes."""
-        self._heard_s = time.monotonic()
-        with self._lock:
-            self._ended.clear()
-            self._pulled = driver
-        while not self._ended.wait(_WATCH_S) and not self._stop.is_set():
-            self._look()
-        if self._error is not None:
-            raise self._error
-
-    def _pull(self, driver: Keeps) -> None:
-        try:
-            self._pace()
-            self._hear(driver.read_kept(self._turn_s))
-        except Exception as error:  # noqa: BLE001 - raised where the device is opened again
-            self._pulled, self._error = None, error
-            self._ended.set()
+            self._due.wait(_LONGEST_PAUSE_S)
+            self._due.clear()
 
     def _hear(self, events: list[Event]) -> None:
+        """Let events through the intake, and the batches into the queue."""
+        self._faults = self._driver.faults.as_dict()
+        if not events:
+            return
         with self._lock:
-            self._faults = self._driver.faults.as_dict()
-            if not events:
-                return
             # A driver may have something to say of a device that says nothing.
             if not all(isinstance(event, Notice) for event in events):
                 self._heard_s = time.monotonic()
                 if not self._there:
                     self._recover()
-            self._heard += events
-            self._unread += sum(len(event.ticks) for event in events if isinstance(event, Readings))
-            if self._unread >= _AT_ONCE or len(self._heard) >= _AT_ONCE:
-                self._let_in()
+            self._intake.host_set_ns = host_time.set_ns(self._intake.host_set_ns)
+            # Of a device that tells time many readings at once cost no more than one.
+            for event in joined(events) if self._intake.has_clock else events:
+                self._keep(self._intake.take(event))
+        said, self._intake.said = self._intake.said, []
+        for words in said:
+            # One that is told its rate changes it for every calibration.
+            _log.log(logging.INFO if isinstance(self._driver, Paced) else logging.WARNING, "%s: %s", self.device, words)
+
+    def _release(self) -> None:
+        """Whatever the intake still holds back: nothing follows that it could wait for."""
+        with self._lock:
+            self._keep(self._intake.release())
 
     def _look(self) -> None:
         """Whether it has been silent for long."""
         if time.monotonic() - self._heard_s > _SILENT_S:
             self._there = False
-            with self._lock:
-                self._let_out()
+            self._release()
             self._complain(why(self._driver, self._intake.driver))
             self._heard_s = time.monotonic()
 
@@ -209,25 +178,6 @@ class Link:
             self._intake.events.add("reconnections")
         _log.info("%s: %s %s", self.device, "back on" if self._complaint else "reading", self._driver.place)
         self._complaint = ""
-
-    def _let_in(self) -> None:
-        """What was heard, through the door: of a device that tells time many readings at once, which costs no more than one."""
-        heard, self._heard, self._unread = self._heard, [], 0
-        self._intake.host_set_ns = host_time.set_ns(self._intake.host_set_ns)
-        try:
-            for event in joined(heard) if self._intake.has_clock else heard:
-                self._keep(self._intake.take(event))
-        except Exception as error:  # noqa: BLE001 - in the pump it would silence all devices
-            self._complain(f"what it says cannot be taken: {error!r}", trace=True)
-        said, self._intake.said = self._intake.said, []
-        for words in said:
-            # One that is told its rate changes it for every calibration.
-            _log.log(logging.INFO if isinstance(self._driver, Paced) else logging.WARNING, "%s: %s", self.device, words)
-
-    def _let_out(self) -> None:
-        """Whatever the door still holds back: nothing follows that it could wait for."""
-        self._let_in()
-        self._keep(self._intake.release())
 
     def _keep(self, batches: list[SampleBatch]) -> None:
         for batch in batches:

@@ -27,7 +27,6 @@ _CACHE_S = 30.0
 _CACHE_MOST = 3000
 _INFO_EVERY_S = 1.0
 _CHANGES_EVERY_S = 0.2
-_TURN = 0.5  # of the time between batches: the most that one device may take of it
 #: in the time between batches up to so many devices are published in so many shares: all at once, the last would wait for all
 #: others at whoever reads. Of more devices there is always something to read, and it costs less when much comes at once
 _SPREAD, _SHARES = 128, 8
@@ -42,7 +41,7 @@ def cached(batch_s: float) -> int:
 
 def shares(devices: int) -> int:
     """In how many parts so many devices are published, one part after the other."""
-    return max(1, min(_SHARES, devices)) if devices <= _SPREAD else 1
+    return _SHARES if devices <= _SPREAD else 1
 
 
 class Outlet:
@@ -114,7 +113,7 @@ class Ward:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
         cache = cached(self._batch_s)
-        self._links = [_link(device, config.id, _TURN * self._batch_s) for device in config.devices]
+        self._links = [_link(device, config.id) for device in config.devices]
         self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
         self._all = list(zip(self._links, self._outlets, strict=True))
         # Who can send faster during a calibration must hear of it, and who sends for nothing.
@@ -161,12 +160,18 @@ class Ward:
         self._alive.close()
 
     def _run(self) -> None:
+        """Publish one share after the other, each read half of the time between two ahead."""
         parts, due_s = shares(len(self._all)), time.monotonic()
+        step_s = self._batch_s / parts
         for turn in itertools.count():
-            if self._stop.is_set():
+            some = self._all[turn % parts :: parts]
+            for link, _ in some:
+                link.read_soon()
+            due_s = max(due_s + step_s / 2, time.monotonic())
+            if self._stop.wait(due_s - time.monotonic()):
                 return
-            self._publish(self._all[turn % parts :: parts])
-            due_s = max(due_s + self._batch_s / parts, time.monotonic())
+            self._publish(some)
+            due_s = max(due_s + step_s / 2, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
     def _publish(self, some: Iterable[tuple[Link, Outlet]], *, last: bool = False) -> None:
@@ -193,6 +198,6 @@ class Ward:
         link.lose(unsent)
 
 
-def _link(device: Device, bridge: str, turn_s: float) -> Link:
+def _link(device: Device, bridge: str) -> Link:
     driver = device.make()
-    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place), turn_s)
+    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))

@@ -24,8 +24,6 @@ class FilePort:
     At its end the device is lost for good. What is sent to it goes nowhere.
     """
 
-    keeps = False
-
     def __init__(self, address: str, baud: int) -> None:
         self.place = f"file://{address}"
         self.faults = Tally()

@@ -22,11 +22,11 @@ HOUR_NS = 3600 * 10**9
 class Line:
     """A port on which a device says something a hundred times a second."""
 
-    keeps, place = False, "a line"
+    place = "a line"
 
     def __init__(self) -> None:
         self.faults = Tally()
-        self.said = 0
+        self.said, self.begun_s = 0, time.monotonic()
 
     def open(self) -> None:
         pass
@@ -39,8 +39,9 @@ class Line:
 
     def read(self, timeout_s: float) -> Chunk:
         time.sleep(min(timeout_s, 0.01))
-        self.said += 1
-        return Chunk(f"{5000 + 10 * self.said},0,0,1,{self.said % 7},2,3,0,0,0\r\n".encode(), host_time.now_ns())
+        before, self.said = self.said, int(100 * (time.monotonic() - self.begun_s))
+        lines = [f"{5000 + 10 * n},0,0,1,{n % 7},2,3,0,0,0\r\n" for n in range(before, self.said)]
+        return Chunk("".join(lines).encode(), host_time.now_ns())
 
 
 def heard(link: Link, seconds: float) -> list[SampleBatch]:

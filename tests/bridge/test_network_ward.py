@@ -175,7 +175,6 @@ def test_a_device_that_falls_silent_on_the_network_is_told_of(
     devices: dict[str, TcpDevice | UdpDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bridge.link._SILENT_S", 1.0)
-    monkeypatch.setattr("bridge.link._WATCH_S", 0.1)
     broker = MemoryBroker()
     listener = Listener(broker)
     with MemoryBus(broker) as bus, ward(devices, bus):
