@@ -17,12 +17,12 @@ from bridge.config import Bridge, ConfigError, Device, Root, listening, load
 from bridge.console import plain_console
 from bridge.drivers import registry
 from bridge.health import Health
+from bridge.ingest.pump import Ward
+from bridge.ingest.vitals import Vitals
 from bridge.pki.member import Role
 from bridge.process import alone, connected, stopped_by_signal
 from bridge.recording_error import RecordingError
 from bridge.router_watch import RouterWatch
-from bridge.vitals import Vitals
-from bridge.ward import Ward
 from bridge.wording import count
 
 _DONE, _NOT_USED = 0, 1

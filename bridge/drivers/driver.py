@@ -62,7 +62,7 @@ class Readings:
     """n consecutive samples as the device sent them: gyro (n, 3) rad/s, accel (n, 3) m/s², temperature_c (n,).
 
     ticks (n,) and sequence are as sent, wrapping at Identity's widths. clipped (n,): whose rates are beyond its range, as the
-    device itself says; None: of none. receive_time_ns is by `bridge.host_time.now_ns`, which nobody sets. Not yet validated.
+    device itself says; None: of none. receive_time_ns is by `host_time.now_ns`, a clock that nobody sets. Not yet validated.
     """
 
     boot: int

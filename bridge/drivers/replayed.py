@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from bridge import host_time, os_words
+from bridge import os_words
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, DriverKind, Event, Readings
 from bridge.drivers.takes import Take
 from bridge.record import stretches
 from bridge.record.stretches import Recorded
 from bridge.recording import MAX_BYTES, RecordingError, load
+from bridge.transport import host_time
 from bridge.wire.refusal import Tally
 
 _MAX_CHUNK = 4096  # samples

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DriverKind, Event
 from bridge.drivers.native import NativeDecoder
+from bridge.transport import host_time
 
 if TYPE_CHECKING:
     from bridge.sim.virtual_device import VirtualDevice

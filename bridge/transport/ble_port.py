@@ -10,10 +10,9 @@ from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
 from urllib.parse import parse_qsl
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
 from bridge.toml_file import nearest
-from bridge.transport import ble_loop, ble_radio
+from bridge.transport import ble_loop, ble_radio, host_time
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally

@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import serial
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import serial_state
+from bridge.transport import host_time, serial_state
 from bridge.transport.holders import holders
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally

@@ -4,9 +4,8 @@ import contextlib
 import select
 import socket
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import net_fault, url
+from bridge.transport import host_time, net_fault, url
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
 

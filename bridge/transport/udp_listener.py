@@ -9,7 +9,7 @@ import time
 from collections import deque
 from typing import Any, Final, NamedTuple
 
-from bridge import host_time
+from bridge.transport import host_time
 
 ALL = "0.0.0.0"  # noqa: S104 - devices are on other machines
 _LONGEST = 65_535

@@ -5,9 +5,8 @@ import socket
 import threading
 import time
 
-from bridge import host_time
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.transport import net_fault, udp_listener, url
+from bridge.transport import host_time, net_fault, udp_listener, url
 from bridge.transport.transport import Chunk
 from bridge.transport.udp_listener import Channel, Heard, Listener, Peer, Taken
 from bridge.wire.refusal import Tally

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from bridge import rivals
 from bridge.bus.contract import Message
+from bridge.ingest import duplicate_bridges
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Reason, Refusal
 from estimator.device.admission import Ruling
@@ -127,7 +127,9 @@ class Intake:
             return
         if device.session.sequence.events.add(device.source.label(samples.bridge, now), samples.n) == samples.n:
             # How many there are of them stands in its status.
-            log.warning("%s (said once)", rivals.words([samples.device], device.source.owner, (samples.bridge,)))
+            log.warning(
+                "%s (said once)", duplicate_bridges.words([samples.device], device.source.owner, (samples.bridge,))
+            )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:
         session, buffer = device.session, device.reorder_buffer

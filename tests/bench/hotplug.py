@@ -19,9 +19,9 @@ from rich.console import Console
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
+from bridge.ingest.pump import Ward
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import SampleBatch
 

@@ -13,8 +13,8 @@ from bridge.drivers.driver import DeviceLost, Event, Readings
 from bridge.drivers.stream import StreamDriver
 from bridge.drivers.witmotion import UNSETTLED
 from bridge.framing import ximu3_encode
-from bridge.intake import Intake
-from bridge.link import Link
+from bridge.ingest.device_thread import Link
+from bridge.ingest.intake import Intake
 from tests.bridge.mtdata2_device import item, message, reals
 from tests.bridge.test_mavlink_driver import Sender
 from tests.bridge.witmotion_device import motion, time
@@ -138,7 +138,7 @@ def test_a_capture_of_another_device_says_which(tmp_path: Path, caplog: pytest.L
 
 
 def test_an_empty_capture_says_so_and_a_good_one_ends_quietly(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
     path = tmp_path / "a.bin"
     path.write_bytes(b"")
     ended(opened(path, "ximu3"), "ximu3")

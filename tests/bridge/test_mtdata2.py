@@ -13,8 +13,8 @@ from bridge.drivers.mtdata2 import MtData2Decoder, MtData2Options
 from bridge.framing import mtdata2
 from bridge.framing.mtdata2 import Messages, decode, encode
 from bridge.framing.packets import BadPacket
-from bridge.intake import Intake
-from bridge.join import joined
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_readings import joined
 from bridge.wire.messages import BootCause, SampleFlag
 from bridge.wire.refusal import Tally
 from tests.bridge.mtdata2_device import F32, F64, FP1220, FP1632, MtDevice, item, message, real, reals

@@ -10,10 +10,10 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
+from bridge.ingest.pump import Ward
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
-from bridge.ward import Ward
-from tests.bridge.published.hearing import Listener, unbroken
+from tests.bridge.ingest.published.hearing import Listener, unbroken
 from tests.bridge.transport.test_network import free_port
 
 
@@ -174,7 +174,7 @@ def alive(listener: Listener) -> dict[str, bool]:
 def test_a_device_that_falls_silent_on_the_network_is_told_of(
     devices: dict[str, TcpDevice | UdpDevice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bridge.link._SILENT_S", 1.0)
+    monkeypatch.setattr("bridge.ingest.device_thread._SILENT_S", 1.0)
     broker = MemoryBroker()
     listener = Listener(broker)
     with MemoryBus(broker) as bus, ward(devices, bus):

@@ -14,7 +14,7 @@ from bridge.drivers.driver import Event, Identity, Notice, Readings
 from bridge.drivers.witmotion import WitMotionDecoder, WitMotionOptions, Word
 from bridge.drivers.witmotion_cycle import Cycles
 from bridge.framing.witmotion import WitFrames
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 from tests.bridge.witmotion_device import WitDevice, checked, motion, time, unchecked

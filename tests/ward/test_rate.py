@@ -11,7 +11,7 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.ward import Ward
+from bridge.ingest.pump import Ward
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, State
 from estimator.config import Estimator

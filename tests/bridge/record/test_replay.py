@@ -12,11 +12,11 @@ from bridge.drivers import replayed
 from bridge.drivers.driver import DeviceUnavailable
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.takes import Take
+from bridge.ingest.pump import Ward
 from bridge.record import stretches
 from bridge.record.files import Folder
 from bridge.record.recorder import WardRecorder
 from bridge.record.stretches import Stretch, read
-from bridge.ward import Ward
 from bridge.wire import keys
 from tests.bridge.record.crowd import STEP, TICK_S, WARD
 from tests.bridge.record.test_contents import KNOBS, S, about, recorded, run

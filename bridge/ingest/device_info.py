@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from bridge.drivers.driver import Battery, Identity, Notice
-from bridge.timeline import Timeline
+from bridge.ingest.timeline import Timeline
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo
 

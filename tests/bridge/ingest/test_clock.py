@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.clock import ClockFit
-from bridge.unwrap import step, steps, whole_turns
+from bridge.ingest.clock import ClockFit
+from bridge.ingest.counters import step, steps, whole_turns
 from tests.bridge.arrivals import bursts
 
 EPOCH_NS = 1_700_000_000 * 10**9

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker
-from tests.bridge.published.hearing import Listener
+from tests.bridge.ingest.published.hearing import Listener
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
-from bridge.faults import Repeats, SensorFaults
+from bridge.ingest.sensor_faults import Repeats, SensorFaults
 from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 

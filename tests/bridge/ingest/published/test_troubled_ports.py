@@ -11,17 +11,17 @@ from bridge.config import Bridge, Device
 from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
 from bridge.drivers.stream import StreamOptions
+from bridge.ingest.pump import Ward
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice, demo_device
-from bridge.ward import Ward
 from bridge.wire.messages import DeviceInfo
-from tests.bridge.published.hearing import Listener
+from tests.bridge.ingest.published.hearing import Listener
 from tests.bridge.scan.protocol import KINDS, LineOptions, Talker, lines
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridge.link._SILENT_S", 0.3)
+    monkeypatch.setattr("bridge.ingest.device_thread._SILENT_S", 0.3)
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from operator import eq
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.readings import within
+from bridge.ingest.plausibility import within
 from bridge.wire.messages import SampleFlag
 from bridge.wire.refusal import Tally
 

@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from bridge import host_time
-from bridge.account import News
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced
-from bridge.intake import Intake
-from bridge.join import joined
-from bridge.unheard import ended, why
+from bridge.ingest.device_info import News
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_readings import joined
+from bridge.ingest.no_data_reason import ended, why
+from bridge.transport import host_time
 from bridge.wire.messages import DeviceInfo, SampleBatch
 
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0

@@ -6,13 +6,13 @@ import pytest
 
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.intake import Intake
-from bridge.link import Link
-from bridge.merge import merged
-from bridge.ward import Outlet
+from bridge.ingest.device_thread import Link
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_batches import merged
+from bridge.ingest.pump import Outlet
 from bridge.wire.messages import SampleFlag
-from tests.bridge.published.hearing import Listener
-from tests.bridge.published.scripted import HELLO, Scripted, run, said
+from tests.bridge.ingest.published.hearing import Listener
+from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
 
 
 class Failing:

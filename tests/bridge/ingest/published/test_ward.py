@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
 from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.link import Link, Taken
+from bridge.ingest.calibrating import Calibrating
+from bridge.ingest.device_thread import Link, Taken
+from bridge.ingest.pump import Outlet, Ward, shares
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
-from bridge.ward import Outlet, Ward, shares
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, Quality, SampleBatch, SampleFlag, State, Status
-from tests.bridge.published.hearing import Listener, accounted, native, published, unbroken
+from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
 
 
 def test_devices_are_published_whole_with_their_account_and_their_tokens(

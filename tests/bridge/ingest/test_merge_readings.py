@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.drivers.driver import Battery, Event, Identity, Readings
-from bridge.intake import Intake
-from bridge.join import joined
-from bridge.merge import merged
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_batches import merged
+from bridge.ingest.merge_readings import joined
 from bridge.wire.messages import BootCause
 
 HELLO = Identity(7, BootCause.POWER_UP, "m", "f", 100.0, 0.0, 1e-6, True, False)

@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from bridge.drivers.driver import Readings
-from bridge.unwrap import Counts
+from bridge.ingest.counters import Counts
 
 TICK_S = 1e-6  # of the time that is made
 _FEW = 4  # periods: a shorter silence is not told from an unsteady link

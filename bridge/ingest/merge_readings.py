@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Readings
-from bridge.merge import column
+from bridge.ingest.merge_batches import column
 
 _LONGEST_NS = 100_000_000  # a clock is fitted to when readings came in, so not all of a second's may become one
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from bridge.account import News
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.intake import Intake
-from bridge.link import Taken
-from bridge.ward import Outlet
+from bridge.ingest.device_info import News
+from bridge.ingest.device_thread import Taken
+from bridge.ingest.intake import Intake
+from bridge.ingest.pump import Outlet
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo
 

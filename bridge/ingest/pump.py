@@ -9,14 +9,14 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Self
 
-from bridge.account import News
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
-from bridge.calibrating import Calibrating
 from bridge.config import Bridge, Device
-from bridge.intake import Intake
-from bridge.link import Link, Taken
-from bridge.merge import merged
-from bridge.rivals import Rivals
+from bridge.ingest.calibrating import Calibrating
+from bridge.ingest.device_info import News
+from bridge.ingest.device_thread import Link, Taken
+from bridge.ingest.duplicate_bridges import Rivals
+from bridge.ingest.intake import Intake
+from bridge.ingest.merge_batches import merged
 from bridge.wire import keys
 from bridge.wire.codec import encode_info, encode_samples
 from bridge.wire.messages import DeviceInfo, SampleBatch

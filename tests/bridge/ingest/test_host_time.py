@@ -6,12 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge import host_time
 from bridge.config import Device
 from bridge.drivers.stream import StreamDriver
-from bridge.intake import Intake
-from bridge.link import Link
-from bridge.transport import address
+from bridge.ingest.device_thread import Link
+from bridge.ingest.intake import Intake
+from bridge.transport import address, host_time
 from bridge.transport.transport import Chunk
 from bridge.wire.messages import SampleBatch
 from bridge.wire.refusal import Tally

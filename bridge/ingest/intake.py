@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge import readings as door
-from bridge.account import Account, News
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.faults import SensorFaults
-from bridge.shares import Shares
-from bridge.timeline import Stamps, Timeline
-from bridge.unwrap import Counters, Counts
+from bridge.ingest import plausibility as door
+from bridge.ingest.bad_sample_ratio import Shares
+from bridge.ingest.counters import Counters, Counts
+from bridge.ingest.device_info import Account, News
+from bridge.ingest.sensor_faults import SensorFaults
+from bridge.ingest.timeline import Stamps, Timeline
 from bridge.wire.checks import MAX_TEXTS
 from bridge.wire.messages import BootCause, DeviceInfo, SampleBatch, SampleFlag
 from bridge.wire.refusal import Reason, Tally

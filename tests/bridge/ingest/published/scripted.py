@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
-from bridge.intake import Intake
-from bridge.link import Link
+from bridge.ingest.device_thread import Link
+from bridge.ingest.intake import Intake
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
 

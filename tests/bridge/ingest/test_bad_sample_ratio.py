@@ -1,6 +1,6 @@
 """Which share of the last samples is no good."""
 
-from bridge.shares import Shares
+from bridge.ingest.bad_sample_ratio import Shares
 
 S = 1_000_000_000
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.wire.messages import BootCause, SampleBatch
 
 NOW = 1_700_000_000 * 10**9

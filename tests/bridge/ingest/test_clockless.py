@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.counted import MadeTime
 from bridge.drivers.driver import Identity, Readings
-from bridge.intake import Intake
+from bridge.ingest.clockless import MadeTime
+from bridge.ingest.intake import Intake
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.clock import ClockFit
-from bridge.counted import TICK_S, MadeTime, Silences
 from bridge.drivers.driver import Identity, Readings
-from bridge.sending_rate import SendingRate
-from bridge.unwrap import Counts
+from bridge.ingest.clock import ClockFit
+from bridge.ingest.clockless import TICK_S, MadeTime, Silences
+from bridge.ingest.counters import Counts
+from bridge.ingest.sample_rate import SendingRate
 
 _LATE_NS = 1_000_000_000
 _ODD_CLOCK = 0.02  # from the host's

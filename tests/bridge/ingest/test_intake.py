@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.drivers.driver import Identity, Notice, Readings
-from bridge.intake import Intake
+from bridge.ingest.intake import Intake
 from bridge.wire import codec, keys
 from bridge.wire.messages import BootCause, SampleBatch, SampleFlag
 from tests.bridge.arrivals import bursts

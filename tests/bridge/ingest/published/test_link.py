@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from bridge.drivers.driver import DeviceUnavailable, Notice
-from tests.bridge.published.scripted import HELLO, Scripted, run, said
+from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
 
 
 def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
     missing = [DeviceUnavailable("script: missing") for _ in range(3)]
     driver = Scripted(*missing, [HELLO, said(0)])
     taken = run(driver, lambda _: driver.opened == 4 and not driver._script).take()
@@ -18,14 +18,14 @@ def test_the_first_failure_is_loud_and_repeats_are_quiet(caplog: pytest.LogCaptu
 
 
 def test_a_device_is_back_once_it_says_something_and_not_its_driver_of_it(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
     driver = Scripted(DeviceUnavailable("script: missing"), [Notice("settings", "not answered")])
     run(driver, lambda _: driver.opened == 2 and not driver._script)
     assert [record.message for record in caplog.records] == ["d1: script: missing"]
 
 
 def test_a_rate_that_changes_is_a_line_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "bridge.link")
+    caplog.set_level("INFO", "bridge.ingest.device_thread")
     driver = Scripted([HELLO, said(0)], [replace(HELLO, rate_hz=50.0), said(10)])
     run(driver, lambda _: not driver._script)
     assert [record.message for record in caplog.records] == [
