@@ -10,7 +10,7 @@ _NOTABLE = 0.01
 _LEAST_SAMPLES = 200
 
 
-class Shares:
+class BadSampleRatio:
     """Fed with counts that only grow, of one boot; judges those of the last minute."""
 
     def __init__(self) -> None:

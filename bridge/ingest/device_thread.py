@@ -36,7 +36,7 @@ class Taken(NamedTuple):
     info: DeviceInfo | None
 
 
-class Link:
+class DeviceThread:
     """A device and its thread. `take` may be called from any thread and never waits for the device.
 
     The thread reads all that came, then pauses until `read_soon`, 50 ms at most: what comes meanwhile waits in the system's

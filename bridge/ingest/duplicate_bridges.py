@@ -34,7 +34,7 @@ def found(statuses: Iterable[Status]) -> list[str]:
     return [words(sorted(devices), owner, refused) for (owner, refused), devices in sorted(sets.items())]
 
 
-class Rivals:
+class DuplicateBridges:
     """What a bridge itself is told of its devices: the first time that one is refused."""
 
     def __init__(self, bridge: str, devices: Iterable[str]) -> None:

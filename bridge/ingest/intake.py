@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Identity, Readings
 from bridge.ingest import plausibility as door
-from bridge.ingest.bad_sample_ratio import Shares
+from bridge.ingest.bad_sample_ratio import BadSampleRatio
 from bridge.ingest.counters import Counters, Counts
 from bridge.ingest.device_info import Account, News
 from bridge.ingest.sensor_faults import SensorFaults
@@ -49,7 +49,7 @@ class Intake:
         """What is of one boot only."""
         self.timeline = Timeline()
         self._silent = 0  # samples missing in silences that are counted
-        self._shares = Shares()
+        self._shares = BadSampleRatio()
         self.samples_in = 0
         self.samples = 0
         self.dropped = Tally()

@@ -13,8 +13,8 @@ from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.config import Bridge, Device
 from bridge.ingest.calibrating import Calibrating
 from bridge.ingest.device_info import News
-from bridge.ingest.device_thread import Link, Taken
-from bridge.ingest.duplicate_bridges import Rivals
+from bridge.ingest.device_thread import DeviceThread, Taken
+from bridge.ingest.duplicate_bridges import DuplicateBridges
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_batches import merged
 from bridge.wire import keys
@@ -44,7 +44,7 @@ def shares(devices: int) -> int:
     return _SHARES if devices <= _SPREAD else 1
 
 
-class Outlet:
+class DevicePublisher:
     """What one device has on the bus: its publishers, and a token for the boot that is there now."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str, device: str, cache: int) -> None:
@@ -106,7 +106,7 @@ class Outlet:
         self._token_boot = boot
 
 
-class Ward:
+class Pump:
     """Links and pump, from `with` to its end; the bus belongs to the caller."""
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
@@ -114,11 +114,11 @@ class Ward:
         self._batch_s = config.batch_ms * 1e-3
         cache = cached(self._batch_s)
         self._links = [_link(device, config.id) for device in config.devices]
-        self._outlets = [Outlet(bus, ward, config.id, link.device, cache) for link in self._links]
+        self._outlets = [DevicePublisher(bus, ward, config.id, link.device, cache) for link in self._links]
         self._all = list(zip(self._links, self._outlets, strict=True))
         # Who can send faster during a calibration must hear of it, and who sends for nothing.
         self._calibrating = Calibrating(bus, ward)
-        self._rivals = Rivals(config.id, (device.id for device in config.devices))
+        self._rivals = DuplicateBridges(config.id, (device.id for device in config.devices))
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
@@ -174,7 +174,7 @@ class Ward:
             due_s = max(due_s + step_s / 2, time.monotonic())
             self._stop.wait(due_s - time.monotonic())
 
-    def _publish(self, some: Iterable[tuple[Link, Outlet]], *, last: bool = False) -> None:
+    def _publish(self, some: Iterable[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
         for status in self._calibrating.hear(now_s):
             self._rivals.take(status)
@@ -193,11 +193,11 @@ class Ward:
                 _log.exception("%s: cannot be published", link.device)
 
     @staticmethod
-    def _lose(link: Link, outlet: Outlet) -> None:
+    def _lose(link: DeviceThread, outlet: DevicePublisher) -> None:
         unsent, outlet.unsent = outlet.unsent, deque()
         link.lose(unsent)
 
 
-def _link(device: Device, bridge: str) -> Link:
+def _link(device: Device, bridge: str) -> DeviceThread:
     driver = device.make()
-    return Link(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))
+    return DeviceThread(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))

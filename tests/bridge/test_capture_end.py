@@ -13,7 +13,7 @@ from bridge.drivers.driver import DeviceLost, Event, Readings
 from bridge.drivers.stream import StreamDriver
 from bridge.drivers.witmotion import UNSETTLED
 from bridge.framing import ximu3_encode
-from bridge.ingest.device_thread import Link
+from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from tests.bridge.mtdata2_device import item, message, reals
 from tests.bridge.test_mavlink_driver import Sender
@@ -113,7 +113,7 @@ def test_what_is_held_comes_out_at_the_end_of_a_capture(
 
 
 def ended(driver: StreamDriver, name: str) -> None:
-    link = Link("wrist", driver, Intake("wrist", "b1", name, driver.place))
+    link = DeviceThread("wrist", driver, Intake("wrist", "b1", name, driver.place))
     link.start()
     link._thread.join(20.0)
     assert link.over

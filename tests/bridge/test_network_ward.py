@@ -10,7 +10,7 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
-from bridge.ingest.pump import Ward
+from bridge.ingest.pump import Pump
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.transport import udp_listener
 from tests.bridge.ingest.published.hearing import Listener, unbroken
@@ -119,8 +119,8 @@ def devices() -> Iterator[dict[str, TcpDevice | UdpDevice]]:
         device.stop()
 
 
-def ward(devices: dict[str, TcpDevice | UdpDevice], bus: MemoryBus) -> Ward:
-    return Ward(
+def ward(devices: dict[str, TcpDevice | UdpDevice], bus: MemoryBus) -> Pump:
+    return Pump(
         "w",
         Bridge(
             id="b1",

@@ -11,7 +11,7 @@ import pytest
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.ingest.pump import Ward
+from bridge.ingest.pump import Pump
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Quality, State
 from estimator.config import Estimator
@@ -73,7 +73,7 @@ def test_one_calibration_at_the_fast_rate_and_good_rates_at_the_chosen_one(servi
     heard = Heard(broker)
     options = SimulatedOptions(seed=3, rate_hz=SLOW, calibration_rate_hz=FAST, speed=10.0)
     config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", options),))
-    with MemoryBus(broker) as bus, Ward("w", config, bus):
+    with MemoryBus(broker) as bus, Pump("w", config, bus):
         heard.until("the fast rate", lambda: heard.rate_hz == FAST)
         heard.until("the first turn", lambda: heard.state is State.TURNING)
         assert heard.rate_hz == FAST

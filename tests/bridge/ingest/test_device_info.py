@@ -6,7 +6,7 @@ from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.ingest.device_info import News
 from bridge.ingest.device_thread import Taken
 from bridge.ingest.intake import Intake
-from bridge.ingest.pump import Outlet
+from bridge.ingest.pump import DevicePublisher
 from bridge.wire import codec, keys
 from bridge.wire.messages import DeviceInfo
 
@@ -25,7 +25,7 @@ def news(told: DeviceInfo) -> News:
 
 def test_news_wait_a_moment_and_everything_else_a_second() -> None:
     with MemoryBus(MemoryBroker()) as bus:
-        outlet = Outlet(bus, "w", "b1", "d1", 1)
+        outlet = DevicePublisher(bus, "w", "b1", "d1", 1)
         first, later = info(START_S, 7, 0), info(START_S, 7, 1)
         assert outlet.wants(START_S, 7, news(first))
         outlet.publish(Taken([], 7, True, first), START_S)
@@ -44,7 +44,7 @@ def test_whoever_makes_only_what_is_wanted_says_the_same() -> None:
     broker, rng = MemoryBroker(), np.random.default_rng(1)
     with MemoryBus(broker) as bus:
         heard = [bus.subscribe(keys.pattern(ward, "info")) for ward in ("all", "wanted")]
-        outlets = [Outlet(bus, ward, "b1", "d1", 1) for ward in ("all", "wanted")]
+        outlets = [DevicePublisher(bus, ward, "b1", "d1", 1) for ward in ("all", "wanted")]
         time_s, boot, gaps = START_S, 7, 0
         made = 0
         for _ in range(2000):

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.config import Device
 from bridge.drivers.stream import StreamDriver
-from bridge.ingest.device_thread import Link
+from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.transport import address, host_time
 from bridge.transport.transport import Chunk
@@ -43,7 +43,7 @@ class Line:
         return Chunk("".join(lines).encode(), host_time.now_ns())
 
 
-def heard(link: Link, seconds: float) -> list[SampleBatch]:
+def heard(link: DeviceThread, seconds: float) -> list[SampleBatch]:
     batches, until = [], time.monotonic() + seconds
     while time.monotonic() < until:
         batches += link.take().batches
@@ -58,7 +58,7 @@ def test_a_clock_that_is_set_is_neither_a_boot_nor_a_gap(set_ns: int, monkeypatc
         {"id": "a", "driver": "text_profile", "port": "tcp://127.0.0.1:9", "profile": "razor-m0"}
     ).make()
     assert isinstance(driver, StreamDriver)
-    link = Link("a", driver, Intake("a", "b", "text", "a line"))
+    link = DeviceThread("a", driver, Intake("a", "b", "text", "a line"))
     link.start()
     before = heard(link, 1.0)
     moved = SimpleNamespace(time_ns=lambda: time.time_ns() + set_ns, clock_gettime_ns=time.clock_gettime_ns)

@@ -9,7 +9,7 @@ from pathlib import Path
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
 from bridge.drivers.stream import StreamOptions
-from bridge.ingest.pump import Ward
+from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
@@ -58,7 +58,7 @@ def published(tmp_path: Path, broker: MemoryBroker) -> Iterator[PtyPort]:
     """One device d1 on a terminal, and the bridge that reads it."""
     with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
         config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
             yield port
 
 

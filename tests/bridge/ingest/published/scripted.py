@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from bridge.drivers.driver import DeviceUnavailable, Event, Identity, Readings
-from bridge.ingest.device_thread import Link
+from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.wire.messages import BootCause
 from bridge.wire.refusal import Tally
@@ -49,8 +49,8 @@ def said(sequence: int, n: int = 10) -> Readings:
     return Readings(7, sequence, 10**18 + sequence, ticks, np.ones((n, 3)), None, None)
 
 
-def run(driver: Scripted, until: Callable[[Link], bool]) -> Link:
-    link = Link("d1", driver, Intake("d1", "b1", "scripted", "script"))
+def run(driver: Scripted, until: Callable[[DeviceThread], bool]) -> DeviceThread:
+    link = DeviceThread("d1", driver, Intake("d1", "b1", "scripted", "script"))
     link.start()
     end = time.monotonic() + 5
     while not until(link):

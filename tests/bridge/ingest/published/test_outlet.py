@@ -6,10 +6,10 @@ import pytest
 
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
-from bridge.ingest.device_thread import Link
+from bridge.ingest.device_thread import DeviceThread
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_batches import merged
-from bridge.ingest.pump import Outlet
+from bridge.ingest.pump import DevicePublisher
 from bridge.wire.messages import SampleFlag
 from tests.bridge.ingest.published.hearing import Listener
 from tests.bridge.ingest.published.scripted import HELLO, Scripted, run, said
@@ -45,7 +45,7 @@ def test_only_what_was_not_put_is_lost_when_the_bus_fails(broker: MemoryBroker, 
     holes = [said(sequence) for sequence in (0, 20, 40, 60)]  # four batches that do not merge
     link = run(driver := Scripted([HELLO], holes), lambda _: not driver._script)
     with MemoryBus(broker) as bus:
-        outlet = Outlet(Failing(bus), "w", "b1", "d1", 10)
+        outlet = DevicePublisher(Failing(bus), "w", "b1", "d1", 10)
         with pytest.raises(BusError, match="full"):
             outlet.publish(link.take(), 0.0)
         assert [batch.sequence for batch in outlet.unsent] == [40, 60]
@@ -59,7 +59,7 @@ def test_only_what_was_not_put_is_lost_when_the_bus_fails(broker: MemoryBroker, 
 def test_what_nobody_takes_is_bounded_and_counted() -> None:
     driver = Scripted([HELLO], *[[said(500 * i, 500)] for i in range(60)])
 
-    def finished(link: Link) -> bool:
+    def finished(link: DeviceThread) -> bool:
         return not driver._script
 
     taken = run(driver, finished).take()

@@ -11,7 +11,7 @@ from bridge.config import Bridge, Device
 from bridge.drivers import registry
 from bridge.drivers.driver import DriverKind
 from bridge.drivers.stream import StreamOptions
-from bridge.ingest.pump import Ward
+from bridge.ingest.pump import Pump
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import VirtualDevice, demo_device
 from bridge.wire.messages import DeviceInfo
@@ -43,7 +43,7 @@ def told(listener: Listener, words: str) -> Callable[[], bool]:
 
 
 def trouble(broker: MemoryBroker, listener: Listener, device: Device, words: str) -> DeviceInfo:
-    with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", batch_ms=20, devices=(device,)), bus):
+    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=20, devices=(device,)), bus):
         listener.until(told(listener, words))
     return listener.infos["d1"]
 
@@ -78,7 +78,7 @@ def test_a_device_that_changes_its_protocol_is_told_of_and_taken_back(
 ) -> None:
     with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
         config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
             listener.until(lambda: listener.count() > 20)
             own, port.device = port.device, cast("VirtualDevice", Talker(lines(n=3000)))
             listener.until(told(listener, "they look like driver = 'line'"))
@@ -94,9 +94,9 @@ def test_a_second_bridge_on_a_port_disturbs_nobody(tmp_path: Path, broker: Memor
         second = Bridge(
             id="b2", batch_ms=20, devices=(Device("d2", "line", LineOptions(port=str(port.link), baud=9600)),)
         )
-        with MemoryBus(broker) as bus, Ward("w", first, bus):
+        with MemoryBus(broker) as bus, Pump("w", first, bus):
             listener.until(lambda: listener.count() > 20)
-            with MemoryBus(broker) as other, Ward("w", second, other):
+            with MemoryBus(broker) as other, Pump("w", second, other):
                 listener.until(lambda: "d2" in listener.infos and "busy; " in listener.infos["d2"].trouble)
                 here = listener.count()
                 listener.until(lambda: listener.count() > here + 100)

@@ -17,8 +17,8 @@ from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
 from bridge.ingest.calibrating import Calibrating
-from bridge.ingest.device_thread import Link, Taken
-from bridge.ingest.pump import Outlet, Ward, shares
+from bridge.ingest.device_thread import DeviceThread, Taken
+from bridge.ingest.pump import DevicePublisher, Pump, shares
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
@@ -31,7 +31,7 @@ def test_devices_are_published_whole_with_their_account_and_their_tokens(
 ) -> None:
     with PtyPort(demo_device("d1", 1), tmp_path / "d1") as one, PtyPort(demo_device("d2", 2), tmp_path / "d2") as two:
         config = Bridge(id="b1", batch_ms=20, devices=(native(one), native(two, "d2")))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
             listener.until(lambda: listener.count() > 100 and listener.count("d2") > 100)
             boots = [keys.boot_id(port.device.boot or 0) for port in (one, two)]
             alive = {key.removeprefix("truerate/@v1/w/alive/") for key, there in listener.alive if there}
@@ -86,7 +86,7 @@ def test_a_device_that_cannot_be_opened_is_told_of_with_its_trouble(
     with PtyPort(demo_device("d1", 1), tmp_path / "d1") as port:
         port.unplug()
         config = Bridge(id="b1", batch_ms=20, devices=(native(port),))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
             listener.until(lambda: any("missing; plug" in info.trouble for info in listener.infos.values()))
             info = listener.infos["d1"]
             assert (info.boot, info.bridge, info.driver, info.port) == (0, "b1", "native", str(port.link))
@@ -121,16 +121,16 @@ def test_devices_are_published_a_few_at_a_time_each_as_often_as_asked(
     turns: list[list[str]] = []
     enough = threading.Event()
 
-    def note(_: Ward, some: Sequence[tuple[Link, Outlet]], *, last: bool = False) -> None:
+    def note(_: Pump, some: Sequence[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
         if not last:
             turns.append([link.device for link, _ in some])
             if len(turns) == 24:
                 enough.set()
 
-    monkeypatch.setattr(Ward, "_publish", note)
+    monkeypatch.setattr(Pump, "_publish", note)
     names = [f"d{i}" for i in range(devices)]
     simulated = tuple(Device(id=name, driver="simulated", options=SimulatedOptions()) for name in names)
-    with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
+    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", batch_ms=5.0, devices=simulated), bus):
         assert enough.wait(10.0)
     parts = shares(devices)
     assert [shares(n) for n in (1, 128, 129)] == [8, 8, 1], "of many, all at once costs readers less"
@@ -143,7 +143,7 @@ def test_a_replay_is_published_to_its_last_sample(tmp_path: Path, broker: Memory
     gyro = np.random.default_rng(0).normal(size=(1000, 3)).astype(np.float32)
     np.savez(tmp_path / "r.npz", gyro_rad_s=gyro, rate_hz=100.0)
     device = Device("d1", "replayed", ReplayedOptions(file=str(tmp_path / "r.npz"), speed=50))
-    with MemoryBus(broker) as bus, Ward("w", Bridge(id="b1", devices=(device,)), bus) as ward:
+    with MemoryBus(broker) as bus, Pump("w", Bridge(id="b1", devices=(device,)), bus) as ward:
         listener.until(lambda: ward.over)
     listener.until(lambda: listener.count() == 1000)
     assert np.array_equal(np.concatenate([batch.gyro for batch in listener.batches["d1"]]), gyro)
@@ -164,7 +164,7 @@ def test_a_bridge_whose_device_is_refused_says_so_once(
     words = "device d1 is sent by two bridges, b0 and b1: b1's samples are refused; stop one"
     status = codec.decode_status(keys.build("w", "status", device="d1"), status_of("d1", 1, State.TRACKING))
     config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "simulated", SimulatedOptions()),))
-    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Ward("w", config, bus) as ward:
+    with MemoryBus(broker) as estimator, MemoryBus(broker) as bus, Pump("w", config, bus) as ward:
         for device in ("d2", "d1", "d1"):
             said = replace(status, device=device, bridge="b0", refused_bridges=("b1",))
             estimator.publisher(keys.build("w", "status", device=device), cache=1).put(codec.encode_status(said))
@@ -179,18 +179,18 @@ def test_a_bridge_whose_device_is_refused_says_so_once(
 def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
     broker: MemoryBroker, listener: Listener, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    take = Link.take
+    take = DeviceThread.take
 
-    def fails(link: Link, *wants: Any) -> Taken:
+    def fails(link: DeviceThread, *wants: Any) -> Taken:
         if link.device == "d1":
             raise ValueError("no")
         return take(link, *wants)
 
-    monkeypatch.setattr(Link, "take", fails)
+    monkeypatch.setattr(DeviceThread, "take", fails)
     config = Bridge(
         id="b1", batch_ms=20, devices=tuple(Device(id_, "simulated", SimulatedOptions()) for id_ in ("d1", "d2"))
     )
-    with MemoryBus(broker) as bus, Ward("w", config, bus):
+    with MemoryBus(broker) as bus, Pump("w", config, bus):
         listener.until(lambda: listener.count("d2") > 100)
     assert "d1: cannot be published" in caplog.text
 
@@ -213,7 +213,7 @@ def test_a_device_sends_faster_while_it_is_calibrated_and_none_of_its_samples_is
         said = estimator.publisher(keys.build("w", "status", device="d1"))
         options = NativeOptions(port=str(port.link), rate_hz=52.0, calibration_rate_hz=208.0)
         config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "native", options),))
-        with MemoryBus(broker) as bus, Ward("w", config, bus):
+        with MemoryBus(broker) as bus, Pump("w", config, bus):
             comes(52.0)
             boot = port.device.boot or 0
             said.put(b"rubbish")
