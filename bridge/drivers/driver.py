@@ -5,7 +5,7 @@ A driver opens its device, reads, and closes. It knows nothing of the bus, of cl
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -111,14 +111,6 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Close; never raises, a second close does nothing. May be called from another thread to end a read."""
-
-
-@runtime_checkable
-class Paced(Protocol):
-    """A driver, or a decoder, of a device that can send faster while it is calibrated."""
-
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - it is all there is to say
-        """Whether it is being calibrated now; told when that changes, and called from the thread that reads."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from msgspec import Struct
 
-from bridge.drivers.driver import DeviceLost, DriverKind, Event, Paced, Readings
+from bridge.drivers.driver import DeviceLost, DriverKind, Event, Readings
 from bridge.transport import address
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -17,7 +17,7 @@ _UNREAD_CHUNKS, _UNREAD_BYTES = 256, 1024  # and as many of each
 class Decoder(Protocol):
     """One device's protocol: any chunking of its bytes in, events out. Without I/O and clock; lives as long as the driver.
 
-    faults: counts what could not be understood, by label. One that is Paced, too, is told of calibrations.
+    faults: counts what could not be understood, by label.
     """
 
     faults: Tally
@@ -51,7 +51,7 @@ class StreamOptions(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StreamDriver:
-    """A decoder behind a transport; Paced where the decoder is.
+    """A decoder behind a transport.
 
     bytes_in, samples_in: how many came, and were understood, since it was opened.
     """
@@ -62,8 +62,6 @@ class StreamDriver:
         self._transport = address.transport(options.port, options.baud)
         self._transport.faults = decoder.faults
         self._decoder = decoder
-        if isinstance(decoder, Paced):
-            self.calibrating = decoder.calibrating
         self._unread: deque[Chunk] = deque(maxlen=_UNREAD_CHUNKS)
         self.bytes_in = self.samples_in = 0
 

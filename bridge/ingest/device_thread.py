@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice, Paced
+from bridge.drivers.driver import DeviceLost, DeviceUnavailable, Driver, Event, Notice
 from bridge.ingest.device_info import News
 from bridge.ingest.intake import Intake
 from bridge.ingest.merge_readings import joined
@@ -57,14 +57,9 @@ class DeviceThread:
         self._queue: deque[SampleBatch] = deque()
         self._queued = 0
         self._there = False
-        self._calibrating = self._told = False
         self._faults: dict[str, int] = {}  # a copy, for other threads
         self._complaint = ""
         self._thread = threading.Thread(target=self._run, name=f"device {device}", daemon=True)
-
-    def calibrating(self, on: bool) -> None:  # noqa: FBT001 - it is all there is to say
-        """Whether the device is being calibrated now; its driver is told from the thread that reads."""
-        self._calibrating = on
 
     def start(self) -> None:
         """Begin to read."""
@@ -127,7 +122,6 @@ class DeviceThread:
     def _read_on(self) -> None:
         self._heard_s = time.monotonic()
         while not self._stop.is_set():
-            self._pace()
             self._hear(self._driver.read(_READ_S))
             self._look()
             self._due.wait(_LONGEST_PAUSE_S)
@@ -150,8 +144,7 @@ class DeviceThread:
                 self._keep(self._intake.take(event))
         said, self._intake.said = self._intake.said, []
         for words in said:
-            # One that is told its rate changes it for every calibration.
-            _log.log(logging.INFO if isinstance(self._driver, Paced) else logging.WARNING, "%s: %s", self.device, words)
+            _log.warning("%s: %s", self.device, words)
 
     def _release(self) -> None:
         """Whatever the intake still holds back: nothing follows that it could wait for."""
@@ -165,12 +158,6 @@ class DeviceThread:
             self._release()
             self._complain(why(self._driver, self._intake.driver))
             self._heard_s = time.monotonic()
-
-    def _pace(self) -> None:
-        on = self._calibrating
-        if on != self._told and isinstance(self._driver, Paced):
-            self._told = on
-            self._driver.calibrating(on)
 
     def _recover(self) -> None:
         self._there = True

@@ -1,11 +1,17 @@
 """Devices that several bridges send: one is listened to, what the others send is refused. Said wherever somebody looks."""
 
+import contextlib
 import logging
 from collections.abc import Iterable, Sequence
 
+from bridge.bus.contract import Bus
+from bridge.wire import keys
+from bridge.wire.codec import decode_status
 from bridge.wire.messages import Status
+from bridge.wire.refusal import Refusal
 
 _MOST = 4  # devices that are named
+_AT_ONCE = 1000  # messages
 _log = logging.getLogger(__name__)
 
 
@@ -37,13 +43,23 @@ def found(statuses: Iterable[Status]) -> list[str]:
 class DuplicateBridges:
     """What a bridge itself is told of its devices: the first time that one is refused."""
 
-    def __init__(self, bridge: str, devices: Iterable[str]) -> None:
+    def __init__(self, bus: Bus, ward: str, bridge: str, devices: Iterable[str]) -> None:
         self._bridge, self._devices, self._told = bridge, frozenset(devices), set[str]()
         #: of which another bridge is listened to, as far as was said last
         self.refused: set[str] = set()
+        self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
 
-    def take(self, status: Status) -> None:
-        """The estimator's word on a device."""
+    def hear(self) -> None:
+        """Take what estimators have said since."""
+        for message in self._statuses.drain(_AT_ONCE, 0.0):
+            with contextlib.suppress(Refusal):  # whoever sent it is told of by those whom it is for
+                self._take(decode_status(*message))
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._statuses.close()
+
+    def _take(self, status: Status) -> None:
         device = status.device
         if device not in self._devices:
             return

@@ -11,7 +11,6 @@ from typing import Self
 
 from bridge.bus.contract import Bus, BusError, Declared, Publisher
 from bridge.config import Bridge, Device
-from bridge.ingest.calibrating import Calibrating
 from bridge.ingest.device_info import News
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.duplicate_bridges import DuplicateBridges
@@ -116,9 +115,7 @@ class Pump:
         self._links = [_link(device, config.id) for device in config.devices]
         self._outlets = [DevicePublisher(bus, ward, config.id, link.device, cache) for link in self._links]
         self._all = list(zip(self._links, self._outlets, strict=True))
-        # Who can send faster during a calibration must hear of it, and who sends for nothing.
-        self._calibrating = Calibrating(bus, ward)
-        self._rivals = DuplicateBridges(config.id, (device.id for device in config.devices))
+        self._duplicates = DuplicateBridges(bus, ward, config.id, (device.id for device in config.devices))
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
         self._complaint = ""
@@ -139,7 +136,7 @@ class Pump:
     @property
     def refused(self) -> frozenset[str]:
         """Devices of which another bridge is listened to, as far as was said last."""
-        return frozenset(self._rivals.refused)
+        return frozenset(self._duplicates.refused)
 
     def __enter__(self) -> Self:
         for link in self._links:
@@ -156,7 +153,7 @@ class Pump:
         self._publish(self._all, last=True)
         for outlet in self._outlets:
             outlet.close()
-        self._calibrating.close()
+        self._duplicates.close()
         self._alive.close()
 
     def _run(self) -> None:
@@ -176,12 +173,10 @@ class Pump:
 
     def _publish(self, some: Iterable[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
-        for status in self._calibrating.hear(now_s):
-            self._rivals.take(status)
+        self._duplicates.hear()
         for link, outlet in some:
             try:
                 taken = link.take() if last else link.take(partial(outlet.wants, now_s))
-                link.calibrating(self._calibrating.now(link.device, taken.boot, now_s))
                 outlet.publish(taken, now_s, last=last)
             except BusError as error:
                 self._lose(link, outlet)

@@ -13,16 +13,14 @@ import pytest
 
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.config import Bridge, Device
-from bridge.drivers.native import NativeOptions
 from bridge.drivers.replayed import ReplayedOptions
 from bridge.drivers.simulated import SimulatedOptions
-from bridge.ingest.calibrating import Calibrating
 from bridge.ingest.device_thread import DeviceThread, Taken
 from bridge.ingest.pump import DevicePublisher, Pump, shares
 from bridge.sim.pty_port import PtyPort
 from bridge.sim.virtual_device import demo_device
 from bridge.wire import codec, keys
-from bridge.wire.messages import BootCause, Quality, SampleBatch, SampleFlag, State, Status
+from bridge.wire.messages import BootCause, Quality, SampleFlag, State, Status
 from tests.bridge.ingest.published.hearing import Listener, accounted, native, published, unbroken
 
 
@@ -193,52 +191,3 @@ def test_a_device_of_which_nothing_can_be_taken_stops_no_other(
     with MemoryBus(broker) as bus, Pump("w", config, bus):
         listener.until(lambda: listener.count("d2") > 100)
     assert "d1: cannot be published" in caplog.text
-
-
-def rate_of(batches: Sequence[SampleBatch]) -> float:
-    """Of the last two samples."""
-    ticks = np.concatenate([batch.ticks for batch in batches]).astype(np.int64)
-    return round(1e6 / (ticks[-1] - ticks[-2])) if len(ticks) > 1 else 0.0
-
-
-def test_a_device_sends_faster_while_it_is_calibrated_and_none_of_its_samples_is_lost(
-    tmp_path: Path, broker: MemoryBroker, listener: Listener
-) -> None:
-    def comes(rate_hz: float) -> None:
-        listener.until(lambda: "d1" in listener.infos and listener.infos["d1"].rate_hz == rate_hz)
-        listener.until(lambda: rate_of(listener.batches["d1"][-3:]) == rate_hz)
-
-    port = PtyPort(demo_device("d1", 1), tmp_path / "d1", speed=5.0, lossless=True)
-    with port, MemoryBus(broker) as estimator:
-        said = estimator.publisher(keys.build("w", "status", device="d1"))
-        options = NativeOptions(port=str(port.link), rate_hz=52.0, calibration_rate_hz=208.0)
-        config = Bridge(id="b1", batch_ms=20, devices=(Device("d1", "native", options),))
-        with MemoryBus(broker) as bus, Pump("w", config, bus):
-            comes(52.0)
-            boot = port.device.boot or 0
-            said.put(b"rubbish")
-            said.put(status_of("d1", boot + 1, State.TURNING))
-            listener.until(lambda: listener.count() > 100)
-            assert listener.infos["d1"].rate_hz == 52.0, "of another boot"
-            said.put(status_of("d1", boot, State.TURNING))
-            comes(208.0)
-            said.put(status_of("d1", boot, State.TRACKING))
-            comes(52.0)
-            here = listener.count()
-            listener.until(lambda: listener.count() > here + 100)
-    assert {batch.boot for batch in listener.batches["d1"]} == {boot}
-    assert unbroken(listener.batches["d1"])
-    listener.until(partial(accounted, listener, "d1"))
-    assert listener.infos["d1"].dropped == {}
-    steps = np.diff(np.concatenate([batch.ticks for batch in listener.batches["d1"]]).astype(np.int64))
-    assert {52, 208} <= {round(1e6 / step) for step in steps.tolist()} <= {52, 104, 208}, "104 is what it begins with"
-
-
-def test_a_calibration_that_nobody_speaks_of_any_more_is_over(broker: MemoryBroker) -> None:
-    with MemoryBus(broker) as bus:
-        calibrating = Calibrating(bus, "w")
-        bus.publisher(keys.build("w", "status", device="d1")).put(status_of("d1", 7, State.AWAITING_STILL))
-        calibrating.hear(100.0)
-        said = [calibrating.now("d1", 7, at_s) for at_s in (100.0, 109.0, 111.0)]
-        assert said == [True, True, False]
-        assert not calibrating.now("d2", 7, 100.0)
