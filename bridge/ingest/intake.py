@@ -28,7 +28,6 @@ _ODD = 0x9E3779B97F4A7C15  # makes boot numbers that nobody else draws
 _INSTEAD_OF_0 = 1  # boot 0 is for devices that are not heard
 
 Bools = NDArray[np.bool_]
-Column = NDArray[np.float32]
 
 
 class Intake:
@@ -162,21 +161,16 @@ class Intake:
         Almost all are so, and what is found here of all samples together, `_read` finds sample by sample.
         """
         going = self._counters.going_on(readings, identity)
-        if going is None or going[0] != self._next or not identity.has_clock or self.timeline.missing:
+        if going is None or not identity.has_clock or self.timeline.missing:
+            return None
+        if not door.plain(readings, identity.gyro_range):
             return None
         sequence, ticks = going
-        if readings.clipped is not None or not door.plain(readings, identity.gyro_range):
-            return None
-        gyro = np.ascontiguousarray(readings.gyro, np.float32)
-        temperature_c = _column(readings.temperature_c)
-        time_s = int(ticks[0]) * identity.tick_period_s, int(ticks[-1]) * identity.tick_period_s
-        if not self._sensor.quiet(time_s, gyro, temperature_c, identity.gyro_range):
-            return None
         self._counters.went_on(sequence, ticks)
         self._old = 0
-        stamps = self._stamps(sequence + len(ticks) - 1, ticks, readings.receive_time_ns, identity)
-        accel = _column(readings.accel)
-        return self._said(sequence, 0, stamps, gyro, accel, temperature_c, np.zeros(len(ticks), np.uint32))
+        n = len(ticks)
+        stamps = self._stamps(sequence + n - 1, ticks, readings.receive_time_ns, identity)
+        return self._batch(readings, identity, sequence, slice(0, n), stamps, 0)
 
     def _stamps(self, last: int, ticks: Counts, receive_time_ns: int, identity: Identity) -> Stamps:
         """When good samples were taken; last is the number of their last."""
@@ -243,21 +237,6 @@ class Intake:
         flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)
         if readings.clipped is not None:
             self._sensor.told(flags, readings.clipped[run])
-        accel = None if readings.accel is None else _column(readings.accel[run])
-        return self._said(sequence, begin, stamps, gyro, accel, temperature_c, flags)
-
-    def _said(
-        self,
-        sequence: int,
-        begin: int,
-        stamps: Stamps,
-        gyro: Column,
-        accel: Column | None,
-        temperature_c: Column | None,
-        flags: NDArray[np.uint32],
-    ) -> SampleBatch:
-        """The batch of good samples; flags are those of the sensor's faults."""
-        n = len(gyro)
         part = slice(begin, begin + n)
         if (all_late := stamps.late()) is not None and (late := all_late[part]).any():
             flags[late] |= np.uint32(SampleFlag.LATE)
@@ -277,11 +256,7 @@ class Intake:
             clock_rate=stamps.clock_rate,
             ticks=stamps.ticks[part].astype(np.uint64),
             gyro=gyro,
-            accel=accel,
+            accel=None if readings.accel is None else np.ascontiguousarray(readings.accel[run], np.float32),
             temperature_c=temperature_c,
             flags=flags,
         )
-
-
-def _column(values: NDArray[np.floating] | None) -> Column | None:
-    return None if values is None else np.ascontiguousarray(values, np.float32)

@@ -42,9 +42,8 @@ class SensorFaults:
     def flags(self, time_s: Floats, gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> Flags:
         """(n,) SampleFlags of n ≥ 1 good readings at time_s (n,): gyro (n, 3) rad/s, temperature_c (n,); range 0: unknown."""
         flags = np.zeros(len(gyro), np.uint32)
-        high = np.abs(gyro)
-        if gyro_range and np.maximum.reduce(high, axis=None) >= CLIPPED_AT * gyro_range:
-            self._mark(flags, SampleFlag.CLIPPED, np.asarray((high >= CLIPPED_AT * gyro_range).any(axis=1)))
+        if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
+            self._mark(flags, SampleFlag.CLIPPED, np.asarray((np.abs(gyro) >= CLIPPED_AT * gyro_range).any(axis=1)))
         self._mark(flags, SampleFlag.STUCK, self._stuck.seen(time_s, gyro))
         if temperature_c is not None:
             self._mark(flags, SampleFlag.TEMPERATURE_STEP, self._warmth.leapt(time_s, temperature_c))
@@ -53,23 +52,6 @@ class SensorFaults:
     def told(self, flags: Flags, clipped: Bools) -> None:
         """Mark in flags (n,) what the device itself says is clipped (n,)."""
         self._mark(flags, SampleFlag.CLIPPED, clipped & (flags & np.uint32(SampleFlag.CLIPPED) == 0))
-
-    def quiet(self, time_s: tuple[float, float], gyro: Floats, temperature_c: Floats | None, gyro_range: float) -> bool:
-        """Whether `flags` would surely mark none of these n ≥ 1 readings; they are taken then, and not otherwise.
-
-        time_s: of the first and the last.
-        """
-        begin_s, end_s = time_s
-        if gyro_range and not within(gyro, _NEARLY * CLIPPED_AT * gyro_range):
-            return False
-        if not self._stuck.quiet(begin_s, end_s, gyro):
-            return False
-        if temperature_c is not None:
-            if not self._warmth.steady(temperature_c):
-                return False
-            self._warmth.believe(end_s, float(temperature_c[-1]))
-        self._stuck.keep(begin_s, gyro)
-        return True
 
     def _mark(self, flags: Flags, flag: SampleFlag, which: Bools) -> None:
         if which.any():
@@ -109,41 +91,29 @@ class Repeats:
             end = len(gyro) if whole else begin + int(np.searchsorted(time_s[begin:], self._began + 1.0))
             end = min(end, begin + _MOST_SAMPLES - self._gathered)
             if end > begin:
-                stuck[begin:end] = self._repeated(gyro[begin:end])
-                self._gather(gyro[begin:end])
-                self._stuck |= bool(stuck[begin:end].any())
+                part = gyro[begin:end]
+                if self._repeats(part):
+                    stuck[begin:end] = self._too_many(part)
+                    self._stuck |= bool(stuck[begin:end].any())
+                self._last = part[-1:]
+                self._second.append(part)
+                self._gathered += len(part)
             if end < len(gyro):
                 self._close()
             begin = end
         return stuck
 
-    def quiet(self, begin_s: float, end_s: float, gyro: Floats) -> bool:
-        """Whether readings (n, 3) between two times repeat nothing, and end no second. Takes nothing."""
-        if end_s >= (self._began if self._second else begin_s) + 1.0 or self._gathered + len(gyro) > _MOST_SAMPLES:
-            return False
+    def _repeats(self, gyro: Floats) -> bool:
+        """Whether any of the next readings repeats the one before."""
         rows = gyro.tolist()
-        return rows[0] != self._last[0].tolist() and not any(map(eq, rows, rows[1:]))
+        if any(map(eq, rows, [*self._last.tolist(), *rows])):
+            return True
+        self._run = 0
+        return False
 
-    def keep(self, begin_s: float, gyro: Floats) -> None:
-        """Take readings that are quiet."""
-        if not self._second:
-            self._began = begin_s
-        self._gather(gyro)
-        self._last, self._run = gyro[-1:], 0
-
-    def _gather(self, gyro: Floats) -> None:
-        self._second.append(gyro)
-        self._gathered += len(gyro)
-
-    def _repeated(self, gyro: Floats) -> Bools:
-        before = np.concatenate([self._last, gyro[:-1]])
-        self._last = gyro[-1:]
-        same = gyro[:, 0] == before[:, 0]
-        if same.any():  # which is rare, on one axis already
-            same = (gyro == before).all(axis=1)
-        if not same.any():
-            self._run = 0
-            return np.asarray(same)
+    def _too_many(self, gyro: Floats) -> Bools:
+        """(n,) which of the next readings come after too many repeats."""
+        same = (gyro == np.concatenate([self._last, gyro[:-1]])).all(axis=1)
         at = np.arange(len(same))
         runs = at - np.maximum.accumulate(np.where(same, -1 - self._run, at))
         self._run = int(runs[-1])
@@ -210,16 +180,6 @@ class Warmth:
 
     def __init__(self) -> None:
         self._believed: tuple[float, float] | None = None  # when, °C
-
-    def steady(self, temperature_c: Floats) -> bool:
-        """Whether none of the next temperatures (n,), all finite, can have leapt. Takes nothing."""
-        values = temperature_c.tolist()
-        believed_c = self._believed[1] if self._believed else values[0]
-        return bool(max(values) - believed_c <= _LEAP_K and believed_c - min(values) <= _LEAP_K)
-
-    def believe(self, time_s: float, temperature_c: float) -> None:
-        """The last of what is steady."""
-        self._believed = time_s, temperature_c
 
     def leapt(self, time_s: Floats, temperature_c: Floats) -> Bools:
         """(n,) which of the next temperatures (n,) are not to be believed; a new level is, once there was time to get there."""

@@ -158,7 +158,7 @@ def test_plain_readings_become_what_they_would(
             for field in fields(SampleBatch):
                 _same(getattr(ours, field.name), getattr(theirs, field.name))
         assert repr(easy.info(0, {})) == repr(strict.info(0, {}))
-    assert (easy.plain > EVENTS // 4) is (noise > step)
+    assert easy.plain > EVENTS // 4
     assert strict.events.total() > EVENTS // 50
 
 
