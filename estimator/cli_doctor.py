@@ -78,7 +78,6 @@ def _look(path: Path | None) -> Iterable[Finding]:
     serial = list(dict.fromkeys([*plugged, *named]))
     yield from terminals.permissions(serial, terminals.me())
     yield from terminals.modem_manager()
-    yield from terminals.latency()
     yield from terminals.busy(serial)
     yield from machine.bridges()
     yield from machine.clock(machine.clock_status())
