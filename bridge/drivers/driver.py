@@ -40,7 +40,7 @@ class Identity:
 
     tick_bits: width of the device's tick counter, for unwrapping; sequence_bits likewise.
     has_clock: False where the device tells no time: its ticks are then a count of its samples, its rate a promise; time is
-    made of them behind the door.
+    made of them by the intake.
     """
 
     boot: int

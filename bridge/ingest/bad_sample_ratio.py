@@ -1,4 +1,4 @@
-"""Which share of a device's last samples was clipped or refused, in words. Pure: time is an argument."""
+"""The ratio of clipped and refused samples of one device over the last minute, in words. Pure: time is an argument."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -11,13 +11,13 @@ _LEAST_SAMPLES = 200
 
 
 class BadSampleRatio:
-    """Fed with counts that only grow, of one boot; judges those of the last minute."""
+    """Takes the counts of one boot, which only grow, and compares them with those of a minute ago."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, int, dict[str, int]]] = deque()  # when, samples, counts
 
     def notable(self, time_ns: int, samples: int, counts: Mapping[str, int]) -> str:
-        """What is more than 1 % of the samples that came in, the most first; empty where nothing is."""
+        """The reasons that concern more than 1 % of the received samples, largest first; empty if there are none."""
         while len(self._past) > 1 and self._past[1][0] <= time_ns - _WINDOW_NS:
             self._past.popleft()
         self._past.append((time_ns, samples, dict(counts)))

@@ -1,8 +1,7 @@
-"""Time for a device that tells none: its samples are counted, and their period is what the clock fit measures.
+"""Sample times and gaps for a device without a clock, from the count of its samples and their times of arrival.
 
-Two things a device's own clock would have told: how long a sample is, and that some are missing. The first follows the
-fit from the rate that was promised on, and never jumps. The second is told by the arrivals: after a silence either what
-was held up comes in a burst, or all that follows stays late by the samples that are missing.
+The sample period starts at the promised rate and follows the clock fit without jumps. A gap shows after a silence: either
+the delayed samples arrive in a burst, or all later samples stay late by the missing ones.
 """
 
 from math import inf
@@ -20,7 +19,7 @@ _LONGEST_DOUBT_S = 5.0
 
 
 class MadeTime:
-    """Ticks of TICK_S that rise with the count of samples, by the period as it was last known."""
+    """Ticks of TICK_S, made from the count of samples and the latest sample period."""
 
     def __init__(self) -> None:
         self._at: tuple[int, float] | None = None  # the latest count, and its ticks
@@ -35,9 +34,9 @@ class MadeTime:
 
 
 class Silences:
-    """Holds what comes after a silence until it is known whether samples are missing; pure, times are arguments.
+    """Holds the readings after a silence until it is known whether samples are missing. Pure: times are arguments.
 
-    missing: how many are, in all, before what was given out last.
+    missing: the number of missing samples before the readings that were returned last.
     """
 
     def __init__(self) -> None:
@@ -47,7 +46,7 @@ class Silences:
         self._least_s, self._period_s = inf, 0.0
 
     def take(self, readings: Readings, late_s: float, period_s: float) -> list[Readings]:
-        """What may go on, in order; late_s: how much later its last sample came than by the clock it should have."""
+        """The readings that may be published, in order; late_s: how late the last sample came, by the clock fit."""
         silent_s, self._heard_ns = (readings.receive_time_ns - self._heard_ns) * 1e-9, readings.receive_time_ns
         limit_s, self._period_s = max(_LEAST_S, _FEW * period_s), period_s
         if not self._held:
@@ -66,7 +65,7 @@ class Silences:
         return self.release() if gained_s >= _DOUBT_S or since_s >= _LONGEST_DOUBT_S else []
 
     def release(self) -> list[Readings]:
-        """What is held: it has not caught up, and is after a gap."""
+        """The held readings: they have not caught up, so they come after a gap."""
         held, self._held = self._held, []
         if held:
             self.missing += round(self._least_s / self._period_s)

@@ -1,4 +1,4 @@
-"""Counters that wrap, made to go on: a device's ticks and sequence numbers."""
+"""Unwraps a device's tick counter and sequence numbers, and finds missing, repeated and overtaken samples."""
 
 from operator import lt
 from typing import NamedTuple
@@ -14,7 +14,7 @@ _FAR = 2**62  # ticks: of more, int64 has no room for a turn
 
 
 class Counters:
-    """The sequence and the ticks of one boot, as far as they were followed."""
+    """The latest sequence number and tick of one boot, unwrapped."""
 
     def __init__(self) -> None:
         self._sequence: int | None = None

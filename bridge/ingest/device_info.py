@@ -1,4 +1,4 @@
-"""What is said of a device beside its samples: who it is, its battery, and what a person should know. Pure."""
+"""Builds a device's DeviceInfo: model, rate, counts, battery and notices. Pure."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _NOBODY = Identity(
 
 
 class News(NamedTuple):
-    """What is told soon after it changed; the rest waits for its second. As in DeviceInfo."""
+    """The fields of DeviceInfo that are published soon after a change; the others once a second."""
 
     dropped: dict[str, int]
     events: dict[str, int]
@@ -30,7 +30,7 @@ class News(NamedTuple):
 
 
 class Account:
-    """Of one device, under its names: its own, its bridge's, its driver's, and the place where it is."""
+    """The latest battery state and notices of one device, with its fixed names: device, bridge, driver, port."""
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self._names = (device, bridge, driver, place)
@@ -38,7 +38,7 @@ class Account:
         self._notices: dict[str, str] = {}
 
     def note(self, event: Battery | Notice) -> None:
-        """Keep the latest, of notices that of each name, and no more names than the wire takes."""
+        """Keep the latest battery state, and the latest notice of each name; at most as many names as the wire takes."""
         if isinstance(event, Battery):
             self._battery = event
             return
@@ -49,7 +49,7 @@ class Account:
             self._notices.pop(next(iter(self._notices)))
 
     def news(self, identity: Identity | None, dropped: dict[str, int], events: dict[str, int], trouble: str) -> News:
-        """What is told soon, of counts above zero; identity None before the device said who it is, which is a trouble."""
+        """The news of these counts; a device that has not identified itself yet (identity None) is a trouble."""
         if identity is None and not trouble:
             trouble = f"{self._names[-1]}: nothing was heard of it yet"
         return News(dropped, events, trouble)
@@ -57,7 +57,7 @@ class Account:
     def info(
         self, identity: Identity | None, boot: int, timeline: Timeline, samples: int, time_ns: int, news: News
     ) -> DeviceInfo:
-        """The whole message."""
+        """The whole message; boot 0 before the device has identified itself."""
         device, bridge, driver, place = self._names
         known = identity or _NOBODY
         return DeviceInfo(

@@ -1,4 +1,4 @@
-"""One device's thread: open, read, let through the door, and open again, for as long as the bridge runs."""
+"""One device's thread: open the device, read it, queue its batches, and open it again when it is lost."""
 
 import logging
 import threading
@@ -25,9 +25,9 @@ _log = logging.getLogger(__name__)
 
 
 class Taken(NamedTuple):
-    """What the pump takes from a link: batches in order, the boot after them, and whether the device is there.
+    """What the pump takes of a device: batches in order, the boot after them, and whether the device is there.
 
-    boot: 0 while the device has not said who it is. info: the account of it, where it was wanted.
+    boot: 0 while the device has not identified itself. info: its DeviceInfo, where that was wanted.
     """
 
     batches: list[SampleBatch]
@@ -66,11 +66,11 @@ class DeviceThread:
         self._thread.start()
 
     def read_soon(self) -> None:
-        """Have the thread read what came: it will be taken in a moment."""
+        """Wake the thread: `take` follows in a moment."""
         self._due.set()
 
     def take(self, wanted: Callable[[int, News], bool] = lambda *_: True) -> Taken:
-        """What came since the last take; wanted: whether with an account, of this boot and these news."""
+        """The batches queued since the last take; wanted(boot, news): whether with a DeviceInfo."""
         with self._lock:
             batches = list(self._queue)
             self._queue.clear()
@@ -80,7 +80,7 @@ class DeviceThread:
             return Taken(batches, boot, self._there, info)
 
     def lose(self, batches: Iterable[SampleBatch]) -> None:
-        """Batches that were taken could not be published."""
+        """Count batches that were taken and could not be published."""
         with self._lock:
             for batch in batches:
                 self._intake.overflowed(batch)
@@ -147,12 +147,12 @@ class DeviceThread:
             _log.warning("%s: %s", self.device, words)
 
     def _release(self) -> None:
-        """Whatever the intake still holds back: nothing follows that it could wait for."""
+        """Queue the readings that the intake holds in doubt of a gap: nothing follows that it could wait for."""
         with self._lock:
             self._keep(self._intake.release())
 
     def _look(self) -> None:
-        """Whether it has been silent for long."""
+        """Say so when the device has been silent for long."""
         if time.monotonic() - self._heard_s > _SILENT_S:
             self._there = False
             self._release()

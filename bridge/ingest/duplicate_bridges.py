@@ -1,4 +1,4 @@
-"""Devices that several bridges send: one is listened to, what the others send is refused. Said wherever somebody looks."""
+"""Words for a device that two bridges send: the estimator takes one bridge's samples and refuses the other's."""
 
 import contextlib
 import logging
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 def words(devices: Sequence[str], owner: str, refused: Sequence[str]) -> str:
-    """That it is so, whose samples are not used, and what to do."""
+    """One sentence: the devices, both bridges, whose samples are refused, and what to do."""
     whose = ", ".join(f"{bridge}'s" for bridge in refused)
     bridges = f"{'two' if len(refused) == 1 else len(refused) + 1} bridges, {', '.join([owner, *refused[:-1]])} and {refused[-1]}"
     what = "stop one" if len(refused) == 1 else "stop all but one"
@@ -24,7 +24,7 @@ def words(devices: Sequence[str], owner: str, refused: Sequence[str]) -> str:
 
 
 def named(devices: Sequence[str]) -> str:
-    """The first few of them, with the verb."""
+    """The first few device names, with the verb."""
     if len(devices) == 1:
         return f"device {devices[0]} is"
     left = len(devices) - _MOST
@@ -32,7 +32,7 @@ def named(devices: Sequence[str]) -> str:
 
 
 def found(statuses: Iterable[Status]) -> list[str]:
-    """A sentence for each set of bridges that get into each other's way now."""
+    """A sentence for each set of bridges that send the same devices now."""
     sets: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for status in statuses:
         if status.refused_bridges:
@@ -41,7 +41,7 @@ def found(statuses: Iterable[Status]) -> list[str]:
 
 
 class DuplicateBridges:
-    """What a bridge itself is told of its devices: the first time that one is refused."""
+    """A bridge's own devices that estimators refuse; the first refusal of each is logged."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str, devices: Iterable[str]) -> None:
         self._bridge, self._devices, self._told = bridge, frozenset(devices), set[str]()
@@ -50,13 +50,13 @@ class DuplicateBridges:
         self._statuses = bus.subscribe(keys.pattern(ward, "status"), history=True, capacity=2 * _AT_ONCE)
 
     def hear(self) -> None:
-        """Take what estimators have said since."""
+        """Take the statuses that estimators have published since the last call."""
         for message in self._statuses.drain(_AT_ONCE, 0.0):
             with contextlib.suppress(Refusal):  # whoever sent it is told of by those whom it is for
                 self._take(decode_status(*message))
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._statuses.close()
 
     def _take(self, status: Status) -> None:

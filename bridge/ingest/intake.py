@@ -1,4 +1,4 @@
-"""The door of one device: events in, valid batches out, and an account of everything that did not come through.
+"""Intake of one device: events in, valid batches out, everything else counted by reason.
 
 Pure: no clock, no thread. At any moment samples_in = samples published + the sum of dropped, since the boot began.
 """
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.drivers.driver import Event, Identity, Readings
-from bridge.ingest import plausibility as door
+from bridge.ingest import plausibility
 from bridge.ingest.bad_sample_ratio import BadSampleRatio
 from bridge.ingest.counters import Counters, Counts
 from bridge.ingest.device_info import Account, News
@@ -31,7 +31,7 @@ Bools = NDArray[np.bool_]
 
 
 class Intake:
-    """One device: `take` events in the order they came; `info` is the account."""
+    """One device. `take` its events in the order of arrival; `info` has the counts."""
 
     def __init__(self, device: str, bridge: str, driver: str, place: str) -> None:
         self.events = Tally()  # reboots, gaps, missing samples, reconnections: over the life of the bridge
@@ -45,7 +45,7 @@ class Intake:
         self._begin()
 
     def _begin(self) -> None:
-        """What is of one boot only."""
+        """Reset the state that belongs to one boot."""
         self.timeline = Timeline()
         self._silent = 0  # samples missing in silences that are counted
         self._shares = BadSampleRatio()
@@ -70,7 +70,7 @@ class Intake:
         return self._identity is not None and self._identity.has_clock
 
     def take(self, event: Event) -> list[SampleBatch]:
-        """What may be published of an event, in order."""
+        """The batches that an event completes, in order."""
         if isinstance(event, Identity):
             return self._greet(event)
         if isinstance(event, Readings):
@@ -79,11 +79,11 @@ class Intake:
         return []
 
     def release(self) -> list[SampleBatch]:
-        """What was held until it is clear whether samples are missing before it: no more is expected."""
+        """Readings that were held in doubt of a gap before them, as batches: no more readings are expected."""
         return [batch for readings in self.timeline.release() for batch in self._read(readings)]
 
     def overflowed(self, batch: SampleBatch) -> None:
-        """A batch that was let through could not be kept until it was published."""
+        """Count a batch that was dropped before it could be published."""
         if batch.boot == self.boot:
             self.samples -= len(batch)
             self.dropped.add(Reason.OVERFLOW, len(batch))
@@ -124,7 +124,12 @@ class Intake:
     def _ready(self, readings: Readings) -> list[Readings]:
         """What may be read now: a gap of a device that tells no time must be known before its samples are numbered."""
         identity = self._identity
-        if identity is None or identity.has_clock or readings.boot != identity.boot or door.fault(readings) is not None:
+        if (
+            identity is None
+            or identity.has_clock
+            or readings.boot != identity.boot
+            or plausibility.fault(readings) is not None
+        ):
             return [readings]
         _, ticks = self._counters.unwrapped(readings, identity)
         return self.timeline.hold(readings, int(ticks[-1]), identity)
@@ -136,7 +141,7 @@ class Intake:
         if identity is None or readings.boot != identity.boot:
             self.dropped.add(BEFORE_IDENTITY if identity is None else Reason.OLD_BOOT, n)
             return []
-        if (fault := door.fault(readings)) is not None:
+        if (fault := plausibility.fault(readings)) is not None:
             self.dropped.add(fault, n)
             return []
         if (batch := self._plain(readings, identity)) is not None:
@@ -152,7 +157,7 @@ class Intake:
         # The good samples before a run are as many as its stamps come after the first.
         return [
             self._batch(readings, identity, int(sequence[run.start]), run, stamps, int(np.searchsorted(at, run.start)))
-            for run in door.runs(good)
+            for run in plausibility.runs(good)
         ]
 
     def _plain(self, readings: Readings, identity: Identity) -> SampleBatch | None:
@@ -163,7 +168,7 @@ class Intake:
         going = self._counters.going_on(readings, identity)
         if going is None or not identity.has_clock or self.timeline.missing:
             return None
-        if not door.plain(readings, identity.gyro_range):
+        if not plausibility.plain(readings, identity.gyro_range):
             return None
         sequence, ticks = going
         self._counters.went_on(sequence, ticks)
@@ -214,7 +219,7 @@ class Intake:
 
     def _good(self, readings: Readings, identity: Identity, new: Bools) -> Bools:
         """Which of the new samples may be published; counts the others."""
-        finite, plausible = door.sound(readings, identity.gyro_range)
+        finite, plausible = plausibility.sound(readings, identity.gyro_range)
         good: Bools = new & plausible
         if not good.all():
             self._drop(Reason.NON_FINITE, int(np.count_nonzero(new & ~finite)))
@@ -231,7 +236,7 @@ class Intake:
         """The samples of a run as a batch; `begin` is where its stamps begin."""
         gyro = np.ascontiguousarray(readings.gyro[run], np.float32)
         n = len(gyro)
-        temperature_c = door.temperature(readings, run)
+        temperature_c = plausibility.temperature(readings, run)
         if temperature_c is None and readings.temperature_c is not None:
             self.events.add(_NO_TEMPERATURE, n)
         flags = self._sensor.flags(stamps.time_s[begin : begin + n], gyro, temperature_c, identity.gyro_range)

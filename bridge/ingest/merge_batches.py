@@ -1,4 +1,4 @@
-"""Batches that go on where the last ended, made one: fewer, larger messages cost everybody less."""
+"""Merges consecutive batches of one device: fewer, larger messages cost bridge, router and readers less."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ T = TypeVar("T", bound="np.generic[Any]")
 
 
 def merged(batches: Sequence[SampleBatch]) -> list[SampleBatch]:
-    """The same samples in as few batches as can be; gaps, boots and columns that come and go stay edges."""
+    """The same samples in as few batches as possible; a gap, a new boot or a changed set of columns begins a new one."""
     groups: list[list[SampleBatch]] = []
     size = 0
     for batch in batches:
@@ -58,6 +58,6 @@ def _one(group: list[SampleBatch]) -> SampleBatch:
 
 
 def column(parts: Sequence[NDArray[T] | None]) -> NDArray[T] | None:
-    """Columns one behind the other; None where there are none."""
+    """The concatenated columns; None if there are none."""
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None

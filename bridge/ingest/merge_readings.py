@@ -1,4 +1,4 @@
-"""Readings that go on where the last ended, made one: the door costs the same for one sample as for ten. Pure."""
+"""Merges consecutive readings of one device before the intake, which costs the same for one sample as for ten. Pure."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ _LONGEST_NS = 100_000_000  # a clock is fitted to when readings came in, so not 
 
 
 def joined(events: Iterable[Event]) -> list[Event]:
-    """The same events in the same order, with as few readings as can be; each was received when its last part was."""
+    """The same events in the same order, with as few Readings as possible; the receive time is that of the last part."""
     groups: list[list[Event]] = []
     for event in events:
         if groups and _goes_on(groups[-1], event):

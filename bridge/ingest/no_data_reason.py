@@ -1,4 +1,4 @@
-"""Why nothing is understood of a device that is open: what its bytes look like, in words, with what to do."""
+"""Why an open device gives no samples: no bytes, or bytes of another protocol; in words, with what to do."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from bridge.wording import count
 
 
 def why(driver: Driver, name: str) -> str:
-    """In words that stay the same while nothing changes. name: of the driver, as the configuration calls it."""
+    """One sentence, the same while nothing changes. name: the driver's, as in the ward's file."""
     if not isinstance(driver, StreamDriver):
         return f"{driver.place}: open, but nothing that is understood comes"
     chunks = driver.unread()
@@ -21,7 +21,7 @@ def why(driver: Driver, name: str) -> str:
 
 
 def ended(driver: Driver, name: str) -> str:
-    """What is wrong with a device that is over for good and said not one sample; nothing, where it said some."""
+    """Why a capture that has ended gave no sample; empty if it gave some."""
     if not isinstance(driver, StreamDriver) or driver.samples_in:
         return ""
     if not driver.bytes_in:

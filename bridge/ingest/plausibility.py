@@ -1,4 +1,4 @@
-"""Which readings can be taken at all: whole, finite, and not beyond what a sensor can read."""
+"""Checks readings: columns of equal length, finite values, rates and accelerations within what a sensor can read."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""All devices of one bridge on the bus: one thread publishes what every link has, each once in the time between batches."""
+"""Publishes all devices of one bridge: a thread takes the queue of every device each batch_ms and puts it on the bus."""
 
 import itertools
 import logging
@@ -34,17 +34,17 @@ _log = logging.getLogger(__name__)
 
 
 def cached(batch_s: float) -> int:
-    """How many messages of a device are kept for who missed them, one each batch_s."""
+    """The number of messages per device that the publisher keeps for subscribers that missed them, at one each batch_s."""
     return min(max(1, round(_CACHE_S / batch_s)), _CACHE_MOST)
 
 
 def shares(devices: int) -> int:
-    """In how many parts so many devices are published, one part after the other."""
+    """The number of shares in which so many devices are published, one after the other within batch_ms."""
     return _SHARES if devices <= _SPREAD else 1
 
 
 class DevicePublisher:
-    """What one device has on the bus: its publishers, and a token for the boot that is there now."""
+    """One device on the bus: its publishers, and a liveliness token for its current boot."""
 
     def __init__(self, bus: Bus, ward: str, bridge: str, device: str, cache: int) -> None:
         self._bus = bus
@@ -58,7 +58,7 @@ class DevicePublisher:
         self._said_at_s = 0.0
 
     def wants(self, now_s: float, boot: int, news: News) -> bool:
-        """Whether to tell of this boot and these news: at a boot, soon after a change, and once a second."""
+        """Whether a DeviceInfo is due: at a new boot, soon after a change, and once a second."""
         said, since_s = self.said, now_s - self._said_at_s
         if said is None or said.boot != boot or since_s >= _INFO_EVERY_S:
             return True
@@ -80,7 +80,7 @@ class DevicePublisher:
         self._tell(taken.info, now_s, at_once=last)
 
     def close(self) -> None:
-        """Take everything back."""
+        """Undeclare the publishers and the token."""
         self._tell_alive(None)
         self._raw.close()
         self._info.close()
@@ -106,15 +106,15 @@ class DevicePublisher:
 
 
 class Pump:
-    """Links and pump, from `with` to its end; the bus belongs to the caller."""
+    """The devices' threads and the thread that publishes, for the length of a `with`; the bus belongs to the caller."""
 
     def __init__(self, ward: str, config: Bridge, bus: Bus) -> None:
         self._bus = bus
         self._batch_s = config.batch_ms * 1e-3
         cache = cached(self._batch_s)
-        self._links = [_link(device, config.id) for device in config.devices]
-        self._outlets = [DevicePublisher(bus, ward, config.id, link.device, cache) for link in self._links]
-        self._all = list(zip(self._links, self._outlets, strict=True))
+        self._threads = [_thread(device, config.id) for device in config.devices]
+        self._publishers = [DevicePublisher(bus, ward, config.id, thread.device, cache) for thread in self._threads]
+        self._all = list(zip(self._threads, self._publishers, strict=True))
         self._duplicates = DuplicateBridges(bus, ward, config.id, (device.id for device in config.devices))
         self._alive = bus.declare_alive(keys.build(ward, "alive/bridge", bridge=config.id))
         self._stop = threading.Event()
@@ -125,34 +125,34 @@ class Pump:
 
     @property
     def infos(self) -> list[DeviceInfo]:
-        """What was said last of each device."""
-        return [outlet.said for outlet in self._outlets if outlet.said is not None]
+        """The last DeviceInfo of each device."""
+        return [publisher.said for publisher in self._publishers if publisher.said is not None]
 
     @property
     def over(self) -> bool:
-        """Every device has ended for good, as recordings do."""
-        return all(link.over for link in self._links)
+        """Whether every device has ended for good, as recordings do."""
+        return all(thread.over for thread in self._threads)
 
     @property
     def refused(self) -> frozenset[str]:
-        """Devices of which another bridge is listened to, as far as was said last."""
+        """Devices whose samples the estimator takes from another bridge."""
         return frozenset(self._duplicates.refused)
 
     def __enter__(self) -> Self:
-        for link in self._links:
-            link.start()
+        for thread in self._threads:
+            thread.start()
         self._pump.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop reading, publish what was read, take everything back."""
-        for link in self._links:
-            link.stop()
+        """Stop reading, publish the rest, undeclare everything."""
+        for thread in self._threads:
+            thread.stop()
         self._stop.set()
         self._pump.join()
         self._publish(self._all, last=True)
-        for outlet in self._outlets:
-            outlet.close()
+        for publisher in self._publishers:
+            publisher.close()
         self._duplicates.close()
         self._alive.close()
 
@@ -162,8 +162,8 @@ class Pump:
         step_s = self._batch_s / parts
         for turn in itertools.count():
             some = self._all[turn % parts :: parts]
-            for link, _ in some:
-                link.read_soon()
+            for thread, _ in some:
+                thread.read_soon()
             due_s = max(due_s + step_s / 2, time.monotonic())
             if self._stop.wait(due_s - time.monotonic()):
                 return
@@ -174,25 +174,25 @@ class Pump:
     def _publish(self, some: Iterable[tuple[DeviceThread, DevicePublisher]], *, last: bool = False) -> None:
         self.turned_s = now_s = time.monotonic()
         self._duplicates.hear()
-        for link, outlet in some:
+        for thread, publisher in some:
             try:
-                taken = link.take() if last else link.take(partial(outlet.wants, now_s))
-                outlet.publish(taken, now_s, last=last)
+                taken = thread.take() if last else thread.take(partial(publisher.wants, now_s))
+                publisher.publish(taken, now_s, last=last)
             except BusError as error:
-                self._lose(link, outlet)
+                self._lose(thread, publisher)
                 level = logging.DEBUG if str(error) == self._complaint else logging.WARNING
                 _log.log(level, "bus: %s", error)
                 self._complaint = str(error)
             except Exception:  # noqa: BLE001 - one device's fault must not stop the others
-                self._lose(link, outlet)
-                _log.exception("%s: cannot be published", link.device)
+                self._lose(thread, publisher)
+                _log.exception("%s: cannot be published", thread.device)
 
     @staticmethod
-    def _lose(link: DeviceThread, outlet: DevicePublisher) -> None:
-        unsent, outlet.unsent = outlet.unsent, deque()
-        link.lose(unsent)
+    def _lose(thread: DeviceThread, publisher: DevicePublisher) -> None:
+        unsent, publisher.unsent = publisher.unsent, deque()
+        thread.lose(unsent)
 
 
-def _link(device: Device, bridge: str) -> DeviceThread:
+def _thread(device: Device, bridge: str) -> DeviceThread:
     driver = device.make()
     return DeviceThread(device.id, driver, Intake(device.id, bridge, device.driver, driver.place))

@@ -1,4 +1,4 @@
-"""How many samples a second a device really sends, and whether that is what it was said to send."""
+"""Measures a device's sample rate, and compares it with the nominal one."""
 
 _WINDOW_S = 10.0
 _DIFFERS, _AGREES = 0.02, 0.01  # of the nominal rate

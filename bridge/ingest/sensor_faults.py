@@ -1,4 +1,4 @@
-"""What is wrong with a sensor's readings in themselves, seen at the door: at its range's end, stuck, too warm too soon.
+"""Flags readings of a faulty sensor: clipped at full scale, stuck at one value, or with a leap of temperature.
 
 A sensor is stuck that repeats itself where its noise would not let it: all three axes, k times in a row, so that a
 sound sensor of this noise and this step does so less than 1e-5 times in a hundred device years. Noise and step are the

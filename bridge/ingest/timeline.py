@@ -1,4 +1,4 @@
-"""The time of one boot: when each sample was taken, by the device and by the host, and how fast samples really come.
+"""Sample times of one boot, by the device's clock and by the host's, and the measured sample rate.
 
 A device that tells time is believed; for one that tells none (`Identity.has_clock`) time is made of the count of its samples.
 """

@@ -1,4 +1,4 @@
-"""How a bridge is, for whoever asks over HTTP: read from what it last said of its devices."""
+"""A bridge's health and metrics for the HTTP server, from the last DeviceInfo of each device."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""A ward of devices on the network: read by whoever takes, whole, and opened again when they went."""
+"""A ward of devices on the network: published whole, and opened again when a connection broke."""
 
 import socket
 import threading
