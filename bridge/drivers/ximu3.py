@@ -8,7 +8,7 @@ from bridge.drivers.assembly import About, Assembly, Vector
 from bridge.drivers.driver import Battery, Event, Identity, Notice
 from bridge.drivers.stream import StreamOptions, stream_kind
 from bridge.drivers.ximu3_settings import SAMPLES_HZ, Settings
-from bridge.framing.lines import Lines
+from bridge.framing.lines import Line, Lines
 from bridge.framing.packets import BadPacket
 from bridge.framing.ximu3 import LONGEST, Charge, Inertial, Message, Reply, Said, Temperature, decode
 from bridge.wire.refusal import Tally
@@ -50,7 +50,7 @@ class Ximu3Decoder:
         self._settings = Settings(
             options.rate_hz if options else None, writes=options is None or not options.keep_settings
         )
-        self._lines = Lines(LONGEST, self.faults)
+        self._lines = Lines(LONGEST)
         self._assembly = Assembly(self.faults, self._about(), 1e-6)
         self._said = {error: deque[str](maxlen=_REMEMBERED) for error in (False, True)}
         self._temperature_c: float | None = None
@@ -74,7 +74,7 @@ class Ximu3Decoder:
         events: list[Event] = []
         for line in self._lines.feed(data):
             try:
-                message = decode(line)
+                message = _decoded(line)
             except BadPacket as bad:
                 self.faults.add(bad.label)
                 continue
@@ -167,6 +167,12 @@ class Ximu3Decoder:
             gyro_range=_GYRO_RANGE,
             divided_hz=SAMPLES_HZ,
         )
+
+
+def _decoded(line: Line) -> Message | None:
+    if line.too_long:
+        raise BadPacket("line_too_long")
+    return decode(line.data)
 
 
 def _scaled(vector: Vector, by: float) -> Vector:

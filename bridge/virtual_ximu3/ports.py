@@ -9,7 +9,6 @@ from typing import NamedTuple, Self
 from bridge import os_words
 from bridge.framing.lines import Lines
 from bridge.virtual_ximu3.device import VirtualXimu3
-from bridge.wire.refusal import Tally
 
 ANNOUNCED_AT = 10_000
 REPLY_PORT = 1000  # what a device listens on is so much above what it sends to: 9000 for 8000, as x-io has it
@@ -45,7 +44,7 @@ class _Client:
     def __init__(self, connection: socket.socket) -> None:
         connection.setblocking(False)  # noqa: FBT003 - the socket's own word
         self.connection = connection
-        self.lines = Lines(_LONGEST_COMMAND, Tally())
+        self.lines = Lines(_LONGEST_COMMAND)
 
 
 class Ports:
@@ -157,7 +156,7 @@ class Ports:
         except OSError:
             data = b""
         if data:
-            self._tell(client, b"".join(self.device.answer(line, "TCP") for line in client.lines.feed(data)))
+            self._tell(client, b"".join(self.device.answer(line.data, "TCP") for line in client.lines.feed(data)))
         else:
             self._leave(client)
 
