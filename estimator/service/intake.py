@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Container, Sequence
 from functools import partial
 
-from bridge import rivals
 from bridge.bus.contract import Message
+from bridge.ingest import duplicate_bridges
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal, Tally
 from estimator.device.correct import Cut, correct
@@ -136,7 +136,8 @@ class Intake:
         ):
             # How many there are of them stands in its status.
             log.warning(
-                "%s (said once)", rivals.words([samples.device], device.admission.source.owner, (samples.bridge,))
+                "%s (said once)",
+                duplicate_bridges.words([samples.device], device.admission.source.owner, (samples.bridge,)),
             )
 
     def _take(self, device: Device, batch: Samples, now: float) -> None:

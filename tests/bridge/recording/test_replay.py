@@ -12,11 +12,11 @@ from bridge.drivers import replayed
 from bridge.drivers.driver import DeviceUnavailable
 from bridge.drivers.replayed import Playback, ReplayedDriver, ReplayedOptions
 from bridge.drivers.takes import Take
+from bridge.ingest.pump import Pump
 from bridge.recording import stretches
 from bridge.recording.files import Folder
 from bridge.recording.recorder import WardRecorder
 from bridge.recording.stretches import Stretch, read
-from bridge.ward import Ward
 from bridge.wire import keys
 from tests.bridge.recording.crowd import STEP, TICK_S, WARD
 from tests.bridge.recording.test_contents import KNOBS, S, about, recorded, run
@@ -35,7 +35,7 @@ def replay(path: Path, out: Path) -> dict[str, list[Stretch]]:
     recorder = WardRecorder(Folder(out, WARD), WARD, knobs=KNOBS)
     recorder.begin(time.time_ns(), 0.0)
     bridge = Bridge(id="replay", batch_ms=20, devices=tuple(Device.from_table(table) for table in tables))
-    with Ward(WARD, bridge, MemoryBus(broker)) as ward:
+    with Pump(WARD, bridge, MemoryBus(broker)) as ward:
         while not ward.over:
             recorder.take(subscription.drain(1000, 0.02), time.time_ns(), 0.0)
     recorder.take(subscription.drain(100_000, 0.1), time.time_ns(), 0.0)
