@@ -8,7 +8,7 @@ from bridge.os_words import why
 from bridge.recording.error import RecordingError, check_file
 from bridge.recording.kinds import KINDS, PACKAGE, Said
 from bridge.recording.mcap_reader import Entry, McapReader
-from bridge.recording.tape import ABOUT
+from bridge.recording.recording_file import ABOUT
 from bridge.wire import keys
 from bridge.wire.refusal import Refusal, Tally
 

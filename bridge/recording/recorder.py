@@ -15,7 +15,7 @@ from bridge.recording import kinds
 from bridge.recording.files import Folder, recorded_in
 from bridge.recording.kinds import KINDS, PRIVATE, Kind, Said
 from bridge.recording.mcap_writer import MAX_CHANNELS
-from bridge.recording.tape import MOST_OF_A_BRIDGE, Item, Tape
+from bridge.recording.recording_file import MOST_OF_A_BRIDGE, Item, RecordingFile
 from bridge.wire import keys
 from bridge.wire.messages import Calibration, CorrectedBatch, SampleBatch, Verdict
 from bridge.wire.refusal import Refusal, Tally
@@ -66,19 +66,19 @@ class WardRecorder:
         self.account = Account()
         self._place, self._ward, self._devices = place, ward, frozenset(devices)
         self._knobs = knobs or Knobs()
-        self._tape: Tape | None = None
+        self._file: RecordingFile | None = None
         self._latest: dict[str, Item] = {}
         self._began_s = self._flushed_s = self._retry_s = 0.0
 
     @property
     def size(self) -> int:
         """Bytes on disk."""
-        return self.account.closed_bytes + (self._tape.writer.size if self._tape else 0)
+        return self.account.closed_bytes + (self._file.writer.size if self._file else 0)
 
     def begin(self, wall_ns: int, now_s: float) -> None:
         """Begin a file; OSError where none can be."""
         self._check_room(self._knobs.keep_free_bytes + self._knobs.room_bytes)
-        self._tape = Tape(self._place.begin(wall_ns), self._ward)
+        self._file = RecordingFile(self._place.begin(wall_ns), self._ward)
         self._began_s = now_s
         self._flushed_s = now_s - self._knobs.flush_s  # what is there already is safe at the first tick
         self._latest = {key: item for key, item in self._latest.items() if self._put(item, wall_ns)}
@@ -90,7 +90,7 @@ class WardRecorder:
                 continue
             kind, said = understood
             item = Item(message.key, kind, kind.time_ns(said), message.payload)
-            if self._tape is None:
+            if self._file is None:
                 self.account.not_recorded += 1
             else:
                 try:
@@ -105,7 +105,7 @@ class WardRecorder:
 
     def tick(self, wall_ns: int, now_s: float) -> None:
         """Flush, begin a new file or try again, where that is due. Call it several times a second."""
-        if self._tape is None:
+        if self._file is None:
             if now_s >= self._retry_s:
                 self._try_again(wall_ns, now_s)
         elif now_s - self._flushed_s >= self._knobs.flush_s:
@@ -152,8 +152,8 @@ class WardRecorder:
 
     def _put(self, item: Item, wall_ns: int) -> bool:
         """Write a message; False where there are too many channels."""
-        if self._tape is None or self._tape.put(item, kinds.log_ns(item.own_ns, wall_ns)):
-            self.account.messages += self._tape is not None
+        if self._file is None or self._file.put(item, kinds.log_ns(item.own_ns, wall_ns)):
+            self.account.messages += self._file is not None
             return True
         self.account.not_recorded += 1
         if self.account.refused.add("too_many_channels") == 1:
@@ -166,10 +166,10 @@ class WardRecorder:
         return False
 
     def _flush(self) -> None:
-        if self._tape is None:
+        if self._file is None:
             return
-        self._tape.writer.flush()
-        self._tape.output.sync()
+        self._file.writer.flush()
+        self._file.output.sync()
         self._check_room(self._knobs.keep_free_bytes)
 
     def _check_room(self, wanted: float) -> None:
@@ -181,23 +181,23 @@ class WardRecorder:
             )
 
     def _is_long(self, now_s: float) -> bool:
-        if self._tape is None:
+        if self._file is None:
             return False
-        return now_s - self._began_s >= self._knobs.rotate_s or self._tape.writer.size >= self._knobs.rotate_bytes
+        return now_s - self._began_s >= self._knobs.rotate_s or self._file.writer.size >= self._knobs.rotate_bytes
 
     def _rotate(self, wall_ns: int, now_s: float) -> None:
         self._finish()
         self.begin(wall_ns, now_s)
 
     def _finish(self) -> None:
-        if self._tape is None:
+        if self._file is None:
             return
-        tape = self._tape
-        tape.writer.finish()
-        tape.output.finish()
-        self._tape = None
-        self.account.closed_bytes += tape.writer.size
-        self.account.files.append(tape.output.path)
+        file = self._file
+        file.writer.finish()
+        file.output.finish()
+        self._file = None
+        self.account.closed_bytes += file.writer.size
+        self.account.files.append(file.output.path)
 
     def _guarded(self, work: Callable[[], None], now_s: float) -> None:
         try:
@@ -207,16 +207,16 @@ class WardRecorder:
 
     def _stall(self, error: OSError, now_s: float) -> None:
         """Close the file after an error, finished where it can be written to, and try another later."""
-        account, tape, self._tape = self.account, self._tape, None
+        account, file, self._file = self.account, self._file, None
         account.trouble = self.said(error)
         # What stopped a long file need not stop the next one.
-        at_once = error.errno == errno.EFBIG and tape is not None and tape.writer.messages
+        at_once = error.errno == errno.EFBIG and file is not None and file.writer.messages
         self._retry_s = now_s if at_once else now_s + self._knobs.retry_s
         words = ""
-        if tape is not None:
-            left = tape.left(writable=isinstance(error, NoRoom))
-            account.not_recorded += tape.writer.pending
-            account.closed_bytes += tape.writer.size
+        if file is not None:
+            left = file.left(writable=isinstance(error, NoRoom))
+            account.not_recorded += file.writer.pending
+            account.closed_bytes += file.writer.size
             if left is not None:
                 account.files.append(left)
                 words = f" What was there before is {recorded_in(left)}"
@@ -230,10 +230,10 @@ class WardRecorder:
             _log.debug("still: %s", self.said(error))
             return
         self.account.trouble = ""
-        if self._tape is not None:
+        if self._file is not None:
             _log.warning(
                 "recording again, into %s; %s not recorded",
-                self._tape.output.path,
+                self._file.output.path,
                 count(self.account.not_recorded, "message"),
             )
 

@@ -13,7 +13,7 @@ from bridge.recording.files import PART, in_use, new_file
 from bridge.recording.kinds import PACKAGE
 from bridge.recording.mcap_reader import McapReader
 from bridge.recording.mcap_writer import McapWriter
-from bridge.recording.tape import ABOUT
+from bridge.recording.recording_file import ABOUT
 from bridge.wording import count
 
 Tell = Callable[[int, int], None]

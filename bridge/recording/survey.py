@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bridge.recording.contents import Contents, Tell
-from bridge.recording.numbering import Numbering
+from bridge.recording.sequence_tracker import SequenceTracker
 from bridge.wire.messages import Calibration, CorrectedBatch, DeviceInfo, Note, Quality, SampleBatch
 from bridge.wire.refusal import Tally
 
@@ -31,8 +31,8 @@ class Boot:
     end: int = 0
     kept: list[list[SampleBatch]] = field(default_factory=list)
     rates: list[CorrectedBatch] = field(default_factory=list)
-    _numbering: Numbering = field(default_factory=Numbering)
-    _rated: Numbering = field(default_factory=Numbering)
+    _readings: SequenceTracker = field(default_factory=SequenceTracker)
+    _rated: SequenceTracker = field(default_factory=SequenceTracker)
     _runs: list[tuple[int, int, str]] = field(default_factory=list)  # first number, the one after the last, quality
 
     @property
@@ -50,7 +50,7 @@ class Boot:
 
     def read(self, batch: SampleBatch, *, keep: bool) -> None:
         """Count readings in."""
-        skip, missing, anew, step = self._numbering.follow(batch)
+        skip, missing, anew, step = self._readings.follow(batch)
         self.repeated += skip
         if skip == len(batch):
             return

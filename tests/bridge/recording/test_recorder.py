@@ -14,7 +14,7 @@ from bridge.recording import files
 from bridge.recording.mcap_reader import Entry, McapReader
 from bridge.recording.mcap_writer import MAX_CHANNELS
 from bridge.recording.recorder import Knobs, WardRecorder
-from bridge.recording.tape import MOST_OF_A_BRIDGE
+from bridge.recording.recording_file import MOST_OF_A_BRIDGE
 from bridge.wire import codec, keys
 from bridge.wire.messages import Calibration, Note, Verdict
 from tests.bridge.recording.crowd import WARD, corrected, info, samples, status

@@ -8,7 +8,7 @@ from bridge.wire.messages import CorrectedBatch, SampleBatch
 ANEW_NS = 1_000_000_000
 
 
-class Follows(NamedTuple):
+class Continuation(NamedTuple):
     """How a batch continues the batches before it.
 
     skip: samples at its beginning that are known already; missing: samples lost before the others; anew: numbers start
@@ -21,7 +21,7 @@ class Follows(NamedTuple):
     step: int = 0
 
 
-class Numbering:
+class SequenceTracker:
     """Sequence numbers of one boot of one device."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Numbering:
         self._tick = 0
         self._time_ns = 0
 
-    def follow(self, batch: SampleBatch | CorrectedBatch) -> Follows:
+    def follow(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
         """Compare a batch with those before it, and take it in."""
         follows = self._judge(batch)
         if follows.skip < len(batch):
@@ -38,14 +38,14 @@ class Numbering:
             self._time_ns = max(self._time_ns, batch.start_time_ns) if not follows.anew else batch.start_time_ns
         return follows
 
-    def _judge(self, batch: SampleBatch | CorrectedBatch) -> Follows:
+    def _judge(self, batch: SampleBatch | CorrectedBatch) -> Continuation:
         if self._next is None:
-            return Follows(0, anew=True)
+            return Continuation(0, anew=True)
         skip = max(0, self._next - batch.sequence)
         if skip >= len(batch):
             later = batch.start_time_ns > self._time_ns + ANEW_NS
-            return Follows(0, anew=True) if later else Follows(len(batch))
+            return Continuation(0, anew=True) if later else Continuation(len(batch))
         step = int(batch.ticks[skip]) - self._tick
         if step <= 0:
-            return Follows(0, anew=True)
-        return Follows(skip, max(0, batch.sequence - self._next), step=step)
+            return Continuation(0, anew=True)
+        return Continuation(skip, max(0, batch.sequence - self._next), step=step)

@@ -25,7 +25,7 @@ class Item(NamedTuple):
     payload: bytes
 
 
-class Tape:
+class RecordingFile:
     """One file and its channels."""
 
     def __init__(self, output: Output, ward: str) -> None:
