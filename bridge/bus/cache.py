@@ -1,14 +1,16 @@
-"""What publishers sent lately: numbered, kept, and told to subscribers that come later or have lost some of it.
+"""Publishers' caches: messages are numbered and the last ones kept, for subscribers that come late or have lost some.
 
-A message of a publisher with a cache carries 20 bytes in its attachment: 8 random ones of its session, 4 of the publisher in
-it, and 8 with the number of the message, from 0 on. Caches answer queries on `KEY/@adv/SESSION`, KEY a pattern, SESSION the
-eight bytes in hex or `*`; the chunk `@adv` is where routers' rules let who may publish KEY answer, and who may hear it ask.
-Without parameters all that is kept comes, one reply a message; `most=N` is the last N of each publisher; `publisher=P;from=N`
-all of one publisher from a number on; `last=S` the attachment alone of the newest message, of publishers that sent one within S
-seconds and have paused since.
+The attachment of a message has 20 bytes: 8 random ones of the session, 4 of the publisher in the session, and 8 of the message's
+number, counted from 0; both numbers are big-endian. A cache answers queries on `KEY/@adv/SESSION`, one reply a message: KEY is a
+key or pattern, SESSION the session's bytes in hex, or `*`. Routers' rules let whoever may publish KEY answer below `@adv`, and
+whoever may hear KEY ask there. A query has one of these parameters, or none for all messages:
 
-A session answers once for all its keys that differ in the last chunk only, on `PLACE/*/@adv/SESSION`: a router's rules must let
-it, as they do for every kind but `owned`.
+- `most=N`: the last N messages of each publisher
+- `publisher=P;from=N`: the messages of publisher P from number N on
+- `last=S`: the newest message without its payload, of publishers that sent it within S seconds and have paused since
+
+A session declares one queryable for all keys that differ in the last chunk only, `PLACE/*/@adv/SESSION`. A router must let it do
+so; the rules do, for every kind of message but `owned`.
 """
 
 import time
@@ -19,10 +21,10 @@ from typing import NamedTuple
 from bridge.bus.keyexpr import matches
 
 SESSION_BYTES, IDENTITY_BYTES, STAMP_BYTES = 8, 12, 20
-#: the chunk between a key and whose cache is meant
+#: the chunk between the key and the session
 HISTORY = "@adv"
 PARAMETERS = ("most", "publisher", "from", "last")
-#: a publisher that put nothing for so long has paused: no next message will soon tell that the last was lost
+#: a publisher that sent nothing for so long has paused: no next message soon shows that the last one was lost
 PAUSED_S = 1.5
 
 #: number and payload
@@ -37,12 +39,12 @@ class Source(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Where its session's caches of this key are asked."""
+        """The key on which this publisher's cache answers."""
         return f"{self.key}/{HISTORY}/{self.identity[:SESSION_BYTES].hex()}"
 
     @property
     def publisher(self) -> int:
-        """Which publisher of its session it is."""
+        """Number of the publisher in its session."""
         return int.from_bytes(self.identity[SESSION_BYTES:], "big")
 
 
@@ -61,13 +63,13 @@ class Cache:
         return self._identity + number.to_bytes(STAMP_BYTES - IDENTITY_BYTES, "big")
 
     def keep(self, payload: bytes) -> None:
-        """The message that was just sent."""
+        """Keep the message that was just sent, and count it."""
         self._kept.append((self.next, payload))
         self.next += 1
         self._put_s = time.monotonic()
 
     def found(self, asked: Mapping[str, str]) -> Iterable[Kept]:
-        """What a query with these parameters asks of this publisher; ValueError where they mean nothing."""
+        """Messages that a query with these parameters asks for; ValueError where a parameter is no number."""
         kept = list(self._kept)
         if "last" in asked:
             paused_s = time.monotonic() - self._put_s
@@ -79,27 +81,27 @@ class Cache:
 
 
 class Caches:
-    """Those of one session, by the place below which they are asked: the key without its last chunk."""
+    """Caches of one session, by place: the key without its last chunk."""
 
     def __init__(self) -> None:
         self._by_key: dict[str, dict[str, list[Cache]]] = defaultdict(lambda: defaultdict(list))
 
     def add(self, cache: Cache) -> str | None:
-        """Keep one; the place, if it is new."""
+        """Add a cache; returns its place if no other cache is there yet."""
         place = place_of(cache.key)
         new = place not in self._by_key
         self._by_key[place][cache.key].append(cache)
         return place if new else None
 
     def discard(self, cache: Cache) -> None:
-        """Its publisher was closed."""
+        """Remove the cache of a closed publisher."""
         keys = self._by_key[place_of(cache.key)]
         keys[cache.key].remove(cache)
         if not keys[cache.key]:
             del keys[cache.key]
 
     def found(self, place: str, pattern: str, asked: Mapping[str, str]) -> Iterator[tuple[Cache, Kept]]:
-        """All that a query on a pattern of keys asks for; ValueError where its parameters mean nothing."""
+        """Messages that a query on a key or pattern asks for; ValueError where a parameter is no number."""
         keys = self._by_key[place]
         for key in list(keys) if "*" in pattern else [pattern]:
             if matches(pattern, key):
@@ -109,5 +111,5 @@ class Caches:
 
 
 def place_of(key: str) -> str:
-    """Below it all keys of a kind lie; empty for a key of one chunk."""
+    """The key without its last chunk; empty for a key of one chunk."""
     return key.rpartition("/")[0]

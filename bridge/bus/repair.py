@@ -1,4 +1,4 @@
-"""One thread a session: answers for the caches of its publishers, and asks others' caches for what its subscriptions lack."""
+"""Gap repair, one thread a session: answers for its publishers' caches, and asks other caches for what its subscriptions lack."""
 
 import logging
 import os
@@ -18,18 +18,18 @@ from bridge.bus.zenoh_subscription import Found, Subscription, by_source
 
 _log = logging.getLogger(__name__)
 
-#: how often this thread looks for something to do, and while it waits for answers: nothing of zenoh's waits for several channels
+#: how often the thread looks at its channels, and while it waits for answers: zenoh cannot wait for several channels
 _TICK_S, _TURN_S = 0.025, 0.005
-#: how long caches are asked, and when a question is over although zenoh does not say so
+#: timeout of a query, and when a query counts as over although zenoh does not say so
 PAST_S = 2.0
 _OVER_S = 2 * PAST_S
-#: how often publishers that have paused are asked for the number of their last message, which may be lost without a trace
+#: how often publishers that have paused are asked for the number of their last message, which no later one shows to be lost
 _LAST_S = 2.0
-#: of publishers that were silent for longer nothing is told, except for so long after a router is there again
+#: publishers silent for longer are not asked, but for some seconds after a router came back, when the outage is added
 _LAST_WITHIN_S, _AFTER_S = 40.0, 10.0
-#: questions to our caches that may wait; an older one is answered by nothing, and asked again
+#: queries that may wait; the oldest is dropped when more come, and its asker asks again
 _QUESTIONS = 4096
-#: so many are answered before this thread looks to the rest of its work
+#: queries answered before the thread turns to its other work
 _AT_ONCE = 256
 
 
@@ -41,7 +41,7 @@ class _Question:
     found: list[zenoh.Sample] = field(default_factory=list)
 
     def over(self) -> bool:
-        """Take what has come; whether that is all."""
+        """Take the replies that came; whether all have come."""
         try:
             while (reply := self.replies.try_recv()) is not None:
                 if reply.ok is not None:
@@ -52,7 +52,7 @@ class _Question:
 
 
 class Repair:
-    """Of one session. Everything but `run` may be called from any thread."""
+    """Caches, questions and liveliness watchers of one session. Everything but `run` may be called from any thread."""
 
     def __init__(self, session: zenoh.Session, subscriptions: Callable[[], Iterator[Subscription]]) -> None:
         self._session, self._subscriptions = session, subscriptions
@@ -67,7 +67,7 @@ class Repair:
         self._there_s = self._changed_s = time.monotonic()
 
     def keep(self, key: str, size: int) -> Cache:
-        """A publisher's cache, for which is answered from now on."""
+        """Make a publisher's cache, and answer for it from now on."""
         cache = Cache(key, size, self._name, next(self._numbers))
         with self._lock:
             self._cached += size
@@ -80,17 +80,17 @@ class Repair:
         return cache
 
     def forget(self, cache: Cache) -> None:
-        """Its publisher was closed."""
+        """Answer no more for the cache of a closed publisher."""
         with self._lock:
             self._cached -= cache.size
             self._caches.discard(cache)
 
     def watch(self, channel: Channel[zenoh.Sample], handle: Callable[[zenoh.Sample], None]) -> None:
-        """Hand on what comes there, until it is closed."""
+        """Call handle for each token that comes or goes, on this thread, until the channel is closed."""
         self._watched = [*self._watched, (channel, handle)]
 
     def begin(self, subscription: Subscription, most: int | None) -> None:
-        """Fetch the past of a new subscription."""
+        """Fetch the history of a new subscription."""
         what = "" if most is None else f"most={most}"
         left, past = [len(subscription.patterns)], Found()
 
@@ -104,7 +104,7 @@ class Repair:
             self._ask(f"{pattern}/{HISTORY}/*", what, came)
 
     def past(self, place: str, what: str = "") -> handlers.Handler[zenoh.Reply]:
-        """What caches hold, as it comes; asked for at once."""
+        """Query caches; replies come in the channel that is returned."""
         return self._session.get(
             f"{place}?{what}",
             handlers.FifoChannel(CHANNEL + self._cached),  # has room for all that our own thread answers
@@ -115,7 +115,7 @@ class Repair:
         )
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Until it is over."""
+        """Work until `over` says so."""
         while not over():
             time.sleep(_TURN_S if self._questions else _TICK_S)
             try:
@@ -128,13 +128,13 @@ class Repair:
                     self._ask_for_last()
             except zenoh.ZError as error:
                 if not self._session.is_closed():
-                    _log.error("what is lost may not be fetched again (%s)", said(error))
+                    _log.error("gap repair failed and goes on: %s", said(error))
 
     def _ask(self, place: str, what: str, then: Callable[[Found], None]) -> None:
         self._questions.append(_Question(self.past(place, what), then, time.monotonic() + _OVER_S))
 
     def _answer(self) -> None:
-        """What others ask of our caches."""
+        """Answer queries to our caches."""
         for place, questions in self._asked.items():
             for _ in range(_AT_ONCE):
                 if (query := questions.try_recv()) is None:
@@ -149,14 +149,14 @@ class Repair:
                         _log.debug("%s was not answered: %s", pattern, error)
 
     def _hand_on(self) -> None:
-        """What caches answered."""
+        """Pass on complete answers of other caches."""
         for question in list(self._questions):
             if question.over():
                 self._questions.remove(question)
                 question.then(by_source(question.found))
 
     def _listen(self) -> None:
-        """To tokens that come and go."""
+        """Tell watchers of tokens that came or went."""
         for watched in self._watched:
             channel, handle = watched
             try:

@@ -42,7 +42,7 @@ class _State(Generic[_T]):
 
 
 class Sequences(Generic[_T]):
-    """What came of each publisher, and what is missing. Methods return the messages to hand on now."""
+    """Sequence state of every publisher. Methods return the messages to hand on now."""
 
     def __init__(self) -> None:
         self._states: dict[Source, _State[_T]] = {}
@@ -122,14 +122,14 @@ class Sequences(Generic[_T]):
         state.newest = max(state.newest, *found)
 
     def _fill(self, source: Source, state: _State[_T], found: Mapping[int, _T]) -> list[_T]:
-        """Hand on what a cache had, and what follows it: a message that is missing in the answer is lost."""
+        """Hand on a cache's messages and those that follow; a message missing in the answer is lost."""
         if not found:
             return []
         self._hold(state, found)
         return self._settle(source, state, max(found))
 
     def _settle(self, source: Source, state: _State[_T], last: int) -> list[_T]:
-        """Hand on what is here up to `last`, over gaps that nobody can fill."""
+        """Hand on held messages up to `last`, and count the gaps between them as missed."""
         ready: list[_T] = []
         for number in sorted(number for number in state.held if number <= last):
             if number in state.held:

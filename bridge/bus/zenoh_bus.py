@@ -71,7 +71,7 @@ class ZenohBus:
             return Publisher(self, made, key, self._repair.keep(key, cache) if cache > 0 else None)
 
     def forget(self, declared: Declared) -> None:
-        """It was closed."""
+        """Something declared was closed."""
         self.declared.discard(declared)
         if isinstance(declared, Publisher) and declared.cache is not None:
             self._repair.forget(declared.cache)

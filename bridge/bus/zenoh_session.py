@@ -141,7 +141,7 @@ class Home(Protocol):
         """Run work in a thread that closing waits for; work must end when its channel does."""
 
     def forget(self, declared: "Declared") -> None:
-        """It was closed."""
+        """Something declared was closed."""
 
 
 class Declared:

@@ -1,4 +1,4 @@
-"""A subscription: what comes of zenoh, with what caches held and what they hold of the messages that were lost."""
+"""A subscription on zenoh: live messages, the history from publishers' caches, and lost messages fetched from them."""
 
 import logging
 import threading
@@ -22,7 +22,10 @@ Found = dict[Source, dict[int, Message]]
 
 
 class Subscription(Inbox, Declared):
-    """Hands on what comes; `repaired`: after the past, which `begin` brings, and with what the session fetches for `due`."""
+    """Queue of the messages of several patterns; a thread takes them from zenoh.
+
+    repaired: live messages wait for the history (`begin`), and gaps are asked about (`due`, `answered`) by the session's Repair.
+    """
 
     def __init__(
         self,
@@ -39,7 +42,7 @@ class Subscription(Inbox, Declared):
         self.patterns, self.repaired = patterns, repaired
         self._samples = Joined([one.handler for one in subscribers])
         self._sequences: Sequences[Message] = Sequences()
-        self._order = threading.Lock()  # of whatever is handed on
+        self._order = threading.Lock()  # messages enter the queue in the order of this lock
         self._begun = threading.Event()
         if not repaired:
             self._begun.set()
@@ -51,24 +54,24 @@ class Subscription(Inbox, Declared):
         return self._begun.is_set()
 
     def begin(self, past: Found) -> None:
-        """What publishers' caches held; what came meanwhile follows."""
+        """Hand on the history; live messages follow."""
         now_s = time.monotonic()
         self._hand_on(lambda: newest_last(filter(None, (self._sequences.history(*one, now_s) for one in past.items()))))
         self._begun.set()
 
     def due(self) -> list[Gap]:
-        """What is to be asked of publishers' caches now; each must be `answered`."""
+        """Gaps to ask publishers' caches about now; each must be `answered`."""
         if not (self.repaired and self.caught_up):
             return []
         with self._order:
             return self._sequences.due(time.monotonic())
 
     def answered(self, source: Source, found: Found) -> None:
-        """What a cache had of what was asked."""
+        """Hand on what a publisher's cache answered; nothing if the publisher was not reached."""
         self._hand_on(lambda: self._sequences.answered(source, found.get(source, {}), time.monotonic()))
 
     def heard(self, newest: Found) -> None:
-        """The newest messages of publishers, by their numbers."""
+        """Note the numbers of the newest messages of publishers."""
         with self._order:
             for source, numbers in newest.items():
                 self._sequences.heard(source, max(numbers), time.monotonic())
@@ -115,7 +118,7 @@ class Subscription(Inbox, Declared):
 
 
 def by_source(samples: Iterable[zenoh.Sample]) -> Found:
-    """Of each publisher its messages by number."""
+    """Messages by publisher and number."""
     found: Found = {}
     for sample in samples:
         if (stamp := _stamp(sample)) is not None:
@@ -129,7 +132,7 @@ def _message(sample: zenoh.Sample) -> Message:
 
 
 def _stamp(sample: zenoh.Sample) -> tuple[bytes, int] | None:
-    """The identity of the publisher, and the number; None where there is none."""
+    """The publisher's identity and the message's number; None for a publisher without a cache."""
     if (attachment := sample.attachment) is None or len(stamp := attachment.to_bytes()) != STAMP_BYTES:
         return None
     return stamp[:IDENTITY_BYTES], int.from_bytes(stamp[IDENTITY_BYTES:], "big")
