@@ -131,6 +131,13 @@ class Record:
             device.repeated = boot  # as before we were restarted: whoever has its calibration is to know
         return ours
 
+    def stopped(self, device: str, boot: int) -> Checkpoint | None:
+        """Where a device of this boot was when this estimator was stopped in order."""
+        state, bridge = self._store.session(device, boot)
+        if not state:
+            return None
+        return Checkpoint(device, boot, 0, 0, bridge, self._store.calibrated(device, boot), state=state)
+
     def holds(self, device: Device, known: Checkpoint) -> bool:
         """Whether a checkpoint of another estimator holds, by what is kept here; its calibration is kept, then."""
         if (said := calibrated(known)) is None:
@@ -233,8 +240,8 @@ class Record:
         self._epoch = self._store.epoch()
         return self._epoch
 
-    def checkpoint(self, device: Device, now: float, *, force: bool = False) -> None:
-        """Every few seconds: the bias, where it is known."""
+    def checkpoint(self, device: Device, now: float, *, force: bool = False, whole: bool = False) -> None:
+        """Every few seconds: the bias, where it is known; whole: the session with it, which nothing follows."""
         if now < device.checkpoint_due and not force:
             return
         device.checkpoint_due = now + CHECKPOINT_S
@@ -261,6 +268,7 @@ class Record:
             asked=learnt.asked,
             reached=None if learnt.turned else learnt.reached,
             bridge=device.admission.source.owner,
+            session=(session.state() or b"") if whole and not (session.prior or learnt.turned) else b"",
         )
         self._write(save, lambda: self._noting.discard(device.name), soon=force)
 

@@ -150,7 +150,7 @@ class Service:
         self.work()
         now = time.monotonic()
         for device in self._devices.values():
-            self._guarded(device, partial(self._record.checkpoint, device, now, force=True))
+            self._guarded(device, partial(self._record.checkpoint, device, now, force=True, whole=True))
         self._record.close()
         self._totals.tell(now, self._count_all(), last=True)
         for _, publisher in self._left:
@@ -244,19 +244,22 @@ class Service:
         if known is None or not known.state or not self._devices.room(now, 0):
             return
         device = self._made(name, now)
+        if self._record.holds(device, known) and self._goes_on(device, known):
+            device.heard = now - max(0.0, (self._now_ns() - known.time_ns) / 1e9)
+            if known.bridge:
+                device.admission.source.owns(known.bridge, device.heard)
+            self._devices[name] = device
+            self._guarded(device, self._resume, device)
+
+    def _goes_on(self, device: Device, known: Checkpoint) -> bool:
+        """Whether a device goes on from a checkpoint; a damaged one changes nothing, and is counted."""
         try:
-            if not self._record.holds(device, known):
-                return
             device.take_over(known)
         except ValueError as error:
-            log.warning("%s: its checkpoint is not used: %s", name, error)
+            log.warning("%s: its checkpoint is not used: %s", device.name, error)
             self.counts.add("checkpoint messages refused, damaged")
-            return
-        self._devices[name] = device
-        device.heard = now - max(0.0, (self._now_ns() - known.time_ns) / 1e9)
-        if known.bridge:
-            device.admission.source.owns(known.bridge, device.heard)
-        self._guarded(device, self._resume, device)
+            return False
+        return True
 
     def _resume(self, device: Device) -> None:
         if (outcome := self._boots.resumed(device)) is not None:
@@ -309,6 +312,8 @@ class Service:
         if self._cluster.company:
             device.admission.begin_at(batch.sequence)
         self._devices[name] = device
+        if (stopped := self._record.stopped(name, batch.boot)) is not None and self._goes_on(device, stopped):
+            self._resume(device)
         return device
 
     def _flooded(self, key: str, messages: int) -> None:

@@ -65,6 +65,8 @@ class _Kept(msgspec.Struct):
     asked: tuple[str, str] | None
     reached: tuple[int, int] | None
     bridge: str
+    #: the whole session, of an estimator that was stopped in order; empty where the bias is all there is
+    session: bytes = b""
 
     def state(self) -> BiasState:
         x, P = np.array(self.x), np.array(self.P)
@@ -121,16 +123,17 @@ class Store:
         asked: tuple[str, str] | None = None,
         reached: tuple[int, int] | None = None,
         bridge: str = "",
+        session: bytes = b"",
     ) -> None:
         """Keep the latest bias of a boot for a restart; with history also as a point of the device's record.
 
         doubted, asked: see Remembered; calibration: the one in use then; reached: see Learnt, of one that is not being turned;
-        bridge: the one the device is heard from.
+        bridge: the one the device is heard from; session: see DeviceSession.state.
         """
         # A restored tracker begins anew with all but the filter's own states.
         x, P = state.x[:OWN].tolist(), state.P[:OWN, :OWN].tolist()
         at = float(state.time), float(state.temperature_c), float(state.powered)
-        kept = _Kept(x, P, *at, float(state.lag_k), doubted, calibration, asked, reached, bridge)
+        kept = _Kept(x, P, *at, float(state.lag_k), doubted, calibration, asked, reached, bridge, session)
         with self.database.transaction():
             self._save_state(device, boot, time_ns, msgspec.msgpack.encode(kept))
             if history:
@@ -229,6 +232,13 @@ class Store:
                     return found.under(calibration)
                 return found
         return None if calibration is None else Remembered(calibration, None)
+
+    def session(self, device: str, boot: int) -> tuple[bytes, str]:
+        """The whole session of this very boot, as an estimator stopped in order left it, and the bridge it was heard from."""
+        for row in self.database.rows("bias", "device = ? AND boot = ?", (device, keys.boot_id(boot))):
+            if (kept := _kept(row)) is not None:
+                return kept.session, kept.bridge
+        return b"", ""
 
     def calibrated(self, device: str, boot: int) -> Calibration | None:
         """The calibration of this very boot."""

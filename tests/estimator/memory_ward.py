@@ -48,6 +48,13 @@ class Ward:
             bus.close()
         self.store.close()
 
+    def stop(self) -> None:
+        """The estimator is stopped in order."""
+        stop = threading.Event()
+        stop.set()
+        self.service.run(stop)
+        self.kill()
+
     def send(self, batches: list[SampleBatch], of: DeviceInfo | None = None) -> None:
         if of is not None:
             self._info.put(codec.encode_info(of))

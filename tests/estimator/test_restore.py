@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -307,3 +308,19 @@ def test_a_calibration_of_a_time_to_come_is_used_where_there_is_no_other_and_it_
     assert status.quality is Quality.PRIOR
     assert status.events["calibration of a time to come"] == 1
     assert "the clock was wrong then, or is wrong now" in caplog.text
+
+
+def test_an_estimator_that_is_stopped_and_started_goes_on_to_the_bit(tmp_path: Path, once: Stream) -> None:
+    batches, rates = once.batches(), list[bytes]()
+    for cut in (None, 30, len(batches) - 50):  # with turns of a calibration under way they would be taken again
+        ward = Ward(tmp_path / str(cut))
+        ward.send(batches[:cut], info())
+        if cut is not None:
+            ward.stop()
+            ward.start()
+            ward.send(batches[cut:], info())
+        given = list(ward.subscriber.drain())
+        rates.append(np.concatenate([batch.rate for batch in given]).tobytes())
+        assert sum(map(len, given)) == len(once)
+        ward.kill()
+    assert rates[1] == rates[2] == rates[0]
