@@ -10,11 +10,11 @@ from bridge import rivals
 from bridge.bus.contract import Message
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Reason, Refusal
+from estimator.client.decoder import Decoder
 from estimator.device.admission import Ruling
 from estimator.device.correct import Cut, correct
 from estimator.device.reorder_buffer import ReorderBuffer
 from estimator.device.samples import Samples
-from estimator.door import Door
 from estimator.outcome import Outcome
 from estimator.service.boots import Boots
 from estimator.service.decode import decode
@@ -46,8 +46,8 @@ class Intake:
     ) -> None:
         self._devices, self._boots, self._guarded = devices, boots, guarded
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
-        self._samples = Door("sample", codec.decode_samples, self._refused)
-        self._infos = Door("info", codec.decode_info, self._refused)
+        self._samples = Decoder("sample", codec.decode_samples, self._refused)
+        self._infos = Decoder("info", codec.decode_info, self._refused)
         #: what of this round is to be corrected and published, in order
         self._due: list[tuple[Device, Cut]] = []
         #: those with batches that wait for what is missing before them

@@ -1,4 +1,4 @@
-"""What is published of devices before they have sessions, where more is taken over in every round, or again at once."""
+"""What is published of devices before they have sessions, where more is taken over in every round, or again at buffer."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,7 +8,8 @@ import pytest
 from bridge.bus.memory_bus import MemoryBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, SampleBatch
-from estimator.once import Miss, Once
+from estimator.client import Miss
+from estimator.client.reorder_buffer import ReorderBuffer
 from estimator.service.interim import HUNG_NS, RECENT_NS, Taken
 from tests.estimator.shared.conftest import LAST, SECOND, WARD, Ward
 from tests.estimator.stream import NAME
@@ -46,22 +47,22 @@ def test_one_new_name_in_each_round_keeps_nobody_from_a_session(ward: Ward, batc
 def test_what_its_owner_had_not_done_is_said_before_subscribers_give_it_up(
     ward: Ward, batches: list[SampleBatch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    last, once = batches[-UNDONE:], Once()
+    last, buffer = batches[-UNDONE:], ReorderBuffer()
     assert RECENT_NS < last[-1].receive_time_ns - last[0].receive_time_ns < HUNG_NS
     ward.both.send(batches[-LAST:-UNDONE])
     for batch in (*ward.before, *ward.said()):
-        once.feed(batch, ward.both.now)
-    once.ready.clear()
+        buffer.feed(batch, ward.both.now)
+    buffer.ready.clear()
     kill_leaving(ward, last)
     monkeypatch.setattr(ward.first._peers, "turn", list)
     for now, said in rounds_with_strangers(ward, batches[-1], 10):
         for batch in said:
-            once.feed(batch, now)
-        once.overdue(now)
+            buffer.feed(batch, now)
+        buffer.overdue(now)
     monkeypatch.undo()
     ward.both.pass_(1.0)
-    assert [one for one in once.ready if isinstance(one, Miss)] == []
-    given = [one for one in once.ready if isinstance(one, CorrectedBatch)]
+    assert [one for one in buffer.ready if isinstance(one, Miss)] == []
+    given = [one for one in buffer.ready if isinstance(one, CorrectedBatch)]
     assert sum(map(len, given)) == sum(map(len, last))
 
 
