@@ -2,7 +2,7 @@
 
 import time
 
-from estimator.client import NONE_S, Client
+from estimator.client.client import NONE_S, Client
 from estimator.ward_view import SILENT_S, WardView
 
 #: every device is spoken of once a second

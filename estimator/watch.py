@@ -16,7 +16,7 @@ from bridge.ingest import duplicate_bridges
 from bridge.wire.messages import BiasRevision, CorrectedBatch, DeviceInfo, Status
 from bridge.wire.refusal import in_words
 from estimator import glance
-from estimator.client import NONE_S, Client
+from estimator.client.client import NONE_S, Client
 from estimator.glance import Glance
 from estimator.gyro import AXES, SIGMAS
 from estimator.listening import FIRST_S, Ears, interrupted

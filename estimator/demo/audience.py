@@ -10,7 +10,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, SampleBatch, State, Status
 from estimator.client import Client
-from estimator.door import Door
+from estimator.client.decoder import Decoder
 
 Boot = tuple[str, int]
 DRAIN_S = 2.0
@@ -67,8 +67,8 @@ class Watcher:
         self._bus: Bus = ZenohBus((endpoint,))
         self._status = self._bus.subscribe(keys.pattern(ward, "status"), history=True)
         self._raw = self._bus.subscribe(keys.pattern(ward, "raw"), history=True)
-        self._status_door = Door[Status]("status", codec.decode_status)
-        self._raw_door = Door[SampleBatch]("raw", codec.decode_samples)
+        self._status_door = Decoder[Status]("status", codec.decode_status)
+        self._raw_door = Decoder[SampleBatch]("raw", codec.decode_samples)
         self.statuses: dict[str, Status] = {}
         self.raw: dict[Boot, list[SampleBatch]] = defaultdict(list)
         self.changes: list[Status] = []

@@ -9,7 +9,7 @@ from bridge.bus.contract import Bus, Message
 from bridge.wire import codec, keys
 from bridge.wire.messages import Checkpoint, Holding, Move, Owned
 from bridge.wire.refusal import Refusal, Tally
-from estimator.door import Door
+from estimator.client.decoder import Decoder
 from estimator.service.device import Device
 from estimator.service.membership import LEASE_S, Membership
 from estimator.service.replay import ReplayLog
@@ -52,8 +52,8 @@ class Cluster:
         #: called on a thread of the bus when an estimator has come or gone
         self.on_token: Callable[[], None] = lambda: None
         self._tokens: deque[tuple[str, bool]] = deque(maxlen=_TOKENS)
-        self._owned = Door[Owned]("ownership", codec.decode_owned)
-        self._checkpoints = Door[Checkpoint]("checkpoint", codec.decode_checkpoint)
+        self._owned = Decoder[Owned]("ownership", codec.decode_owned)
+        self._checkpoints = Decoder[Checkpoint]("checkpoint", codec.decode_checkpoint)
         self._own_key = keys.build(ward, "owned", estimator=own)
         self._said, self._mine = data.publisher(self._own_key), deque[int](maxlen=_SAID)
         self._heard = data.subscribe(keys.pattern(ward, "owned"))

@@ -10,10 +10,10 @@ from bridge.bus.contract import Message
 from bridge.ingest import duplicate_bridges
 from bridge.wire import codec, keys
 from bridge.wire.refusal import Refusal, Tally
+from estimator.client.decoder import Decoder
 from estimator.device.correct import Cut, correct
 from estimator.device.samples import Samples
 from estimator.device.source import BEGINS, Ruling
-from estimator.door import Door
 from estimator.outcome import Outcome
 from estimator.service.boots import Boots
 from estimator.service.decode import decode
@@ -49,8 +49,8 @@ class Intake:
         self._devices, self._boots, self._guarded = devices, boots, guarded
         self._resumed, self._counts = resumed, counts
         self._say, self._newcomer, self._came = tell, newcomer, stock.came
-        self._samples = Door("sample", codec.decode_samples, self._refused)
-        self._infos = Door("info", codec.decode_info, self._refused)
+        self._samples = Decoder("sample", codec.decode_samples, self._refused)
+        self._infos = Decoder("info", codec.decode_info, self._refused)
         #: what of this round is to be corrected and published, in order
         self._due: list[tuple[Device, Cut]] = []
         #: those with batches that wait for what is missing before them

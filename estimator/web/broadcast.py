@@ -10,8 +10,7 @@ from functools import partial
 from bridge.bus.contract import BusError, Declared
 from bridge.wire.messages import BiasRevision, Calibration, DeviceInfo, Note, Status
 from bridge.wire.refusal import Tally
-from estimator.client import Client
-from estimator.streams import Stream
+from estimator.client import Client, Stream
 from estimator.web import topics
 from estimator.web.hub import Hub
 from estimator.web.topics import Sources, Topic

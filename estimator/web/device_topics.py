@@ -6,7 +6,7 @@ from math import degrees
 import numpy as np
 
 from bridge.wire.messages import SampleBatch
-from estimator.streams import Corrected, Stream
+from estimator.client import Corrected, Stream
 from estimator.web import topics, words
 from estimator.web.device_page import device_page
 from estimator.web.heading import Heading, Lost

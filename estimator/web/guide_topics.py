@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 
 from bridge.wire.messages import SampleBatch
+from estimator.client import Stream
 from estimator.guide.guide import Guide
-from estimator.streams import Stream
 from estimator.web import topics
 from estimator.web.guide_view import guide_view
 from estimator.web.hub import Frame

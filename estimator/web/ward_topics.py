@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from bridge.wire.codec import Rates
-from estimator.streams import Stream
+from estimator.client import Stream
 from estimator.web import topics
 from estimator.web.hub import Frame
 from estimator.web.strips import Strips

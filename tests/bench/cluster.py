@@ -40,8 +40,8 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.columns import Column, Columns
 from bridge.wire import codec, keys
 from bridge.wire.messages import CorrectedBatch, Owned
+from estimator.client.reorder_buffer import ReorderBuffer
 from estimator.demo.ward import free_port, listens
-from estimator.once import Once, OnceKnobs
 from estimator.service.ownership import owner
 from tests.bench.load import stream
 from tests.bench.load.stream import WARD
@@ -172,21 +172,21 @@ class Given:
     """What a subscriber that waits for so long is given of what came, and when."""
 
     def __init__(self, came: list[tuple[float, list[Message]]]) -> None:
-        self.once = Once(OnceKnobs.patient(PATIENT_S))
+        self.buffer = ReorderBuffer(PATIENT_S)
         self.batches: dict[str, list[tuple[float, CorrectedBatch]]] = {}
         for at, messages in came:
             for message in messages:
-                self.once.feed(codec.decode_corrected(message.key, message.payload), at)
-            self.once.overdue(at)
+                self.buffer.feed(codec.decode_corrected(message.key, message.payload), at)
+            self.buffer.overdue(at)
             self._take(at)
-        self.once.rest()
+        self.buffer.overdue(math.inf)
         self._take(came[-1][0])
 
     def _take(self, at: float) -> None:
-        for event in self.once.ready:
+        for event in self.buffer.ready:
             if isinstance(event, CorrectedBatch):
                 self.batches.setdefault(event.device, []).append((at, event))
-        self.once.ready.clear()
+        self.buffer.ready.clear()
 
     @property
     def samples(self) -> int:
@@ -386,8 +386,8 @@ def main() -> int:
         console.print(f"devices went to another estimator {given.moves(began)} times; had to {had_to} times")
         faults = given.faults(map(stream.name, range(args.devices)))
         console.print(
-            f"{given.samples:,} samples given; {faults}; left out {given.once.left_out.as_dict()}; "
-            f"missing {sum(m.samples for m in given.once.missing.values())}, missed {overrun}"
+            f"{given.samples:,} samples given; {faults}; repeated {given.buffer.repeated:,}; "
+            f"missing {sum(given.buffer.missing.values())}, missed {overrun}"
         )
         return int(_unreached(console, missed) or any(faults.values()))
 

@@ -15,9 +15,8 @@ import numpy as np
 from rich.console import Console
 
 from bridge.bus.zenoh_bus import ZenohBus
-from estimator.client import Client
+from estimator.client import Client, Corrected
 from estimator.demo.ward import free_port, listens
-from estimator.streams import Corrected
 from tests.bench.dashboard import CLI, NAMES, cpu_s, process, ward_file
 from tests.ward.shared import WARD, Bridge
 

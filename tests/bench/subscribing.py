@@ -1,11 +1,13 @@
-"""What a subscriber costs and bears: batches a second of CPU time, in a thread and in an event loop, and many publishers on a
-real router. `make bench`.
+"""Costs of a subscriber: processor time a batch, by `for` and by `async for`; its threads; many publishers on a real router.
+
+`make bench`.
 """
 
 import asyncio
 import sys
+import threading
 from collections.abc import Callable
-from dataclasses import replace
+from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -17,8 +19,7 @@ from bridge.bus.zenoh_bus import ZenohBus
 from bridge.wire import codec, keys
 from estimator.client import Client
 from estimator.demo.ward import free_port
-from tests.estimator.shuffled import delivered, make_boot
-from tests.estimator.test_revision import batch
+from tests.estimator.client.test_revision import batch
 
 WARD, DEVICES, BATCHES, SAMPLES = "w", 100, 600, 5
 
@@ -34,10 +35,11 @@ def in_order() -> list[tuple[str, bytes]]:
 
 
 def mixed_up() -> list[tuple[str, bytes]]:
-    """The same of a network that repeats and overtakes."""
-    rng = np.random.default_rng(1)
-    boots = [make_boot(rng, f"d{device}", 1, BATCHES * SAMPLES, 0) for device in range(DEVICES)]
-    return [(one.device, codec.encode_corrected(replace(one))) for one in delivered(rng, boots, 50)]
+    """The same of a network that loses one batch in a hundred, repeats one in ten, and delivers each up to ten late."""
+    rng, sent = np.random.default_rng(1), in_order()
+    times = rng.choice([0, 1, 2], len(sent), p=[0.01, 0.89, 0.1])
+    came = [(n + DEVICES * rng.uniform(0, 10), n) for n, copies in enumerate(times) for _ in range(copies)]
+    return [sent[n] for _, n in sorted(came)]
 
 
 def thread(client: Client, fill: Callable[[], None]) -> int:
@@ -81,6 +83,22 @@ def many_publishers(publishers: int = 1000, rounds: int = 20) -> float:
         return (process_time() - began) / (rounds * publishers)
 
 
+def threads() -> tuple[int, int]:
+    """Threads that reading a hundred named devices adds to a connected process: all of them, and those of Python."""
+
+    def count() -> tuple[int, int]:
+        return len(list(Path("/proc/self/task").iterdir())), threading.active_count()
+
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Router([endpoint]), ZenohBus([endpoint]) as bus:
+        before = count()
+        stream = Client(ward=WARD, bus=bus).corrected([f"d{device}" for device in range(DEVICES)], quiet=True)
+        stream.drain(0.5)
+        after = count()
+        stream.close()
+    return after[0] - before[0], after[1] - before[1]
+
+
 def main() -> int:
     """Print what it costs; no verdict."""
     console = Console()
@@ -105,6 +123,10 @@ def main() -> int:
                 f"{words}, {how.__name__}: {each_us:.1f} µs a batch; {len(messages)} came, {given} given;"
                 f" 100 devices at 20 a second: {share:.1%} of a core"
             )
+    added, of_python = threads()
+    console.print(
+        f"reading {DEVICES} named devices adds {added} threads to a connected client, {of_python} of them Python's"
+    )
     each_us = 1e6 * many_publishers()
     console.print(f"1000 publishers on a router: {each_us:.1f} µs a message, publisher, router and subscriber together")
     return 0

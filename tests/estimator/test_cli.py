@@ -394,8 +394,10 @@ def test_an_answer_names_its_device_once(
     message: str, printed: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broker = MemoryBroker()
-    monkeypatch.setattr("estimator.client.ZenohBus", lambda _: MemoryBus(broker))
-    monkeypatch.setattr("estimator.client.Routers", SimpleNamespace(of=lambda _: SimpleNamespace(identity=None)))
+    monkeypatch.setattr("estimator.client.connection.ZenohBus", lambda _: MemoryBus(broker))
+    monkeypatch.setattr(
+        "estimator.client.connection.Routers", SimpleNamespace(of=lambda _: SimpleNamespace(identity=None))
+    )
     reply = codec.encode_reply(CommandReply("1", accepted=True, message=message))
     MemoryBus(broker).answer(keys.pattern("ward", "rpc"), lambda *_: reply)
     assert main(["cancel", "chest"]) == 0

@@ -8,7 +8,7 @@ import pytest
 from bridge.sim.imperfection import ImuSpec
 from bridge.sim.motion import Still
 from bridge.sim.script import swing
-from estimator.revision import revised
+from estimator.client import revised
 from estimator.session import DeviceSession
 from estimator.session_knobs import SessionKnobs
 from estimator.track.bias_filter import BiasKnobs

@@ -20,9 +20,9 @@ from estimator.service import published
 from estimator.service.shell import Service
 from estimator.service.store import Store
 from estimator.session import DeviceSession
+from tests.estimator.client.test_revision import revision
 from tests.estimator.stream import NAME, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
-from tests.estimator.test_revision import revision
 
 KEY = keys.build("w", "status", device=NAME)
 RAW = keys.build("w", "raw", bridge="b", device=NAME)

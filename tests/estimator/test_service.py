@@ -16,10 +16,10 @@ from estimator.device.samples import Samples
 from estimator.outcome import Outcome
 from estimator.service.overload import UNKEPT
 from estimator.session import DeviceSession
+from tests.estimator.client.test_revision import revision
 from tests.estimator.database.faults import full_disk
 from tests.estimator.memory_ward import WARD, Ward
 from tests.estimator.stream import NAME, Stream, calibration, info, rates
-from tests.estimator.test_revision import revision
 
 REVISION = revision()
 

@@ -242,7 +242,7 @@ def same_id(monkeypatch: pytest.MonkeyPatch) -> None:
     class Same:
         hex = "r1"
 
-    monkeypatch.setattr("estimator.client.uuid.uuid4", Same)
+    monkeypatch.setattr("estimator.client.client.uuid.uuid4", Same)
 
 
 def test_a_command_sent_again_to_a_restarted_estimator_changes_nothing(

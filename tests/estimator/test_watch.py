@@ -12,7 +12,7 @@ from bridge.wire.messages import BootCause, DeviceInfo, State
 from estimator import screen, watch
 from estimator.client import Client
 from estimator.glance import glance
-from tests.estimator.test_revision import revision
+from tests.estimator.client.test_revision import revision
 from tests.estimator.test_ward_view import status
 from tests.web.talk import WARD, Talk, said
 from tests.web.test_views import corrected

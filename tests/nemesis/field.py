@@ -17,9 +17,9 @@ from bridge.sim.source import SimulatedSource, TrueSamples
 from bridge.sim.virtual_device import DeviceSpec, VirtualDevice
 from bridge.wire import codec, keys
 from estimator.client import Client, Stream
+from estimator.client.decoder import Decoder
 from estimator.database import inspect
 from estimator.demo.ward import WARD, DemoFailed, Ward, free_port
-from estimator.door import Door
 from tests.nemesis.clock import Clock
 from tests.nemesis.history import Boot, Heard, History, Sent
 from tests.nemesis.line import Lines
@@ -48,7 +48,7 @@ class Listener(threading.Thread):
         self._client = Client(ward=WARD, bus=self._bus)
         self._said = Stream(
             self._bus.subscribe(keys.pattern(WARD, "corrected"), history=False),
-            Door("corrected", codec.decode_corrected),
+            Decoder("corrected", codec.decode_corrected),
         )
         self._corrected = self._client.corrected(on_miss=self.history.misses.append)
         self._statuses, self._calibrations = self._client.follow(), self._client.follow_calibrations()

@@ -6,7 +6,7 @@ from functools import partial
 from typing import NamedTuple
 
 from bridge.wire.messages import Calibration, CorrectedBatch, Quality, Status, Verdict
-from estimator.once import Miss
+from estimator.client import Miss
 
 Boot = tuple[str, int]
 

@@ -1,5 +1,6 @@
 """What must hold whatever happens to a ward. Pure: a history in, broken promises in words out; none is fine."""
 
+from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
@@ -7,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from bridge.sim.source import TrueSamples
-from bridge.wire.messages import CorrectedBatch, Quality, SampleFlag, Verdict
+from bridge.wire.messages import Quality, SampleFlag, Verdict
 from estimator.service.law import EVENT
 from tests.nemesis.history import Boot, Heard, History
 from tests.nemesis.losses import invented, lost
@@ -20,6 +21,8 @@ WRONG_SIGMAS, WRONG = 6.0, np.radians(0.15)
 _LOOKED_AT = 25  # every so many batches
 #: a device is heard all the time that is silent for no longer, s: then it would be called lost
 _SILENT_S = 2.0
+#: a batch that is heard so long after its device sent it is late, s
+_LATE_S = 1.0
 #: what is said at one time may be heard so much sooner on another way, s
 _APART_S = 0.5
 
@@ -38,20 +41,13 @@ def good_without_calibration(history: History) -> Iterator[str]:
 
 
 def out_of_order(history: History) -> Iterator[str]:
-    """Sequence numbers rise in every boot; of a boot that is over nothing comes but what is flagged late."""
+    """Sequence numbers rise in every boot."""
     for (device, boot), heard in history.heard.items():
         due = None
         for _, batch in heard:
             if due is not None and batch.sequence < due:
                 yield f"{device}, boot {boot:016x}: sample {batch.sequence} came after {due - 1}"
             due = batch.sequence + len(batch)
-    for device, boots in _boots(history).items():
-        latest = sorted(boots, key=lambda boot: history.heard[device, boot][0].time_s)
-        for before, after in pairwise(latest):
-            in_time = [one.time_s for one in history.heard[device, before] if not _late(one.batch)]
-            late = max(in_time, default=-np.inf) - history.heard[device, after][0].time_s
-            if late > 0:
-                yield f"{device}: boot {before:016x} goes on {late:.2f} s after {after:016x} began"
 
 
 def said_again(history: History) -> Iterator[str]:
@@ -116,7 +112,7 @@ def not_recovered(history: History, within_s: float) -> Iterator[str]:
     """Whatever was done: so many seconds after it every device is heard as it lives, without a break, until more is done."""
     for lifted_s, until_s in _spells(history, within_s):
         for device, heard in _by_device(history).items():
-            due_s, live = lifted_s + within_s, [h.time_s for h in heard if not _late(h.batch)]
+            due_s, live = lifted_s + within_s, [h.time_s for h in heard if not _late(history, h)]
             times = sorted([due_s, until_s, *(s for s in live if due_s < s < until_s)])
             silent_s, at_s = max((after - before, before) for before, after in pairwise(times))
             if silent_s > _SILENT_S:
@@ -188,8 +184,12 @@ def broken(history: History, truth: Truth, recovered_s: float) -> list[str]:
     return [words for check in checks for words in check]
 
 
-def _late(batch: CorrectedBatch) -> bool:
-    return bool((batch.flags & SampleFlag.LATE).all())
+def _late(history: History, heard: Heard) -> bool:
+    """Whether a batch was heard long after its device had sent it."""
+    batch = heard.batch
+    sent = history.sent.get((batch.device, batch.boot), [])
+    n = bisect_left(sent, batch.sequence + len(batch), key=lambda one: one.samples)
+    return n < len(sent) and heard.time_s - sent[n].time_s > _LATE_S
 
 
 def _spells(history: History, longer_s: float) -> list[tuple[float, float]]:
@@ -208,10 +208,3 @@ def _by_device(history: History) -> dict[str, list[Heard]]:
     for (device, _), heard in history.heard.items():
         found[device] += heard
     return found
-
-
-def _boots(history: History) -> dict[str, list[int]]:
-    boots: dict[str, list[int]] = defaultdict(list)
-    for device, boot in history.heard:
-        boots[device].append(boot)
-    return boots

@@ -25,8 +25,7 @@ from bridge.wire import codec, keys
 from bridge.wire import truerate_pb2 as pb
 from bridge.wire.messages import BiasRevision, CorrectedBatch, SampleFlag
 from bridge.wire.refusal import Refusal
-from estimator.client import Client
-from estimator.revision import revised
+from estimator.client import Client, revised
 from estimator.session import DeviceSession
 from estimator.windowed import Second, windows
 from tests.estimator.stream import NAME, calibration, feed

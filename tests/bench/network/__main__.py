@@ -99,7 +99,6 @@ def main() -> int:
         "twice",
         "order",
         "late",
-        "unmarked",
         "broken",
     )
     table = Columns([Column("what"), *(Column(word, number=True) for word in words)])
@@ -133,7 +132,7 @@ def main() -> int:
                     f"{whole_s:.1f} s",
                     f"{max(0.0, owner_s):.1f} s",
                     str(ward.moves(viewer, since_s)),
-                    *(str(n) for n in (found.lost, found.twice, found.out_of_order, found.late, found.unmarked)),
+                    *(str(n) for n in (found.lost, found.twice, found.out_of_order, found.late)),
                     found.broken,
                 )
             console.print(f"{name}: done")

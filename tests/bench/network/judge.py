@@ -21,8 +21,6 @@ class Verdict:
     good_twice: int
     older: int
     late: int
-    unmarked: int
-    marked: int
     gap_s: float
 
     @property
@@ -34,7 +32,6 @@ class Verdict:
             "out of order": self.out_of_order,
             "GOOD twice": self.good_twice,
             "of an older epoch": self.older,
-            "late and not marked": self.unmarked,
         }
         return ", ".join(f"{n:,} {what}" for what, n in counts.items() if n)
 
@@ -70,8 +67,6 @@ def judged(heard: Heard, since_s: float) -> Verdict:
         good_twice=good_twice,
         older=older,
         late=sum(batch["old"] for batch in came),
-        unmarked=sum(max(0, batch["old"] - batch["late"]) for batch in came),
-        marked=sum(batch["late"] for batch in came),
         gap_s=gap_s,
     )
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.wire.messages import BiasRevision, CorrectedBatch, Quality
-from estimator.revision import covers, revised
+from estimator.client import covers, revised
 from tests.estimator.stream import NAME, corrected_by, stream
 from tests.estimator.test_correction import BIAS, CALIBRATION, chosen
 

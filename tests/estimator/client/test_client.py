@@ -9,13 +9,13 @@ import pytest
 from bridge.bus.contract import BusError, Publisher
 from bridge.bus.memory_bus import MemoryBroker, MemoryBus
 from bridge.wire import codec, keys
-from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality, SampleFlag
+from bridge.wire.messages import Command, CommandReply, CorrectedBatch, Quality
 from bridge.wire.refusal import Refusal
-from estimator.client import NONE_S, Client
+from estimator.client.client import NONE_S, Client
 from estimator.session import DeviceSession
+from tests.estimator.client.test_revision import revision
 from tests.estimator.stream import NAME, corrected_by, info, stream
 from tests.estimator.test_correction import CALIBRATION, chosen
-from tests.estimator.test_revision import revision
 
 WARD = "w"
 
@@ -79,28 +79,6 @@ def test_a_new_boot_counts_from_its_own_start(broker: MemoryBroker, client: Clie
     assert [(b.boot, b.sequence, len(b)) for b in found] == [(1, 0, 50), (2, 0, 20), (1, 50, 10), (2, 20, 10)]
 
 
-def test_what_waited_behind_a_hole_while_the_next_boot_began_is_said_to_be_late(
-    broker: MemoryBroker, client: Client
-) -> None:
-    subscription = client.corrected(idle_s=0.1)
-    put = publisher(broker).put
-    for batch in (corrected(0, 50), corrected(60, 70), corrected(0, 20, boot=2), corrected(20, 30, boot=2)):
-        put(codec.encode_corrected(batch))
-    found = [(b.boot, b.sequence, bool((b.flags & SampleFlag.LATE).any())) for b in subscription]
-    assert found == [(1, 0, False), (2, 0, False), (2, 20, False), (1, 60, True)]
-
-
-def test_who_joins_as_the_next_boot_begins_is_told_that_the_one_before_is_over(
-    broker: MemoryBroker, client: Client
-) -> None:
-    subscription = client.corrected(idle_s=0.2)
-    put = publisher(broker).put
-    for batch in (corrected(60, 70), corrected(100, 120, boot=2), corrected(120, 130, boot=2)):
-        put(codec.encode_corrected(batch if batch.boot == 1 else replace(batch, sequence=batch.sequence - 100)))
-    found = [(b.boot, b.sequence, bool((b.flags & SampleFlag.LATE).any())) for b in subscription]
-    assert found == [(2, 0, False), (2, 20, False), (1, 60, True)]
-
-
 def test_a_gap_is_a_gap_and_no_repeat(broker: MemoryBroker, client: Client) -> None:
     subscription = client.corrected(idle_s=0.1)
     put = publisher(broker).put
@@ -159,12 +137,26 @@ def test_statuses_infos_and_calibrations(broker: MemoryBroker, client: Client) -
     )
     assert client.statuses(0.1)[NAME].time_ns == 7
     assert client.statuses(0.1, "other") == {}
-    assert client.infos(0.1)[NAME].model == "m"
-    assert [c.id for c in client.calibrations(wait_s=0.1)] == ["c1"]
+    found = client.follow_infos().receive(0.1)
+    assert found is not None
+    assert found.model == "m"
+    assert [c.id for c in client.follow_calibrations(NAME).drain(0.1)] == ["c1"]
     follow = client.follow(NAME)
     assert follow.latest() is not None
     assert follow.latest() is None
     follow.close()
+
+
+def test_a_status_of_an_estimator_that_has_lost_the_device_is_left_out(
+    broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put, follow = publisher(broker, "status").put, client.follow(NAME)
+    for epoch in (5, 4, 6, 5):
+        put(codec.encode_status(replace(DeviceSession(NAME).status(7), epoch=epoch)))
+    assert [status.epoch for status in follow.drain(0.1)] == [5, 6]
+    monkeypatch.setattr("estimator.client.client.HANDOVER_S", 0.0)  # the clock that epochs are made of was set back
+    put(codec.encode_status(replace(DeviceSession(NAME).status(7), epoch=1)))
+    assert [status.epoch for status in follow.drain(0.1)] == [1]
 
 
 def test_who_is_slow_to_show_that_he_is_there_is_not_said_to_be_gone(broker: MemoryBroker, client: Client) -> None:
@@ -239,7 +231,7 @@ def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> Non
         asked.append(endpoints)
         return MemoryBus(MemoryBroker())
 
-    monkeypatch.setattr("estimator.client.ZenohBus", opened)
+    monkeypatch.setattr("estimator.client.connection.ZenohBus", opened)
     Client("tcp/10.0.0.5:7447", ward=WARD)
     assert asked == [("tcp/10.0.0.5:7447",)]
 
@@ -247,7 +239,7 @@ def test_a_router_may_be_given_by_itself(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_of_whom_nothing_comes_the_log_says_so_once(
     broker: MemoryBroker, client: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("estimator.streams._NOTHING_S", 0.05)
+    monkeypatch.setattr("estimator.client.stream.NOTHING_S", 0.05)
     publisher(broker).put(codec.encode_corrected(corrected(0, 20)))
     for names, said in (
         ("chst", "nothing has come yet of chst in ward w; are the names right?"),

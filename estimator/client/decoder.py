@@ -1,4 +1,4 @@
-"""Where messages from the bus come in: decoded once, or counted with a reason; the first of each reason is told aloud."""
+"""Decodes messages off the bus; counts those that are refused, by reason, and logs the first of each reason."""
 
 import logging
 from collections.abc import Callable
@@ -11,8 +11,8 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
-class Door(Generic[T]):
-    """One kind of message; `refused` counts by reason. on_refusal(key, refusal) is called for each one refused."""
+class Decoder(Generic[T]):
+    """Messages of one kind; `refused` counts by reason. on_refusal(key, refusal) is called for each refused message."""
 
     def __init__(
         self, name: str, decode: Callable[[str, bytes], T], on_refusal: Callable[[str, Refusal], None] | None = None
@@ -30,7 +30,7 @@ class Door(Generic[T]):
             return None
 
     def refuse(self, key: str, refusal: Refusal) -> None:
-        """Count a message that is refused, and tell the first of each reason."""
+        """Count a refused message; log the first of each reason."""
         if self.refused.add(refusal.reason) == 1:
             log.warning("%s message refused, %s (more of this kind are only counted)", self.name, refusal)
         if self._on_refusal is not None:

@@ -1,0 +1,178 @@
+"""Reorder buffer of a subscriber: each sample once and in order, by device, boot and sequence number. Pure.
+
+A batch that comes before its turn is held until the samples before it have come, or for a bounded time; then they are told as
+missing. Where several estimators publish a sample, that of the highest epoch is given. A sample of an older epoch than the
+last one given waits for HANDOVER_S: the present owner may publish it. So an estimator that hung and wakes up is not listened
+to while another one has its device, and nothing is lost where nobody else has it.
+"""
+
+from bisect import bisect_left
+from collections import OrderedDict, deque
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import NamedTuple
+
+from bridge.wire.messages import CorrectedBatch, SampleFlag
+from estimator.client.revision import SAME_TIME_NS
+
+#: how long a hole is waited for: two publishers may overtake each other by some batches, s
+WAIT_S = 0.1
+#: how long at least where the epoch changes: a former owner is heard again within 2 s after a line is mended, and another
+#: estimator takes a device of one that hangs within 3 s
+HANDOVER_S = 3.0
+#: samples of a boot that are held at most, or those of the fastest device in the time waited
+WINDOW, FASTEST_HZ = 4096, 1000.0
+#: boots that are remembered; of more the one heard longest ago is forgotten
+BOOTS = 16384
+#: a bridge that had just begun, or stood still, may take samples for later than they were by as much
+MISTAKEN_NS = 30_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """Samples `first` to `first + count - 1` did not come. `told`: the sample after them says itself that some were missing."""
+
+    device: str
+    boot: int
+    first: int
+    count: int
+    told: bool
+
+
+class _Held(NamedTuple):
+    first: int  # its number
+    batch: CorrectedBatch
+    due_s: float  # when it is given at the latest
+
+
+@dataclass(slots=True, eq=False)
+class _Boot:
+    next: int | None  # the number to be given next; None: the lowest that comes within the time waited
+    latest: CorrectedBatch  # given last
+    held: list[_Held] = field(default_factory=list)  # by number, disjoint
+    samples: int = 0  # in them
+
+
+class ReorderBuffer:
+    """Batches in; batches and misses out, in the order in which they are to be given, in `ready`.
+
+    `repeated` counts samples that were left out: they came again, or after they had been told as missing. `missing` counts, by
+    device, samples that were told as missing. `now` is seconds of a steady clock.
+    """
+
+    def __init__(self, wait_s: float = WAIT_S, boots: int = BOOTS) -> None:
+        self.ready: deque[CorrectedBatch | Miss] = deque()
+        self.repeated = 0
+        self.missing: dict[str, int] = {}
+        self._wait_s, self._window, self._most = wait_s, max(WINDOW, round(wait_s * FASTEST_HZ)), boots
+        self._boots: OrderedDict[tuple[str, int], _Boot] = OrderedDict()
+        self._waiting: set[_Boot] = set()
+
+    def feed(self, batch: CorrectedBatch, now: float) -> None:
+        """Take a batch that came at `now`."""
+        boot, n = self._boot(batch), len(batch)
+        if batch.sequence == boot.next and not boot.held and batch.epoch >= boot.latest.epoch:
+            boot.next, boot.latest = batch.sequence + n, batch
+            self.ready.append(batch)
+            return
+        if _begins_anew(batch, boot.held[-1].batch if boot.held else boot.latest):
+            self._advance(boot, len(boot.held))
+            boot.next, boot.latest = None if batch.sequence else 0, batch
+        known = 0 if boot.next is None else min(n, max(0, boot.next - batch.sequence))
+        self.repeated += known
+        if known == n:
+            return
+        same = boot.next is None or batch.epoch == boot.latest.epoch
+        due_s = now + (self._wait_s if same else max(self._wait_s, HANDOVER_S))
+        self._hold(boot, batch.after(known) if known else batch, due_s)
+        self._advance(boot)
+        while boot.samples > self._window:
+            self._advance(boot, 1)
+
+    def due(self) -> float:
+        """When something held has waited for long enough; never (inf), when nothing is held."""
+        return min((held.due_s for boot in self._waiting for held in boot.held), default=inf)
+
+    def overdue(self, now: float) -> None:
+        """Give what has waited for long enough, and tell what is missing before it; for ever, where nothing more is to come."""
+        for boot in list(self._waiting):
+            waited = [n for n, held in enumerate(boot.held, 1) if held.due_s <= now]
+            if waited:
+                self._advance(boot, waited[-1])
+
+    def _boot(self, batch: CorrectedBatch) -> _Boot:
+        """The boot of a batch, remembered from now on."""
+        which = batch.device, batch.boot
+        boot = self._boots.get(which)
+        if boot is None:
+            boot = self._boots[which] = _Boot(None if batch.sequence else 0, batch)
+            if len(self._boots) > self._most:
+                (device, _), oldest = self._boots.popitem(last=False)
+                self._advance(oldest, len(oldest.held))
+                self.missing.pop(device, None)
+        self._boots.move_to_end(which)
+        return boot
+
+    def _hold(self, boot: _Boot, batch: CorrectedBatch, due_s: float) -> None:
+        """Put a batch among what is held; of samples that are there twice keep those of the higher epoch."""
+        at, to = (bisect_left(boot.held, (number,)) for number in (batch.sequence, batch.sequence + len(batch)))
+        if at and boot.held[at - 1].first + len(boot.held[at - 1].batch) > batch.sequence:
+            at -= 1
+        kept, pieces, before = list[_Held](), [batch], boot.held[at:to]
+        for held in before:
+            if held.batch.epoch < batch.epoch:
+                kept += [_Held(piece.sequence, piece, held.due_s) for piece in _outside(held.batch, batch)]
+            else:
+                kept.append(held)
+                pieces = [rest for piece in pieces for rest in _outside(piece, held.batch)]
+        kept += [_Held(piece.sequence, piece, due_s) for piece in pieces]
+        boot.held[at:to] = sorted(kept)
+        more = sum(len(held.batch) for held in kept) - sum(len(held.batch) for held in before)
+        boot.samples += more
+        self.repeated += len(batch) - more
+
+    def _advance(self, boot: _Boot, through: int = 0) -> None:
+        """Give the first `through` held batches, whatever is missing before them, and what is in its turn after those."""
+        n = 0
+        for _, batch, _ in boot.held:
+            in_turn = batch.sequence == boot.next and batch.epoch >= boot.latest.epoch
+            if n >= through and not in_turn:
+                break
+            if boot.next is not None and batch.sequence > boot.next:
+                count, told = batch.sequence - boot.next, bool(batch.flags[0] & SampleFlag.AFTER_GAP)
+                self.missing[batch.device] = self.missing.get(batch.device, 0) + count
+                self.ready.append(Miss(batch.device, batch.boot, boot.next, count, told))
+            boot.next, boot.latest = batch.sequence + len(batch), batch
+            boot.samples -= len(batch)
+            self.ready.append(batch)
+            n += 1
+        del boot.held[:n]
+        (self._waiting.add if boot.held else self._waiting.discard)(boot)
+
+
+def _begins_anew(batch: CorrectedBatch, newest: CorrectedBatch) -> bool:
+    """Whether low numbers are no repeats, but of a device that was started anew under its old boot number.
+
+    They are later then. Each estimator says its samples in order; what another one repeats may have a mistaken time.
+    """
+    by_ns = SAME_TIME_NS if batch.epoch == newest.epoch else MISTAKEN_NS
+    if (
+        batch.sequence + len(batch) > newest.sequence + len(newest)
+        or batch.start_time_ns - newest.start_time_ns <= by_ns
+    ):
+        return False
+    return batch.start_time_ns - int(newest.sample_time_ns[-1]) > by_ns
+
+
+def _outside(batch: CorrectedBatch, other: CorrectedBatch) -> list[CorrectedBatch]:
+    """What of a batch lies before the first and after the last sample of another one."""
+    first, last = batch.sequence, batch.sequence + len(batch)
+    start, end = other.sequence, other.sequence + len(other)
+    return [_cut(batch, a - first, b - first) for a, b in ((first, min(last, start)), (max(first, end), last)) if a < b]
+
+
+def _cut(batch: CorrectedBatch, start: int, end: int) -> CorrectedBatch:
+    """Samples start to end of a batch."""
+    rest = batch.after(start) if start else batch
+    n = end - start
+    return rest if n == len(rest) else replace(rest, ticks=rest.ticks[:n], rate=rest.rate[:n], flags=rest.flags[:n])
