@@ -8,11 +8,9 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Final, NamedTuple
-from urllib.parse import parse_qsl
 
 from bridge.drivers.driver import DeviceLost, DeviceUnavailable
-from bridge.toml_file import nearest
-from bridge.transport import ble_loop, ble_radio, host_time
+from bridge.transport import ble_loop, ble_radio, host_time, url
 from bridge.transport.ble_radio import BleakRadio, Connection, Radio, RadioFault
 from bridge.transport.transport import Chunk
 from bridge.wire.refusal import Tally
@@ -164,14 +162,10 @@ class Inbox:
 
 def parsed(address: str) -> Place:
     """An address behind `ble://`; ValueError says what one looks like."""
-    where, _, query = address.partition("?")
+    where, chosen = url.options(address, ("write",), EXAMPLE)
     device, _, characteristic = where.partition("/")
     if not _ADDRESS.fullmatch(device.upper()):
         raise ValueError(f"{device!r} is no Bluetooth address; a port looks like {EXAMPLE!r}")
-    chosen = dict(parse_qsl(query, keep_blank_values=True))
-    for name in chosen:
-        if name != "write":
-            raise ValueError(f"port 'ble://{address}': unknown option {name!r}; {nearest(name, ['write'])}")
     return Place(device.upper(), _uuid(characteristic), _uuid(chosen["write"]) if "write" in chosen else "")
 
 

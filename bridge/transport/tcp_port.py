@@ -86,9 +86,11 @@ def _received(opened: socket.socket, timeout_s: float) -> bytes | None:
     try:
         return opened.recv(_MOST_BYTES)  # mostly something is there already
     except BlockingIOError:
-        poll = select.poll()
-        poll.register(opened, select.POLLIN)
-        poll.poll(timeout_s * 1e3)
+        fd = opened.fileno()
+        if fd >= 0:  # else another thread has closed it meanwhile
+            poll = select.poll()
+            poll.register(fd, select.POLLIN)
+            poll.poll(timeout_s * 1e3)
     with contextlib.suppress(BlockingIOError):
         return opened.recv(_MOST_BYTES)
     return None

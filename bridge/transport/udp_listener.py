@@ -118,7 +118,7 @@ class Listener:
                 data, sender = self._socket.recvfrom(_LONGEST)
             except ConnectionError:  # an earlier answer was refused
                 continue
-            except BlockingIOError:
+            except OSError:  # no more, or closed
                 return
             self._sort(data, plain(sender[0]), sender)
 
