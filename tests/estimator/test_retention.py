@@ -103,13 +103,14 @@ def test_an_audit_keeps_the_latest_of_each_device(store: Store) -> None:
     assert store.answer("other", "note", "o") is not None
 
 
-def test_the_service_thins_once_a_day(tmp_path: Path) -> None:
+def test_the_service_thins_and_backs_up_once_a_day(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     fill(ward.store, 2 * BOOTS, POINTS + 60, ward.now_ns - 60 * DAY_NS)
     record, before = ward.service._record, len(ward.store.database.rows("bias_history"))
     record.tend(0.0)
     thinned = len(ward.store.database.rows("bias_history"))
     assert thinned < before - BOOTS * POINTS / 2
+    assert [one.name for one in (tmp_path / "backups").iterdir()] == ["store-00001.sqlite3"]
     fill(ward.store, BOOTS - 2, 300, ward.now_ns - 30 * DAY_NS)
     more = len(ward.store.database.rows("bias_history"))
     record.tend(THIN_S - 1.0)
